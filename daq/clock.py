@@ -1,11 +1,11 @@
-"""The clock of everything that acquires data: what time it is, and to wait. The one file of `daq` that asks the host.
+"""Clock of the data acquisition; the only module of `daq` that uses the host's time functions.
 
-It is the host's, unless a `Simulation` has taken its place in this process. The daemon's threads then run one at a
-time: each runs until it waits for something here, and the simulation says which goes on, and what time it is by then.
-So hours pass in seconds, and the same seed gives the same run.
+A `Simulation` can replace the host's clock in a process. The threads of the daemon then run one at a time: each runs
+until it waits here, and the simulation chooses the next thread and advances the time. Hours pass in seconds, and a seed
+reproduces a run.
 
-`now_ns` and its like are names of this module that stand for the host's own functions: to stamp a byte costs one look
-into a module and one call, as without this file. So say `clock.now_ns()`, and never import or keep the function.
+`now_ns` and similar names refer directly to the host's functions, so a stamp costs one module look-up and one call.
+Always call `clock.now_ns()`; never import or store the function itself.
 """
 
 from __future__ import annotations
@@ -23,65 +23,65 @@ _T = TypeVar("_T")
 
 
 def _boot_ns() -> int:
-    # Linux alone has this clock, and rigd runs nowhere else; other systems import and simulate runs.
+    # Only Linux has this clock, and rigd needs Linux; other systems import and simulate runs.
     return time.clock_gettime_ns(time.CLOCK_BOOTTIME) if hasattr(time, "CLOCK_BOOTTIME") else time.monotonic_ns()
 
 
 now_ns: Callable[[], int] = time.monotonic_ns
-"""The monotonic clock, by which everything is stamped, ns."""
+"""Monotonic clock used for all stamps, in ns."""
 now_s: Callable[[], float] = time.monotonic
-"""The same, s."""
+"""Monotonic clock, in s."""
 wall_ns: Callable[[], int] = time.time_ns
-"""The time of day, ns since 1970 UTC; a person may set it."""
+"""Wall clock, in ns since 1970 UTC; it can be set by the user."""
 boot_ns: Callable[[], int] = _boot_ns
-"""The monotonic clock and the time that the computer slept, ns."""
+"""Monotonic clock including suspends, in ns."""
 worked_s: Callable[[], float] = time.thread_time
-"""Processor time that this thread has taken, s."""
+"""Processor time of the present thread, in s."""
 sleep: Callable[[float], None] = time.sleep
-"""Wait for so many seconds."""
+"""Wait for a number of seconds."""
 
 
 def wall_time() -> datetime:
-    """Return the time of day, UTC."""
+    """Return the wall time in UTC."""
     return datetime.fromtimestamp(wall_ns() / 1e9, UTC)
 
 
 class Simulation(Protocol):
-    """A clock in place of the host's, which says as well which thread runs."""
+    """Clock in place of the host's, which also schedules the threads."""
 
     def now_ns(self) -> int:
         """Return the simulated monotonic time in ns."""
 
     def wall_ns(self) -> int:
-        """Return the simulated time of day in ns since 1970 UTC."""
+        """Return the simulated wall time in ns since 1970 UTC."""
 
     def boot_ns(self) -> int:
-        """Return the simulated monotonic time in ns, with the time that the computer slept."""
+        """Return the simulated monotonic time in ns, including suspends."""
 
     def runs(self) -> bool:
-        """Return whether the present thread is one of the simulation's; any other waits on the host's clock."""
+        """Return whether the present thread is simulated; other threads use the host's clock."""
 
     def wait(self, ready: Callable[[], bool], timeout_s: float | None) -> bool:
-        """Let other threads run until `ready()` or until the time is over, None for no limit; return `ready()`."""
+        """Run other threads until `ready()` or the time-out, None for no limit; return `ready()`."""
 
     def begin(self, thread: threading.Thread, body: Callable[[], None]) -> Callable[[], None]:
-        """Take in a thread that is about to start with this body; return the body that it has to run instead."""
+        """Register a thread before its start; return the replacement for its body."""
 
     def has_ended(self, thread: threading.Thread) -> bool:
-        """Return whether the body of a thread that was taken in has come to its end."""
+        """Return whether the body of a registered thread has finished."""
 
 
 _simulation: Simulation | None = None
 
 
 def _simulated() -> Simulation | None:
-    """Return the simulation that the present thread is a part of."""
+    """Return the simulation of the present thread, if any."""
     return _simulation if _simulation is not None and _simulation.runs() else None
 
 
 @contextmanager
 def replaced_by(simulation: Simulation) -> Iterator[None]:
-    """Let a simulation take the place of the host's clock in this process. No thread may be waiting here meanwhile."""
+    """Replace the host's clock in this process by a simulation. No thread may be waiting here at that time."""
     global now_ns, now_s, wall_ns, boot_ns, worked_s, sleep, _simulation
     before = now_ns, now_s, wall_ns, boot_ns, worked_s, sleep, _simulation
     now_ns, wall_ns, boot_ns = simulation.now_ns, simulation.wall_ns, simulation.boot_ns
@@ -101,26 +101,26 @@ def _simulated_sleep(seconds: float) -> None:
 
 
 class Event(threading.Event):
-    """An event that threads wait for by this clock."""
+    """Event whose waits use this clock."""
 
     def wait(self, timeout: float | None = None) -> bool:
-        """Wait until the event is set, at most so many seconds; return whether it is set."""
+        """Wait until the event is set or the time-out; return whether the event is set."""
         if simulation := _simulated():
             return simulation.wait(self.is_set, timeout)
         return super().wait(timeout)
 
 
 class Thread(threading.Thread):
-    """A thread that waits by this clock."""
+    """Thread whose waits use this clock."""
 
     def start(self) -> None:
-        """Begin to run."""
+        """Start the thread."""
         if simulation := _simulated():
             self.run = simulation.begin(self, self.run)  # type: ignore[method-assign]
         super().start()
 
     def join(self, timeout: float | None = None) -> None:
-        """Wait until the thread has ended, at most so many seconds."""
+        """Wait until the thread has ended or the time-out."""
         simulation = _simulated()
         if simulation is not None and not simulation.wait(partial(simulation.has_ended, self), timeout):
             return
@@ -128,19 +128,19 @@ class Thread(threading.Thread):
 
 
 def result(future: Future[_T]) -> _T:
-    """Wait for a future; return its result or raise its error."""
+    """Wait for a future; return the result or raise the error."""
     if simulation := _simulated():
         simulation.wait(future.done, None)
     return future.result()
 
 
 def one_thread(name: str) -> Executor:
-    """Return an executor that does one thing after the other in a thread of this name."""
+    """Return an executor with a single thread of this name."""
     return _OneThread(name) if _simulated() else ThreadPoolExecutor(1, name)
 
 
 class _OneThread(Executor):
-    """An executor whose thread is a simulation's, one for each thing to do, each of which waits for the one before."""
+    """Executor in a simulation: one thread per task, each waiting for the previous one."""
 
     def __init__(self, name: str) -> None:
         self._name = name

@@ -1,4 +1,4 @@
-"""What a rig is: the schema of a rig file, its loader, and the shipped rigs as YAML.
+"""Description of a rig: the schema of the rig file, its loader, and the shipped rigs as YAML.
 
-The ground floor of the house: imports nothing of ours.
+The lowest layer: imports no other package of this project.
 """

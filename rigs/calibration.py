@@ -1,11 +1,12 @@
-"""The calibrated model of an arm: everything that a diagnosis knows, as one file beside the rig file.
+"""Calibrated model of an arm: the complete result of a diagnosis, in a file next to the rig file.
 
-A rig file names effects that somebody stands by. A calibration holds the rest as well: a list of *terms*, each an
-effect at a reference size and how many `times` of it the arm shows. The terms are the posterior of a diagnosis: `times`
-is their mean, and `factor` a root of their covariance. What many small terms do together is accurate where no single
-one of them is certain.
+A rig file contains the effects that a person confirmed. A calibration also contains everything else: a list of *terms*,
+each an effect at a reference size with a multiple `times`. The terms are the posterior of a diagnosis: `times` is the
+mean, and `factor` a root of the covariance. The sum of many small terms can be accurate although none of them is
+certain.
 
-The file is JSON, named by the rig file with its SHA-256; docs/calibration.md reads it in twenty lines of numpy.
+The file is JSON, referenced by the rig file with its SHA-256; docs/calibration.md shows a reader in twenty lines of
+numpy.
 """
 
 from __future__ import annotations
@@ -40,38 +41,38 @@ from rigs.schema.vocabulary import FEWEST_AXES, MOST_AXES
 
 Array = NDArray[np.float64]
 CALIBRATION = ".calibration.json"
-"""What the name of a calibration file ends in."""
+"""Suffix of a calibration file."""
 TIMES = "times"
-"""The parameter that every term has: how many times the effect at its reference size."""
+"""Parameter of every term: the multiple of the reference size."""
 MOST_CALIBRATION_BYTES = 100_000_000
-"""A file of 1500 terms has 7 MB; it grows with the square of their number."""
+"""Size limit: a file with 1500 terms has 7 MB; the size grows with the square of the number of terms."""
 _MOST_TERMS = 20_000
-"""Terms of a calibration. A diagnosis of poses has 1500; a root of the covariance of more is larger than a file may be.
-"""
+"""Limit of terms. A diagnosis of poses has 1500; the covariance root of more terms would exceed the file size limit."""
 _NOTHING = 1e-4
-"""Healthy sizes below which a term is left out: five hundred of them make less than a hundredth of what one healthy
-effect does, and each costs as much time as a large one."""
+"""Limit in healthy sizes below which a term is dropped: five hundred such terms have less than a hundredth of the
+effect of
+one healthy effect, at the cost of a large one each.
+"""
 _ROWS = 4096
-"""Rows of a curve that are computed at a time: 135 waves of each take 4 MB."""
+"""Rows of a curve computed together: 135 waves take 4 MB."""
 
 
 class CalibrationFile(Part):
-    """What a rig file says of its calibration: the name of the file, which lies beside it, and the digest of its
-    bytes."""
+    """Reference from a rig file: name of the calibration file in the same directory, and its digest."""
 
     file: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,120}\.calibration\.json$")]
     sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
 
 class CalibratedRun(Part):
-    """A run that a calibration comes from, with the digest of its readings."""
+    """Run used for a calibration, with the digest of its readings."""
 
     name: Annotated[str, Field(max_length=300)]
     sha256: Annotated[str, Field(max_length=64)]
 
 
 class PlacedSetUp(Part):
-    """Where ball, gauges, instrument and target were in the runs of one set-up: places in mm, matrices row by row."""
+    """Positions of ball, gauges, instrument and target in one set-up: places in mm, matrices row by row."""
 
     ball_mm: tuple[float, float, float] | None = None
     zeros_mm: tuple[float, ...] | None = None
@@ -80,8 +81,11 @@ class PlacedSetUp(Part):
 
 
 class Term(Part):
-    """One term: an effect at its reference size, and how many times of it the arm shows. `named` terms stand in the
-    rig file too, as effects, and are listed here because the other terms were found beside them."""
+    """Effect at its reference size, and the multiple shown by the arm.
+
+    `named` terms are also effects of the rig file, listed here because the other terms were estimated together with
+    them.
+    """
 
     effect: AnyEffect
     times: float
@@ -89,20 +93,21 @@ class Term(Part):
 
 
 class Parameter(Part):
-    """What a row of the covariance belongs to: the index of a term from 0, and one of the fields of its effect, or
-    `times`."""
+    """Meaning of a covariance row: index of a term from 0, and a field of its effect, or `times`."""
 
     term: Annotated[int, Field(ge=0)]
     field: Annotated[str, Field(max_length=40)]
 
 
 class Judged(Part):
-    """What a diagnosis said of its model where it was judged, rms in µm of the readings.
+    """Assessment of the model by the diagnosis, rms in µm of the readings.
 
-    `condition` is that of the diagnosis. `place` says where: at another place, on runs or poses held out, or on the
-    runs used. `before_um` was left there without the model, `names_um` by the named effects alone, `whole_um` by all
-    that was found, and `handed_um` by what the file holds: the names alone where these do better. `unexplained_um` is
-    what the model leaves there beyond the noise, of one coordinate; every uncertainty made from the file contains it.
+    `condition` is that of the diagnosis. `place` is the basis: another place, runs or poses held out, or the runs used.
+    rms
+    there: `before_um` without the model, `names_um` with the named effects only, `whole_um` with the complete model,
+    `handed_um` with the content of the file, which is the names only if they do better. `unexplained_um` is the error
+    beyond
+    the noise per coordinate; every uncertainty computed from the file contains it.
     """
 
     condition: Annotated[str, Field(max_length=40)]
@@ -116,21 +121,25 @@ class Judged(Part):
 
     @property
     def gained(self) -> float:
-        """Share of the mean square beyond the noise that the model takes away there; negative where it adds."""
+        """Share of the mean square beyond the noise removed by the model; negative if it adds error."""
         floor = self.noise_um**2
         return 1 - max(self.handed_um**2 - floor, 0.0) / max(self.before_um**2 - floor, 1e-12)
 
 
 class CalibratedModel(Part):
-    """The content of a calibration file.
+    """Content of a calibration file.
 
     `factor` is the lower triangle, row by row, of a root L of the covariance L L' of the `parameters`: little-endian
-    float32, base64. `joints_deg` has the lowest and the highest angle of each joint in the runs, and `rail_mm` where a
-    rail stood, of an arm on one; outside it the terms are what they were expected to be. `reach_mm`, of touches alone,
-    is the farthest that a placement that judged the model was from the sockets of others. `held_out_um` is the rms in
-    µm that the model left at places that had no part in it, None where none were left out. `widened` is the factor in L
-    by which such places, or neighbourhoods of poses beside all others, were missed by more than the readings that were
-    used explain. `judged` is what the diagnosis said of the model, None in files of earlier versions.
+    float32,
+    base64. `joints_deg` is the range of each joint in the runs, and `rail_mm` the range of the rail, if any; outside,
+    the terms
+    equal their prior. `reach_mm`, for touches only, is the largest distance between a validating placement and the
+    other
+    sockets. `held_out_um` is the rms in µm at places without a part in the fit, None if there were none. `widened` is
+    the
+    factor in L by which misses at such places, or in neighbourhoods of poses held out, exceed the expectation from the
+    readings
+    used. `judged` is the assessment of the diagnosis, None in files of earlier versions.
     """
 
     format: Literal[1] = 1
@@ -153,14 +162,14 @@ class CalibratedModel(Part):
 
     @classmethod
     def read(cls, content: bytes) -> CalibratedModel:
-        """Return the model of the bytes of a calibration file, which it keeps. Raises ValidationError."""
+        """Parse the bytes of a calibration file, keeping them. Raises ValidationError."""
         model = cls.model_validate_json(content)
-        vars(model)["content"] = content  # as `content` would keep it
+        vars(model)["content"] = content  # cached for `content`
         return model
 
     @cached_property
     def content(self) -> bytes:
-        """The bytes of its file: those that it was read from, of which a rig file has the digest, or new ones."""
+        """Bytes of the file: the original ones, whose digest is in a rig file, or new ones."""
         return self.model_dump_json(indent=1).encode()
 
     @model_validator(mode="after")
@@ -188,13 +197,12 @@ class CalibratedModel(Part):
 
     @cached_property
     def effects(self) -> tuple[Effect, ...]:
-        """The terms that the rig file does not name, as effects of the arm: constants summed, waves of a joint as one
-        curve."""
+        """Terms outside the rig file as effects of the arm: constants added, waves of a joint combined into a curve."""
         return tuple(effects_of([(term.effect, term.times) for term in self.terms if not term.named]))
 
     @cached_property
     def root(self) -> Array:
-        """A root (P, P) of the covariance of the parameters, lower triangular."""
+        """Root (P, P) of the covariance of the parameters, lower triangular."""
         count = len(self.parameters)
         root = np.zeros((count, count))
         root[np.tril_indices(count)] = np.frombuffer(base64.b64decode(self.factor), dtype="<f4")
@@ -203,16 +211,21 @@ class CalibratedModel(Part):
 
 Verdict = Literal["correct", "nothing"]
 Ground = Literal["not_judged", "explained", "gains_elsewhere", "unknown_cause", "no_gain_elsewhere", "not_shown"]
-"""Why a model is corrected by, or not: no run judged it; the runs used are explained; it takes away error where it had
-no part; what explains the readings is in no library; it takes away nothing where it had no part; or its runs cannot
-show what is wrong, as four poses, which more unknowns explain."""
+"""Reason for using a model for correction, or not.
+
+No run validated it; the runs used are explained; it reduces the error at places without a part; an unknown cause
+remains;
+it does not reduce the error there; or the runs cannot show the fault, for example four poses with more unknowns.
+"""
 _LEAST_GAIN = 0.3
-"""Share of the mean square that a model must take away where it had no part to be corrected by although an unknown
-cause remains. Source: a rule that was tried on generated cells of foreign effects, where worse models gained less."""
+"""Share of the mean square at places without a part that a model must remove to be used despite an unknown cause.
+Source: a
+rule tried on generated cells with foreign effects, where worse models removed less.
+"""
 
 
 def ground_of(calibrated: CalibratedModel) -> Ground:
-    """Return the ground on which a model is corrected by, or not; the figures are in its `judged`."""
+    """Return the reason for using a model for correction, or not, based on `judged`."""
     judged = calibrated.judged
     if judged is None:
         return "not_judged"
@@ -228,27 +241,26 @@ def ground_of(calibrated: CalibratedModel) -> Ground:
 
 
 def verdict_of(calibrated: CalibratedModel) -> Verdict:
-    """Return whether targets, programs and entries may be corrected by a model. It is said nowhere else."""
+    """Return whether targets, programs and entries may be corrected by a model; the only place of this decision."""
     return "correct" if ground_of(calibrated) in ("not_judged", "explained", "gains_elsewhere") else "nothing"
 
 
 def packed_factor(root: Array) -> str:
-    """Return a lower triangular root (P, P) of a covariance, each row in the unit of its parameter, as a calibration
-    file holds it."""
+    """Encode a lower triangular root (P, P) of a covariance, each row in the unit of its parameter."""
     return base64.b64encode(root[np.tril_indices(len(root))].astype("<f4").tobytes()).decode("ascii")
 
 
 def is_nothing(effect: Effect, times: float) -> bool:
-    """Return whether so many times an effect is so little that a model leaves it out."""
+    """Return whether a multiple of an effect is small enough to be dropped."""
     return abs(times * size_of(effect)) < _NOTHING
 
 
 def effects_of(terms: Sequence[tuple[Effect, float]]) -> list[Effect]:
-    """Return the effects that terms, each an effect and how many times of it, make up together."""
+    """Combine terms, each an effect and its multiple, into effects."""
     waves: dict[int, list[tuple[float, float, float]]] = {}
     sums: dict[Effect, float] = {}
     for term, times in terms:
-        effect = term.model_copy(update={"found": None})  # it says nothing of the arm, and has no hash
+        effect = term.model_copy(update={"found": None})  # no property of the arm, and not hashable
         if is_nothing(effect, times):
             continue
         if is_sine(effect):
@@ -256,7 +268,7 @@ def effects_of(terms: Sequence[tuple[Effect, float]]) -> list[Effect]:
             amplitude = times * math.degrees(size)
             waves.setdefault(axis, []).append((order, amplitude * math.cos(phase), amplitude * math.sin(phase)))
         else:
-            # Of constants the terms of one seat add up, whatever their reference sizes.
+            # Constants of the same seat add up, whatever their reference sizes.
             unit = healthy(effect) if effect.STAGE == "arm" else effect
             sums[unit] = sums.get(unit, 0.0) + times * (size_of(effect) if unit is not effect else 1.0)
     curves: list[Effect] = [JointCurve(axis=axis, waves=tuple(parts)) for axis, parts in waves.items()]
@@ -275,26 +287,26 @@ def effects_of(terms: Sequence[tuple[Effect, float]]) -> list[Effect]:
 
 
 def is_sine(effect: Effect) -> bool:
-    """Return whether it turns a joint by a sine of its angle: a wave with an order, and with no other shape."""
+    """Return whether an effect turns a joint by a sine of its angle: a wave with an order and no other shape."""
     if effect.STAGE != "joint" or not is_wave(effect) or not hasattr(effect, "order"):
         return False
     return not any(getattr(effect, shape.field) for shape in effect.FREE)
 
 
 def sine_of(effect: Effect) -> tuple[int, float, float, float]:
-    """Return the axis of a sine, its order in cycles a turn, and its phase and amplitude in rad."""
+    """Return the axis, the order in cycles per turn, and the phase and amplitude in rad of a sine."""
     wave: Any = effect
     return wave.axis, wave.order, math.radians(getattr(wave, PHASE)), math.radians(getattr(wave, size_field(wave)))
 
 
 class _Calibrated(Effect):
-    """An effect that only a calibration makes: no rig file names it and no diagnosis looks for it."""
+    """Effect created by a calibration only, never by a rig file or a search."""
 
     share: float = Field(default=1.0, json_schema_extra={"healthy": 1.0})
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[Self]]:
-        """None: nothing looks for it."""
+        """Return no forms, because a search never proposes this effect."""
         return []
 
     def remedy(self) -> str:
@@ -302,8 +314,9 @@ class _Calibrated(Effect):
 
 
 class JointCurve(_Calibrated):
-    """The angle error of a joint as a curve over its angle: `share` of waves (order, sine, cosine), in cycles a turn
-    and degrees."""
+    """Angle error of a joint as a curve over its angle: `share` of waves (order, sine, cosine), in cycles per turn
+    and degrees.
+    """
 
     effect: Literal["joint_curve"] = "joint_curve"
     axis: Axis
@@ -312,13 +325,13 @@ class JointCurve(_Calibrated):
     STAGE = "joint"
 
     def apply(self, scene: S) -> S:
-        """The joint is turned by the curve at its reported angle."""
+        """Turn the joint by the curve at its reported angle."""
         return scene.turned(self.axis, np.radians(self.share * self.at(scene.q[:, self.axis - 1])))
 
     def at(self, q: Array) -> Array:
         """Return the curve (n,) in degrees at reported angles q (n,) rad."""
         order, sine, cosine = np.array(self.waves).T
-        begins = np.flatnonzero(np.diff(q, prepend=np.nan) != 0)  # a robot that stands has one angle many times
+        begins = np.flatnonzero(np.diff(q, prepend=np.nan) != 0)  # a standing robot repeats its angle
         angles, curve_deg = q[begins], np.empty(len(begins))
         for begin in range(0, len(angles), _ROWS):
             turn = angles[begin : begin + _ROWS, None] * order
@@ -329,37 +342,40 @@ class JointCurve(_Calibrated):
         return f"angle error of {joint} over its angle"
 
     def compensation(self) -> Compensation:
-        """It depends on the posture alone."""
+        """Depends on the posture only."""
         return BY_TARGETS
 
 
 class Portion(Part):
-    """How many times what an effect does. A play lags by no fixed part of its width and a gauge's cosine error is no
-    fixed part of its angle, so the change that the whole effect makes is scaled and not its size."""
+    """Multiple of an effect's change.
+
+    Backlash is not proportional to its width, nor a cosine error to its angle, so the change is scaled instead of the
+    size.
+    """
 
     of: AnyEffect
     times: float
 
 
 class _Portions(_Calibrated):
-    """What portions of effects of one stage do together."""
+    """Combined multiples of effects of one stage."""
 
     portions: tuple[Portion, ...] = Field(min_length=1)
 
     def apply(self, scene: S) -> S:
-        """The scene with what all portions change of it."""
+        """Apply the changes of all portions."""
         changed = scene
         for portion in self.portions:
             changed = changed.blended(scene, portion.of.apply(scene), self.share * portion.times)
         return changed
 
     def compensation(self) -> Compensation:
-        """The same as each of the effects, which have it in common."""
+        """Shared by all effects of the stage."""
         return self.portions[0].of.compensation()
 
 
 class JointPortions(_Portions):
-    """What portions of effects turn joints by."""
+    """Joint angle changes by multiples of effects."""
 
     effect: Literal["joint_portions"] = "joint_portions"
 
@@ -372,7 +388,7 @@ class JointPortions(_Portions):
 
 
 class GaugePortions(_Portions):
-    """What portions of effects change of the readings."""
+    """Reading changes by multiples of effects."""
 
     effect: Literal["gauge_portions"] = "gauge_portions"
 

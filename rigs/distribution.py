@@ -1,6 +1,6 @@
-"""What the installed package is called, and how a person adds a part to it, in whatever environment it runs.
+"""Name of the installed package, and instructions for adding packages in any kind of environment.
 
-The name `rig` belongs to another project on PyPI, so no message may send a person to `pip install rig`:
+The name `rig` belongs to a different project on PyPI, so no message may suggest `pip install rig`:
 docs/decisions/0033-a-name-of-its-own.md.
 """
 
@@ -15,13 +15,13 @@ from importlib.util import find_spec
 from pathlib import Path
 
 NAME = "rig-metrology"
-"""The name of the distribution; the commands are `rig` and `rigd`."""
+"""Name of the distribution; the commands are `rig` and `rigd`."""
 _OF_UVX = ("archive-v", "environments-v")
-"""Folders of uv's cache in which `uvx` keeps environments (uv 0.13); nothing is to be added in a cache."""
+"""Folders in uv's cache with environments of `uvx` (uv 0.13); nothing may be added there."""
 
 
 def version() -> str:
-    """Return the version that is installed, `not installed` for sources that were only copied."""
+    """Return the installed version, or `not installed` for copied sources."""
     from importlib import metadata  # noqa: PLC0415 - a tenth of the start of a command that needs none
 
     with suppress(metadata.PackageNotFoundError):
@@ -30,10 +30,10 @@ def version() -> str:
 
 
 def to_install(*packages: str) -> str:
-    """Return what a person types to add packages of PyPI, in the versions that rig asks for, to where rig runs.
+    """Return the command that adds PyPI packages, in the required versions, to rig's environment.
 
-    `pipx` and `uv tool` keep an environment for each program and leave a file in it by which it is known, and `uvx`
-    keeps its own in a cache. Any other environment is named by its Python, also one without a pip.
+    `pipx` and `uv tool` use one environment per program, recognised by a file in it, and `uvx` uses a cache. Other
+    environments are named by their Python, even without pip.
     """
     prefix, python = Path(sys.prefix), shlex.quote(sys.executable)
     asked = [shlex.quote(_required(package)) for package in packages]
@@ -47,13 +47,13 @@ def to_install(*packages: str) -> str:
     if prefix.parent.name.startswith(_OF_UVX):
         return f"add it: uvx {' '.join(f'--with {package}' for package in asked)} --from {NAME} rig"
     as_root = "" if os.access(prefix, os.W_OK) else "sudo "
-    beneath = shlex.quote(getattr(sys, "_base_executable", "python3"))  # `python3` may be this environment's own
+    beneath = shlex.quote(getattr(sys, "_base_executable", "python3"))  # `python3` may belong to this environment
     pip = f"{python} -m pip" if find_spec("pip") else f"{beneath} -m pip --python {python}"
     return f"add it: {as_root}{pip} install {names}"
 
 
 def _required(package: str) -> str:
-    """A package with the versions of it that rig asks for; as it is where rig does not ask for it."""
+    """Return a package with the version range required by rig, if any."""
     from importlib import metadata  # noqa: PLC0415 - as above
 
     with suppress(metadata.PackageNotFoundError):
@@ -65,8 +65,10 @@ def _required(package: str) -> str:
 
 
 def _of_uv(receipt: Path) -> list[str]:
-    """What `uv tool` was given: rig by its name or place, then what was added, which uv removes unless named again; of
-    a receipt that is damaged, which uv passes by as well, the name alone."""
+    """Return the arguments of `uv tool`: rig by name or path, and the added packages, which uv would remove otherwise.
+
+    For a damaged receipt, ignored by uv too, only the name is returned.
+    """
     import tomllib  # noqa: PLC0415 - as above
 
     places = ("path", "directory", "editable")

@@ -1,10 +1,10 @@
-"""A rig file with some values changed, or with more effects at the end of their list: the text as it was, comments and
-all, and nothing else changed.
+"""Edit a rig file in place: changed values or added effects, with all other text and comments preserved.
 
-YAML's nodes say where in the text each value stands. Numbers are replaced one by one in their places; keys that are
-missing come first in their mapping, whichever style it is written in, and at the end of the file where they are the
-file's own. What comes of it is read again and held against what was asked for, so that a style in which one place is
-used twice (anchors) is refused instead of half changed.
+YAML nodes give the position of each value. Numbers are replaced in place; missing keys are inserted at the start of
+their
+mapping, in any style, or at the end of the file for top-level keys. The result is parsed and compared with the request,
+so
+styles that use a place twice (anchors) are refused instead of changed partially.
 """
 
 from __future__ import annotations
@@ -25,21 +25,21 @@ from rigs.rig import Rig
 from rigs.yaml_text import data_of, flow, nodes_of
 
 Keys = tuple[str, ...]
-"""The way to a value: ("tests", "circle", "radius_mm")."""
+"""Path to a value: ("tests", "circle", "radius_mm")."""
 Value = float | str | Sequence[float]
 Values = Mapping[str, float | Sequence[float]]
-"""Keys of a test with their numbers, in the units of the file."""
+"""Keys of a test with their numbers, in file units."""
 _Edit = tuple[int, int, str]
-"""Where a piece of the text begins and ends, and what takes its place."""
+"""Start and end of a replaced piece of text, and the new text."""
 
 
 def with_values(
     text: str, values: Mapping[Keys, Value], expected: Rig, where: str, remedy: str = "write them out in the file"
 ) -> str:
-    """Return the text of a rig file with other values, checked to be the rig that is wanted.
+    """Return the text of a rig file with changed values, verified to give the expected rig.
 
-    Raises FileError with this remedy where the text cannot be changed so: it uses one place twice, or is laid out in an
-    unusual way."""
+    Raises FileError with this remedy if the text cannot be changed: it uses a place twice, or has an unusual layout.
+    """
     edited = text
     for parent in dict.fromkeys(keys[:-1] for keys in values):
         changes = {keys[-1]: value for keys, value in values.items() if keys[:-1] == parent}
@@ -55,9 +55,10 @@ def with_values(
 
 
 def with_test(text: str, test: Literal["circle", "hemisphere"], values: Values, where: str) -> str:
-    """Return the text of a rig file with other values in a test, to ten digits; the test is added if it is missing.
+    """Return the text of a rig file with changed test values, to ten digits; a missing test is added.
 
-    Raises RigFileError where a value is beyond its bounds, FileError where the text cannot be changed in place."""
+    Raises RigFileError if a value is out of bounds, FileError if the text cannot be changed in place.
+    """
     rounded = {key: _rounded(value) for key, value in values.items()}
     remedy = "run the command without --write, and paste the block that it prints"
     changes: dict[Keys, Value] = {("tests", test, key): value for key, value in rounded.items()}
@@ -72,24 +73,23 @@ def with_test(text: str, test: Literal["circle", "hemisphere"], values: Values, 
 
 
 def block_of(test: str, values: Values, indent: int = 0) -> str:
-    """Return a test with its values, to ten digits, as lines of a rig file, each line ended, indented by so many
-    spaces."""
+    """Format a test with its values, to ten digits, as indented lines of a rig file."""
     rounded = {key: _rounded(value) for key, value in values.items()}
     return "".join(f"{' ' * indent}{line}\n" for line in _block((test,), rounded))
 
 
 def _edits(text: str, parent: Keys, values: Mapping[str, Value]) -> list[_Edit]:
-    """What changes where values of one mapping change."""
+    """Return the edits for changed values of one mapping."""
     root = nodes_of(text)
     assert isinstance(root, yaml.MappingNode)  # noqa: S101 - the text of a rig that was loaded
     node = root
     for depth, key in enumerate(parent):
         below = _child(node, key)
-        if below is None and node is root and not node.flow_style:  # a branch at the end of the file
+        if below is None and node is root and not node.flow_style:  # a new branch at the end of the file
             gap = "\n" if text.endswith("\n") else "\n\n"
             branch = "".join(f"{line}\n" for line in _block(parent[depth:], values))
             return [(len(text), len(text), gap + branch)]
-        if below is None:  # a branch that comes first in its mapping
+        if below is None:  # a new branch at the start of its mapping
             in_one_line = [f"{key}: {flow(_nested(parent[depth + 1 :], values))}"]
             return [_put_first(node, in_one_line if node.flow_style else _block(parent[depth:], values))]
         if not isinstance(below, yaml.MappingNode):  # null
@@ -106,13 +106,13 @@ def _edits(text: str, parent: Keys, values: Mapping[str, Value]) -> list[_Edit]:
 
 
 def _block(keys: Keys, values: Mapping[str, Value]) -> list[str]:
-    """Values below these keys, a line each."""
+    """Format values below these keys, one per line."""
     above = [f"{'  ' * depth}{key}:" for depth, key in enumerate(keys)]
     return [*above, *(f"{'  ' * len(keys)}{key}: {flow(value)}" for key, value in values.items())]
 
 
 def _put_first(mapping: yaml.MappingNode, entries: Sequence[str]) -> _Edit:
-    """Entries before all others of a mapping."""
+    """Insert entries at the start of a mapping."""
     start = mapping.start_mark
     if mapping.flow_style:
         return start.index + 1, start.index + 1, "".join(f"{entry}, " for entry in entries)
@@ -120,7 +120,7 @@ def _put_first(mapping: yaml.MappingNode, entries: Sequence[str]) -> _Edit:
 
 
 def _replaced(node: yaml.Node, value: Value) -> list[_Edit]:
-    """Another value in the place of one, or other numbers each in its place."""
+    """Replace a value, or each number of a list."""
     if (
         isinstance(node, yaml.SequenceNode)
         and not isinstance(value, float | int | str)
@@ -137,7 +137,7 @@ def _child(node: yaml.Node | None, key: str) -> yaml.Node | None:
 
 
 def _nested(keys: Keys, values: Mapping[str, Value]) -> Mapping[str, Any]:
-    """Values below these keys, a mapping in a mapping."""
+    """Nest values below these keys."""
     return reduce(lambda inner, key: {key: inner}, reversed(keys), values)
 
 
@@ -146,15 +146,17 @@ def _rounded(value: float | Sequence[float]) -> float | list[float]:
 
 
 def extended(text: str, effects: Sequence[Effect], where: str, calibration: CalibrationFile | None = None) -> str:
-    """The text of a rig file with effects added, and with its calibration replaced where one is given. Raises
-    RigFileError where the result would not be a valid rig file."""
+    """Return the text of a rig file with added effects, and optionally a new calibration. Raises RigFileError if the
+    result is
+    invalid.
+    """
     grown = _with_effects(text, effects) if effects else text
     if calibration:
         root = nodes_of(grown)
         assert isinstance(root, yaml.MappingNode)  # noqa: S101 - the text of a rig that was loaded
         lines = grown.rstrip("\n").split("\n")
         block = ["calibration:", f"  file: {calibration.file}", f"  sha256: {calibration.sha256}"]
-        begin, end, gap = len(lines), len(lines), [""]  # at the end of the text, or where it was
+        begin, end, gap = len(lines), len(lines), [""]  # at the end of the text, or in the old place
         for key, value in root.value:
             if key.value == "calibration":
                 begin, end, gap = key.start_mark.line, value.end_mark.line + (value.end_mark.column > 0), []
@@ -191,7 +193,7 @@ def _with_effects(text: str, effects: Sequence[Effect]) -> str:
 
 
 def _dumped(fields: dict[str, object]) -> str:
-    """One line: first what it is, last where it came from."""
+    """Format fields as one line, the kind first and the provenance last."""
     ordered = {"effect": fields["effect"], **fields}
     if "found" in ordered:
         ordered["found"] = ordered.pop("found")

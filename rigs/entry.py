@@ -1,8 +1,9 @@
-"""The commands `rig` and `rigd` begin here, where the packages `rigs`, `daq` and `analysis` are held to be rig's.
+"""Entry points of the commands `rig` and `rigd`, with a check that the packages `rigs`, `daq` and `analysis` are rig's.
 
-Installed, this file is the module `rig_metrology` beside them, a name that no other package has. Other software has
-folders that are called like rig's packages, and ROS puts its folders before all others on PYTHONPATH: without this,
-the commands would end there in a traceback. It imports nothing of rig before that is settled.
+After installation this file is the module `rig_metrology`, a unique name. Other software may have packages with the
+same
+names, and ROS puts its folders first on PYTHONPATH: without the check, the commands would end there in a traceback.
+Nothing of rig is imported before the check.
 """
 
 from __future__ import annotations
@@ -15,9 +16,9 @@ from typing import Any
 
 PACKAGE_OF_API = "analysis"
 MARKS = {"rigs": "distribution.py", "daq": "service/rigd.py", "analysis": "cli/commands.py"}
-"""A file of each of rig's packages, which another package of the same name lacks."""
+"""Characteristic file of each package, absent in packages of the same name."""
 _WRONG_ENVIRONMENT = 4
-"""The exit code of a cell that is not as it should be (rigs.errors.CellError)."""
+"""Exit code for an unusable environment (rigs.errors.CellError)."""
 
 
 def rig() -> None:
@@ -33,7 +34,7 @@ def rigd() -> None:
 
 
 def _hold_packages(program: str, *packages: str) -> None:
-    """End in one line where a package is not rig's: one that stands before it, or none at all."""
+    """Exit with a one-line error if a package is missing or hidden by a different one."""
     for package in packages:
         spec = find_spec(package)
         if spec is None:

@@ -1,7 +1,8 @@
-"""The one error tree: every expected failure is a `RigError`, reported in one line with an exit code.
+"""Exceptions: every expected failure is a `RigError`, reported in one line with an exit code.
 
-A message says where, what and what to do. Programs print it and leave with `exit_code`;
-anything else that reaches a person as a traceback is a bug.
+A message says where, what and what to do. Programs print it and exit with `exit_code`; any other traceback shown to a
+user
+is a bug.
 """
 
 from __future__ import annotations
@@ -13,12 +14,11 @@ from rigs.text import plain
 
 _LONGEST = 1000
 Undrivable = Literal["limits", "speed", "singularity", "reach"]
-"""Why an arm cannot drive a path: a joint's limits or speed, a singularity, or its reach."""
+"""Reason why an arm cannot follow a path: joint limits, joint speed, a singularity, or the reach."""
 
 
 class RigPlace(str):
-    """A rig, or the part of it that is wrong, where an error is about a rig whose file is not known: code that has only
-    the rig names it by the rig's own name, which copies of a file share. part: as `tests.circle`, or nothing."""
+    """Name of a rig in an error if its file is unknown. part: for example `tests.circle`, or empty."""
 
     rig_name: str = ""
     part: str = ""
@@ -31,16 +31,15 @@ class RigPlace(str):
 
 
 class RigError(Exception):
-    """An expected failure.
+    """Expected failure.
 
-    where: the thing it happened to (a file, a port, a gauge); what: what is wrong;
-    remedy: what a person should do about it.
+    where: affected object (file, port, gauge). what: description of the problem. remedy: action for the user.
     """
 
     exit_code = 1
 
     def __init__(self, where: str, what: str, remedy: str) -> None:
-        # A message as a line can bear it, whatever a damaged file has put into it; its end says what to do.
+        # Printable in one line, whatever a damaged file contains; the remedy comes last.
         text = f"{where}: {what}; {remedy}"
         if len(text) > _LONGEST:
             text = f"{text[: _LONGEST // 2]} … {text[-_LONGEST // 2 :]}"
@@ -48,11 +47,11 @@ class RigError(Exception):
         self.where, self.what, self.remedy = where, what, remedy
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """How it crosses to another process: constructors of subclasses take other arguments than `Exception` keeps."""
+        """Support pickling: constructors of subclasses have arguments other than those stored by `Exception`."""
         return _again, (type(self), self.args), self.__dict__
 
     def lines(self) -> list[str]:
-        """The message: one line for each mistake."""
+        """Message with one line per problem."""
         return [str(self)]
 
 
@@ -61,19 +60,19 @@ def _again(kind: type[RigError], args: tuple[Any, ...]) -> RigError:
 
 
 class UseError(RigError):
-    """A command is used in a way that it does not offer: options that exclude each other, an impossible value."""
+    """Wrong use of a command: conflicting options, an impossible value."""
 
     exit_code = 2
 
 
 class FileError(RigError):
-    """A rig file, a run or a table is missing, damaged or wrong."""
+    """A rig file, run or table is missing, damaged or wrong."""
 
     exit_code = 3
 
 
 class PathError(FileError):
-    """An arm cannot drive a path that a rig file states. reason: what stands in its way, by which code decides."""
+    """An arm cannot follow a path of a rig file. reason: obstacle, for decisions in code."""
 
     def __init__(self, where: str, what: str, remedy: str, reason: Undrivable) -> None:
         super().__init__(where, what, remedy)
@@ -81,7 +80,7 @@ class PathError(FileError):
 
 
 class DirectionError(FileError):
-    """A circle was driven in the other direction than its run is labelled with. drove: the direction it was driven."""
+    """A circle was driven against the direction of its label. drove: actual direction."""
 
     def __init__(self, where: str, what: str, remedy: str, drove: Literal["cw", "acw"]) -> None:
         super().__init__(where, what, remedy)
@@ -89,18 +88,19 @@ class DirectionError(FileError):
 
 
 class CellError(RigError):
-    """The cell does not answer as it should: a port, a gauge, the robot, the daemon."""
+    """The cell does not respond as expected: a port, gauge, robot or daemon."""
 
     exit_code = 4
 
 
 _IN_WORDS_OF_PYDANTIC = re.compile(r"Value error, |, unable to parse string as an? \w+$")
-"""What pydantic, by which typer reads values, says of how it found a mistake."""
+"""Phrases of pydantic, used by typer to parse values, that describe its implementation."""
 
 
 def wrong_use(error: Any, program: str) -> UseError | None:
-    """Return the error of a person who typed what typer refuses (a TyperException); None for a group of commands
-    without a command, whose help is printed already."""
+    """Return the error for input refused by typer (a TyperException); None for a command group whose help is already
+    printed.
+    """
     message = _IN_WORDS_OF_PYDANTIC.sub("", " ".join(error.format_message().split()).rstrip("."))
     message = message.replace("Input should be", "it must be")
     if not message:

@@ -1,6 +1,6 @@
-"""Reading a file that somebody else made: a regular file only, and no more of it than such a file has.
+"""Read foreign files safely: regular files only, with a size limit.
 
-A FIFO would be waited for without end, `/dev/zero` read until the memory is full.
+A FIFO would block forever, and `/dev/zero` would fill the memory.
 """
 
 from __future__ import annotations
@@ -16,15 +16,13 @@ from rigs.errors import FileError
 _REMEDY = "check the path and its permissions"
 _POSIX = ("O_NONBLOCK", "O_NOCTTY", "O_CLOEXEC")
 _FLAGS = os.O_RDONLY | sum(getattr(os, name, 0) for name in _POSIX) | getattr(os, "O_BINARY", 0)
-"""Without waiting for the other end of a FIFO; Windows has none of the former, and changes line ends without the
-latter."""
+"""Open flags: do not wait for the other end of a FIFO (not on Windows), do not convert line ends (Windows only)."""
 
 
 def read_bytes(path: Path, most: int) -> bytes:
     """Return the bytes of a regular file.
 
-    most: the size in bytes beyond which it is not such a file. Raises OSError, or FileError for anything but a regular
-    file, for a larger one, and where the memory does not hold it.
+    most: size limit in bytes. Raises OSError, or FileError for a special or oversized file or insufficient memory.
     """
     data, _ = read_from(path, 0, most + 1)
     if len(data) > most:
@@ -34,13 +32,13 @@ def read_bytes(path: Path, most: int) -> bytes:
 
 
 def read_from(path: Path, begin: int, most: int) -> tuple[bytes, int]:
-    """Return at most so many bytes of a regular file, from the byte `begin` on, and the size of the file in bytes.
+    """Return at most `most` bytes of a regular file from the byte `begin` on, and the size of the file in bytes.
 
-    Raises OSError, or FileError for anything but a regular file, and where the memory does not hold it.
+    Raises OSError, or FileError for a special file or insufficient memory.
     """
     try:
         fd = os.open(path, _FLAGS)
-    except ValueError as error:  # a zero byte in its name
+    except ValueError as error:  # a zero byte in the name
         raise FileError(str(path), str(error), _REMEDY) from None
     with os.fdopen(fd, "rb") as file:
         status = os.fstat(fd)
@@ -55,7 +53,7 @@ def read_from(path: Path, begin: int, most: int) -> tuple[bytes, int]:
 
 
 def read_text(path: Path, most: int) -> str:
-    """Return the text of a regular file. Raises as `read_bytes` does, and FileError where it is not UTF-8."""
+    """Return the text of a regular file. Raises like `read_bytes`, and FileError if it is not UTF-8."""
     try:
         return read_bytes(path, most).decode()
     except UnicodeDecodeError as error:
@@ -63,15 +61,16 @@ def read_text(path: Path, most: int) -> str:
 
 
 def out_of_memory(path: Path) -> FileError:
-    """Return the error for a file that may be good, and that this computer has no memory for."""
+    """Return the error for a possibly valid file that exceeds the memory of this computer."""
     return FileError(str(path), "cannot be read: not enough memory", "close other programs, or read it elsewhere")
 
 
 def of_newer_rig(where: str, error: ValidationError, field: str = "version") -> FileError | None:
-    """Return the error for a file of a version that this rig does not know, whatever else it has that is unknown; None
-    where its version, a number in `field`, is not what is wrong.
+    """Return the error for a file of a newer version, regardless of other unknown content; None if the version is
+    supported.
 
-    What every file of before 1.0 and of 1.x is read by: docs/decisions/0031-compatibility.md.
+    field: name of the version number. Used for all files from before 1.0 and of 1.x:
+    docs/decisions/0031-compatibility.md.
     """
     for detail in error.errors(include_url=False, include_context=False):
         if detail["loc"] == (field,) and isinstance(detail["input"], int):

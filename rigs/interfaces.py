@@ -1,4 +1,4 @@
-"""Every interface that a rig file can name, read off the schemas: a new class in a union appears by itself."""
+"""List all interfaces for a rig file from the schemas; new classes of a union appear automatically."""
 
 from __future__ import annotations
 
@@ -18,10 +18,11 @@ NO_DEFAULT = "line to be given"
 
 @dataclass(frozen=True)
 class Interface:
-    """One interface. line: settings of its serial line, `NO_DEFAULT`, or empty where it has none; keys: its own.
+    """Interface. line: settings of the serial line, `NO_DEFAULT`, or empty. keys: specific keys.
 
-    modem: the modem lines that its cables need, empty where they need none. timing, timing_source: of a gauge, when a
-    reading is latched unless the rig file says otherwise, and who says so.
+    modem: modem lines required by the cables, empty if none. timing, timing_source: default latching time of a gauge,
+    and its
+    source.
     """
 
     name: str
@@ -35,20 +36,20 @@ class Interface:
 
 
 def known() -> list[Interface]:
-    """All of them, gauges first, in the order of the schemas."""
+    """Return all interfaces, gauges first, in the order of the schemas."""
     return [_interface(model, "gauge") for model in models(Gauge)] + [
         _interface(model, "robot") for model in models(Feedback)
     ]
 
 
 def models(union: Any) -> tuple[type[BaseModel], ...]:
-    """The classes of a discriminated union."""
+    """Return the classes of a discriminated union."""
     members: tuple[type[BaseModel], ...] = get_args(get_args(union)[0])
     return members
 
 
 def name_of(model: type[BaseModel]) -> str:
-    """The name by which a rig file chooses this class."""
+    """Return the name of this class in a rig file."""
     (name,) = get_args(model.model_fields["interface"].annotation)
     return str(name)
 

@@ -1,9 +1,7 @@
-"""Reading a rig file and the calibration that it names: found by path or by name, read whole, every mistake reported at
-once.
+"""Load a rig file and its calibration, by path or by name, and report all mistakes together.
 
-The hash of a calibration proves that the file was not changed, not that it is right. One that somebody has rewritten,
-with the new hash in the rig file, is held against the arm: its name, its axes, and the bounds that the same effects
-have in a rig file.
+The hash of a calibration proves that the file is unchanged, not that it is correct. A rewritten calibration, with a new
+hash in the rig file, is compared with the arm: name, axes, and the bounds of the effects in a rig file.
 """
 
 from __future__ import annotations
@@ -31,21 +29,21 @@ from rigs.yaml_text import read_yaml
 
 _REMEDY = "restore both files of one diagnosis, or diagnose again"
 _MOST_UM = 1e6
-"""A metre: no arm that moves errs by more."""
+"""A metre, more than the error of any working arm."""
 _MOST_WIDENED = 1000.0
-"""Poses left out would lie 10 mm off where the arm is calibrated to 10 µm: it would not be calibrated."""
+"""Held-out poses 10 mm off for an arm calibrated to 10 µm; such an arm would not be calibrated."""
 _LEAST_DEG, _MOST_DEG = -1000.0, 1000.0
 """Joint angles: no controller counts beyond three turns."""
 
 
 def hold_plausible(calibrated: CalibratedModel, rig: Rig, where: str) -> None:
-    """Raise FileError where a calibration cannot be that of the rig whose file names it."""
+    """Raise FileError if a calibration cannot belong to the rig."""
     for why in _reasons(calibrated, rig):
         raise FileError(where, why, _REMEDY)
 
 
 def _reasons(calibrated: CalibratedModel, rig: Rig) -> Iterator[str]:
-    """Yield why a calibration cannot be that of a rig."""
+    """Yield the contradictions between a calibration and a rig."""
     axes = len(rig.robot.axes)
     if calibrated.rig != rig.name:
         yield f"is the calibration of {calibrated.rig}, and the rig file is that of {rig.name}"
@@ -79,26 +77,26 @@ def _widest(calibrated: CalibratedModel, parameter: Parameter) -> float:
 
 
 def _bound(effect: Any, field: str) -> float:
-    """Return the largest value of a parameter of an effect in a rig file, infinite where it has no bound."""
+    """Return the upper bound of an effect parameter in a rig file, infinite if unbounded."""
     bounds = [getattr(constraint, "le", None) for constraint in type(effect).model_fields[field].metadata]
     return next((float(bound) for bound in bounds if bound is not None), np.inf)
 
 
 SHIPPED = Path(__file__).parent
 _EFFECTS = ".effects.yaml"
-"""Ending of what a shipped rig's simulated and emulated cell hides: no part of the rig file, which people copy."""
+"""Suffix of the hidden effects of a shipped simulated cell, separate from the rig file, which users copy."""
 _MAX_BYTES = 1_000_000
 
 
 class Hidden(Part):
-    """What a simulated or emulated cell hides: a file of its own, or the effects of a rig file."""
+    """Effects hidden in a simulated or emulated cell: from a separate file, or from a rig file."""
 
     effects: tuple[AnyEffect, ...] | None = None
     eccentricity_mm: Vector | None = None
-    """Base-ball less circle centre, in the world; None leaves it where the rig file has it."""
+    """Base-ball less circle centre, in the world frame; None keeps the value of the rig file."""
 
     def within(self, rig: Rig) -> Rig:
-        """A rig with these effects instead of its own, and the ball of its circle where this says."""
+        """Return a rig with these effects instead, and this eccentricity of the circle."""
         tests = rig.tests
         if tests.circle and self.eccentricity_mm:
             circle = tests.circle.model_copy(update={"eccentricity_mm": self.eccentricity_mm})
@@ -107,12 +105,12 @@ class Hidden(Part):
 
 
 def shipped() -> dict[str, Path]:
-    """The shipped rig files by name."""
+    """Return the shipped rig files by name."""
     return {file.stem: file for file in sorted(SHIPPED.glob("*.yaml")) if not file.name.endswith(_EFFECTS)}
 
 
 def shipped_effects() -> dict[str, Path]:
-    """The shipped files of effects by the name of the rig that they belong to."""
+    """Return the shipped effect files by the name of their rig."""
     return {file.name.removesuffix(_EFFECTS): file for file in sorted(SHIPPED.glob(f"*{_EFFECTS}"))}
 
 
@@ -141,13 +139,14 @@ def _found(
 
 
 def is_shipped(file: Path) -> bool:
-    """Return whether a rig file is one of the package, whose addresses are of no real cell."""
+    """Return whether a rig file is part of the package; its addresses belong to no real cell."""
     return file.resolve().is_relative_to(SHIPPED.resolve())
 
 
 def load(name: str | Path) -> tuple[Rig, str]:
-    """A rig, with the calibration that lies beside its file, and the text of the file as it is. Raises FileError or
-    RigFileError."""
+    """Load a rig with the calibration next to its file; return the rig and the original text. Raises FileError or
+    RigFileError.
+    """
     path = find(name)
     text = rig_text_of(path.stem) if path in arm_files().values() else _text(path)
     rig = parse(text, str(path))
@@ -160,14 +159,14 @@ def load(name: str | Path) -> tuple[Rig, str]:
 
 
 def calibrated_beside(rig: Rig, directory: Path) -> Rig:
-    """Return the rig with the calibration that it names, if it is in a directory, such as that of a run."""
+    """Return the rig with its calibration if the file is in a directory, such as that of a run."""
     if rig.calibration is None or not (path := directory / rig.calibration.file).is_file():
         return rig
     return rig.with_calibration(rig.calibration, _calibration(path, rig.calibration))
 
 
 def _calibration(path: Path, named: CalibrationFile) -> CalibratedModel:
-    """The content of a calibration file that a rig file names. Raises FileError."""
+    """Load a calibration file referenced by a rig file. Raises FileError."""
     if named.sha256 not in _calibrations or not path.is_file():
         content = _read_calibration(path, named.sha256)
         while len(_calibrations) >= _MOST_KEPT:
@@ -213,8 +212,10 @@ def _unreadable(path: Path, error: OSError) -> FileError:
 
 @contextmanager
 def named_by(file: str | Path, rig: Rig) -> Iterator[None]:
-    """Name the file of a rig in errors about it, as `cell.yaml, tests.circle`: code that has only the rig names it by
-    the rig's own name, which copies of a file share. Raises FileError as the code within does."""
+    """Name the rig file in errors raised in this block, such as `cell.yaml, tests.circle`. Raises FileError.
+
+    Code without the file only knows the name of the rig, shared by copies of the file.
+    """
     try:
         yield
     except FileError as error:
@@ -225,8 +226,8 @@ def named_by(file: str | Path, rig: Rig) -> Iterator[None]:
 
 
 def parse(text: str, where: str) -> Rig:
-    """A rig from the text of its file; `where` names it in errors. Raises RigFileError."""
-    # The runs of a day bear the same text, and reading it takes longer than reading their data.
+    """Parse the text of a rig file; `where` names it in errors. Raises RigFileError."""
+    # Cached, because the runs of a day contain the same text and parsing it takes longer than reading their data.
     if text not in _good:
         while len(_good) >= _MOST_KEPT:
             del _good[next(iter(_good))]
@@ -269,17 +270,17 @@ _LOOKED_AT = 3
 
 
 def load_hidden(name: str | Path) -> Hidden:
-    """What a cell hides, of a file by path, or of a shipped one by name (`paper-fanuc`).
+    """Load the hidden effects of a cell from a file, or of a shipped rig by name (`paper-fanuc`).
 
-    The file has `effects`, `eccentricity_mm` or both, or is a rig file, of which the effects are taken.
-    Raises FileError or RigFileError.
+    The file contains `effects`, `eccentricity_mm` or both, or is a rig file with effects. Raises FileError or
+    RigFileError.
     """
     path = _found(name, shipped_effects(), "file of effects", "one")
     root, data = read_yaml(_text(path), str(path))
     if isinstance(data, list):
         data = {"effects": data}
     if not isinstance(data, dict) or not {"effects", "eccentricity_mm", "robot"} & data.keys():
-        # A misspelt key would otherwise silently be a robot without errors.
+        # A misspelt key would otherwise silently give a robot without errors.
         raise FileError(str(path), "lacks the key effects", "write effects: [{effect: …}], or effects: [] for none")
     if "robot" in data:
         data = {"effects": data.get("effects")}

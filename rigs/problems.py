@@ -1,6 +1,6 @@
-"""What is wrong with a rig file, in words: each mistake with its line, its place and the nearest known name.
+"""Describe the mistakes of a rig file: each with line, place and the nearest known name.
 
-pydantic finds the mistakes; the YAML node tree, composed from the same text, gives the line of each.
+pydantic finds the mistakes; the YAML node tree of the same text gives the lines.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from rigs.schema.plugins import BROKEN
 
 _MOST_TOLD = 100
 _CLOSE = 0.5
-"""How alike a name and a known one must be for a person to have meant it (difflib's ratio)."""
+"""Similarity of a name and a known one (difflib's ratio) for a suggestion."""
 _BRIEF = 60
 Place = tuple[int | str, ...]
 _PLAIN = {
@@ -29,7 +29,7 @@ _PLAIN = {
     "union_tag_not_found": "lacks the key that says what it is, `interface` or `effect`; add it",
     "model_attributes_type": "must be a mapping of keys to values",
 }
-"""What pydantic says in the words of Python."""
+"""Replacements for Python terms in pydantic's messages."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Problem:
 
 
 class RigFileError(FileError):
-    """A rig file with mistakes, all of them in `problems`."""
+    """A rig file with mistakes, all listed in `problems`."""
 
     def __init__(self, path: str, problems: list[Problem]) -> None:
         count = "1 mistake" if len(problems) == 1 else f"{len(problems)} mistakes"
@@ -59,10 +59,12 @@ class RigFileError(FileError):
 def problems_of(
     error: ValidationError, data: Any, root: yaml.Node | None, model: type[BaseModel] = Rig
 ) -> list[Problem]:
-    """All mistakes in the data of a rig file, in order of their lines; a hundred, and how many more there are."""
+    """Return the mistakes of a rig file in order of their lines: up to a hundred, and the number of the remaining
+    ones.
+    """
     details = _with_hidden(data, error.errors(include_url=False), model)
     places = [detail["loc"] for detail in details]
-    # A list is `too_short` also because one of its entries is wrong; the entry alone is the mistake.
+    # A list is also `too_short` if an entry is wrong; only the entry is the mistake.
     details = [
         detail
         for detail in details
@@ -76,7 +78,7 @@ def problems_of(
 
 
 def _with_hidden(data: Any, details: list[ErrorDetails], model: type[BaseModel]) -> list[ErrorDetails]:
-    """A misspelt tag hides the mistakes of its part: they show once the nearest known tag is taken for it."""
+    """Add the mistakes hidden by a misspelt tag, assuming the nearest known tag."""
     misspelt = [detail for detail in details if detail["type"] == "union_tag_invalid"]
     for detail in misspelt:
         tag, tags, key = _tag_error(detail)
@@ -91,14 +93,14 @@ def _with_hidden(data: Any, details: list[ErrorDetails], model: type[BaseModel])
 
 
 def _tag_error(detail: ErrorDetails) -> tuple[str, list[str], str]:
-    """The tag given, those known, and the key it stands under."""
+    """Return the given tag, the known tags, and the key."""
     context = detail["ctx"]
     tags = [name.strip().strip("'") for name in context["expected_tags"].split(",")]
     return str(context["tag"]), tags, context["discriminator"].strip("'")
 
 
 def _with(data: Any, loc: Place, key: str, value: str) -> Any:
-    """Data with another value under the key of the mapping at `loc`."""
+    """Return data with a changed value in the mapping at `loc`."""
     copy = data.copy()
     if loc:
         copy[loc[0]] = _with(data[loc[0]], loc[1:], key, value)
@@ -108,8 +110,7 @@ def _with(data: Any, loc: Place, key: str, value: str) -> Any:
 
 
 def _problem(detail: ErrorDetails, root: yaml.Node | None, model: type[BaseModel]) -> Problem:
-    """A mistake by the part of pydantic's location that stands in the file: of a union's tag, which pydantic puts into
-    the location, the file has no key."""
+    """Convert an error of pydantic, removing union tags from its location, because the file has no such keys."""
     place: list[int | str] = []
     node = root
     for position, step in enumerate(detail["loc"]):
@@ -130,7 +131,7 @@ def _problem(detail: ErrorDetails, root: yaml.Node | None, model: type[BaseModel
 
 
 def _name(key: str) -> str:
-    """A key as a line can bear it."""
+    """Return a key in printable form."""
     return key if key.isprintable() and len(key) <= _BRIEF else f"{key[:_BRIEF]!r}…"
 
 
@@ -151,12 +152,12 @@ def _message(detail: ErrorDetails, place: Place, model: type[BaseModel]) -> str:
     if not isinstance(value, int | float | str):
         return message
     written = re.escape(_short(value).strip("'"))
-    is_said = re.search(rf"(?<![\w.]){written}(?![\w.])", message)  # 0.001 does not say 0
+    is_said = re.search(rf"(?<![\w.]){written}(?![\w.])", message)  # 0.001 does not contain 0
     return message if is_said else f"{message}, not {_short(value)}"
 
 
 def _short(value: object) -> str:
-    """What was given, as far as a message needs it."""
+    """Return a value shortened for a message."""
     if isinstance(value, int) and value.bit_length() > 1000:
         return "a number with hundreds of digits"
     text = repr(value)
@@ -169,7 +170,7 @@ def _nearest(name: str, names: list[str]) -> str:
 
 
 def _keys_at(loc: Place, model: type[BaseModel]) -> list[str]:
-    """Keys that the model at a location knows; union tags in the location choose the member."""
+    """Return the keys known by the model at a location; union tags in the location select the member."""
     annotation: Any = model
     for step in loc:
         models = _models(annotation)

@@ -1,4 +1,4 @@
-"""A rig: all that is known of a cell, and what its daemon does by itself. One YAML file, one object."""
+"""The rig: complete description of a cell, including automatic actions of the daemon. One YAML file, one object."""
 
 from __future__ import annotations
 
@@ -20,40 +20,40 @@ from rigs.schema.robot import Robot
 from rigs.schema.vocabulary import DRIVEN_AXES, MOST_AXES, MakerName, maker_named, maker_of, makers
 
 _LINK_OFF_MM = 10.0
-"""A link is set to the radius within a gauge's range; what is further off is another link."""
+"""A link is adjusted to the radius within a gauge's range; a larger difference means a different link."""
 
 
 class Rig(Part):
-    """Everything that is known of a cell before it is measured."""
+    """Description of a cell before measurements."""
 
     name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]{0,62}$")]
-    """Lower case, digits, - and _: it names the socket, the service and the runs."""
+    """Lower case, digits, - and _; used for the socket, the service and the runs."""
     description: str = ""
     robot: Robot
     gauges: Gauges = Field(default_factory=lambda: NO_GAUGES)
-    """What rigd reads and the link's tests measure with; a cell that only a tracker measures needs none."""
+    """Gauges of rigd and the link tests; not needed in cells with a tracker only."""
     feedback: Feedback = Field(default_factory=NoFeedback)  # type: ignore[assignment]
-    """How rigd reads the joints: there with the gauges, or alone for touches, or not at all."""
+    """Source of the joint angles: with gauges, alone for touches, or none."""
     ball: Ball | None = None
     link: Link | None = None
     temperature: Temperature | None = None
     tests: Tests = Tests()
     effects: tuple[AnyEffect, ...] = ()
     calibration: CalibrationFile | None = None
-    """The calibrated model beside the effects, a file that lies beside the rig file."""
+    """Calibrated model in addition to the effects, in a file next to the rig file."""
     limits: Limits = Limits()
     automatic: Automatic | None = None
     retention: Retention | None = None
     emulated: bool = False
-    """Written by `rig emulate`: runs of this cell measure no robot, and every page and screen says so."""
+    """Set by `rig emulate`: runs of this cell involve no real robot, as every page and screen states."""
     replay: str = ""
-    """The file in which `rig replay` records what is out of step, for a cell that it serves."""
+    """File of timing deviations written by `rig replay`, for a replayed cell."""
 
     _calibrated: CalibratedModel | None = PrivateAttr(None)
 
     @property
     def calibrated(self) -> CalibratedModel | None:
-        """The calibration, None for a rig without one. Raises FileError where its file was not read with the rig's."""
+        """Calibration, or None. Raises FileError if its file was not loaded with the rig."""
         if self.calibration and self._calibrated is None:
             raise FileError(
                 self.name,
@@ -64,38 +64,38 @@ class Rig(Part):
 
     @property
     def maker(self) -> MakerName | None:
-        """The maker of the controller as its feedback says, or the robot's name where any maker may speak that; None
-        where neither does."""
+        """Maker of the controller according to its feedback, or to the robot's name for general interfaces; None if
+        unknown.
+        """
         return maker_of(self.feedback.interface) or maker_named(self.robot.name)
 
     @property
     def makers(self) -> tuple[MakerName, ...]:
-        """The makers whose controllers it may have, the likeliest first: one where that is known, else all."""
+        """Possible makers of the controller, the likeliest first: only one if known, otherwise all."""
         return (self.maker,) if self.maker else makers()
 
     @property
     def takes_programs(self) -> bool:
-        """Whether programs and values for its controller are known: of six axes, and of no rail."""
+        """Whether programs and entries for the controller are supported: six axes and no rail."""
         return self.robot.rail is None and len(self.robot.axes) == DRIVEN_AXES
 
     def with_calibration(self, file: CalibrationFile | None, content: CalibratedModel | None) -> Rig:
-        """Return the rig with the calibration of a file, or with none."""
+        """Return the rig with a calibration, or without any."""
         rig = self.model_copy(update={"calibration": file})
         rig._calibrated = content
         return rig
 
     def calibrated_as(self, rig: Rig) -> Rig:
-        """Return the rig with the content of the calibration that it names, if another rig names the same and has
-        it."""
+        """Return the rig with its calibration content, if another rig has loaded the same calibration."""
         return self.with_calibration(rig.calibration, rig._calibrated) if self.calibration == rig.calibration else self
 
     @property
     def beside(self) -> dict[str, bytes]:
-        """The files beyond its own that the rig consists of, by name: its calibration, if that was read."""
+        """Companion files of the rig by name: the calibration, if loaded."""
         return {self.calibration.file: self._calibrated.content} if self.calibration and self._calibrated else {}
 
     def modelled_as(self, rig: Rig) -> Rig:
-        """Return the rig with the errors of another one: its effects and its calibration."""
+        """Return the rig with the errors of a second rig: effects and calibration."""
         return self.model_copy(update={"effects": rig.effects}).with_calibration(rig.calibration, rig._calibrated)
 
     @field_validator("tests")
@@ -142,7 +142,7 @@ class Rig(Part):
     @field_validator("automatic")
     @classmethod
     def _possible(cls, automatic: Automatic | None, info: ValidationInfo) -> Automatic | None:
-        if automatic is None or not {"feedback", "gauges"} <= info.data.keys():  # with mistakes of their own
+        if automatic is None or not {"feedback", "gauges"} <= info.data.keys():  # these have mistakes themselves
             return automatic
         gauges = len(list(info.data["gauges"]))
         if not gauges or isinstance(info.data["feedback"], NoFeedback):

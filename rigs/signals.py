@@ -1,4 +1,4 @@
-"""Ctrl-C while a program waits for its end, and at the very end, when it has nothing left to be interrupted in."""
+"""Handling of Ctrl-C while a program waits for its end, and during its shutdown."""
 
 from __future__ import annotations
 
@@ -13,10 +13,11 @@ _End = TypeVar("_End")
 
 
 def end_from(ends: SimpleQueue[_End]) -> _End:
-    """Return the first end that a handler of signals, or another thread, puts into a queue.
+    """Return the first end put into a queue by a signal handler or thread.
 
-    The system may hand a signal to any thread, and a main thread that sleeps in a lock runs no handler until it wakes:
-    of a hundred daemons on a busy computer two did not end by Ctrl-C. So this looks twice a second.
+    The system may deliver a signal to any thread, and a main thread sleeping in a lock runs no handler: two of a
+    hundred
+    daemons on a busy computer did not end by Ctrl-C. Therefore this function wakes up twice a second.
     """
     while True:
         with contextlib.suppress(Empty):
@@ -24,10 +25,9 @@ def end_from(ends: SimpleQueue[_End]) -> _End:
 
 
 def ignore_interrupts() -> None:
-    """Ignore Ctrl-C from now on, where this is the program's main thread.
+    """Ignore Ctrl-C from now on, if called in the main thread.
 
-    While Python takes itself down it would print a traceback of its own modules, and end with the exit code 0 of the
-    work that is done, or of none.
+    During shutdown Python would print a traceback of its own modules and exit with a misleading code.
     """
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -1,5 +1,4 @@
-"""A rig file's text as YAML. It is read by the safe loader only: no key twice, no bomb of aliases, no number without
-end. A value is written in one line."""
+"""Parse and write YAML text: safe loader only, without repeated keys, alias bombs or endless numbers."""
 
 from __future__ import annotations
 
@@ -11,19 +10,20 @@ import yaml
 from rigs.problems import Problem, RigFileError
 
 _MOST_PARTS = 500_000
-"""Keys and values once every alias is followed; a megabyte written out has no more."""
+"""Limit of keys and values with all aliases expanded; a megabyte without aliases has fewer."""
 _LONGEST_NUMBER = 64
-"""Characters; a double has 17 digits. PyYAML takes !!int 1:30 for 90, and a minute for a megabyte written so."""
+"""Limit in characters; a double has 17 digits. PyYAML reads !!int 1:30 as 90, and takes a minute for a megabyte of
+it.
+"""
 _LARGEST_WHOLE = 2.0**53
-"""Every double is whole from here on, and has more digits than anybody wrote."""
+"""Every double above is whole, with more digits than any user would write."""
 _NUMBERS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
 _UNREADABLE = (ValueError, TypeError, AttributeError, LookupError, ArithmeticError)
-"""What PyYAML raises beside its own errors, for what stands behind an explicit tag."""
+"""Exceptions of PyYAML for values with explicit tags."""
 
 
 def _as_in_1_2(tag: str, pattern: re.Pattern[str]) -> re.Pattern[str]:
-    """Return the pattern of plain values of a tag without those that YAML 1.2 does not read so: `yes` as true, `1:30`
-    as 90 and `017` as 15."""
+    """Restrict the pattern of a tag to YAML 1.2: without `yes` as true, `1:30` as 90 and `017` as 15."""
     match tag:
         case "tag:yaml.org,2002:bool":
             return re.compile(r"(?:true|True|TRUE|false|False|FALSE)$")
@@ -33,7 +33,9 @@ def _as_in_1_2(tag: str, pattern: re.Pattern[str]) -> re.Pattern[str]:
 
 
 class _Loader(yaml.SafeLoader):
-    """PyYAML's safe loader. A length of `yes` would be 1 mm, and one of `1:10` 70 mm, as YAML 1.1 has them."""
+    """Safe loader of PyYAML with YAML 1.2 scalars; in YAML 1.1 a length of `yes` would be 1 mm, and `1:10` would be
+    70 mm.
+    """
 
     yaml_implicit_resolvers = {  # noqa: RUF012 - PyYAML's own name, which its stubs have as that of an instance
         first: [(tag, _as_in_1_2(tag, pattern)) for tag, pattern in resolvers]
@@ -42,7 +44,7 @@ class _Loader(yaml.SafeLoader):
 
 
 def read_yaml(text: str, where: str) -> tuple[yaml.Node | None, Any]:
-    """The nodes of a text and the data they stand for, read by the safe loader. Raises RigFileError."""
+    """Return the nodes and the data of a text. Raises RigFileError."""
     try:
         loader = _Loader(text)
         root = loader.get_single_node()
@@ -64,17 +66,17 @@ def read_yaml(text: str, where: str) -> tuple[yaml.Node | None, Any]:
 
 
 def nodes_of(text: str) -> yaml.Node | None:
-    """The nodes of a text that was read before."""
+    """Return the nodes of a text that was parsed before."""
     return _Loader(text).get_single_node()
 
 
 def data_of(text: str) -> Any:
-    """What a text that was read before stands for."""
+    """Return the data of a text that was parsed before."""
     return _Loader(text).get_single_data()
 
 
 def flow(value: Any) -> str:
-    """Return a value as YAML in one line, whole numbers without a point."""
+    """Format a value as one-line YAML, whole numbers without a point."""
     whole = _whole(value)
     text: str = yaml.safe_dump(whole, default_flow_style=True, sort_keys=False, width=10_000, allow_unicode=True)
     return text.strip().removesuffix("\n...").strip()
@@ -82,7 +84,7 @@ def flow(value: Any) -> str:
 
 def _whole(value: Any) -> Any:
     match value:
-        case float():  # numpy's as well, which PyYAML does not take
+        case float():  # including numpy's, which PyYAML rejects
             return int(value) if value.is_integer() and abs(value) < _LARGEST_WHOLE else float(value)
         case dict():
             return {key: _whole(item) for key, item in value.items()}
@@ -92,7 +94,7 @@ def _whole(value: Any) -> Any:
 
 
 def _refuse_repeats_and_long_numbers(root: yaml.Node, where: str) -> None:
-    """YAML's loader keeps the last of two equal keys without a word; a rig file may not lose one."""
+    """Reject repeated keys, which the loader would silently drop, and long numbers."""
     seen: set[int] = set()
     problems: list[Problem] = []
 
@@ -122,9 +124,9 @@ def _refuse_repeats_and_long_numbers(root: yaml.Node, where: str) -> None:
 
 
 def _parts(node: yaml.Node, sizes: dict[int, int]) -> int:
-    """Parts that a node stands for, aliases followed: a few lines of aliases of aliases make billions."""
+    """Count the parts of a node with aliases expanded: a few lines of nested aliases make billions."""
     if id(node) not in sizes:
-        sizes[id(node)] = _MOST_PARTS + 1  # until it is counted: what holds itself has no end
+        sizes[id(node)] = _MOST_PARTS + 1  # limit for a node that contains itself
         inner = node.value if isinstance(node, yaml.CollectionNode) else ()
         pairs = isinstance(node, yaml.MappingNode)
         sizes[id(node)] = 1 + sum(_parts(part, sizes) for entry in inner for part in (entry if pairs else (entry,)))

@@ -1,4 +1,4 @@
-"""The correction: how a cell can use the effects in its rig file.
+"""Correction: use of the effects in a rig file by a cell.
 
-effects → whether each can be corrected, and how → zeros and link constants, corrected targets of a path
+effects → correctable or not, and how → zeros and link constants, corrected targets of a path
 """

@@ -1,7 +1,8 @@
-"""Two arms of one model compared pose by pose: how far apart their tools are at the same joint angles.
+"""Compare two arms of one model pose by pose: the distance between their tools at equal joint angles.
 
-A person who moves a program from one arm to another asks this. In the robots' bases it is the whole difference; with
-frame and tool taught with each arm, what is left.
+This answers whether a program can be moved from one arm to the other. In the robots' bases it is the complete
+difference;
+with frame and tool taught for each arm, the remaining one.
 """
 
 from __future__ import annotations
@@ -22,20 +23,25 @@ from rigs.rig import Rig
 from rigs.schema.robot import Pose
 
 _POSTURES = 200
-"""Chosen: the rms of so many is certain to 5 %."""
+"""Chosen: the rms is then certain to 5 %."""
 _OTHER_MODEL_MM = 20.0
-"""Arms of one model, calibrated or not, are built to some mm; beyond this the nominal constants are of two models."""
+"""Arms of one model, calibrated or not, agree within some mm; beyond this limit the nominal constants belong to two
+models.
+"""
 _CONSTANTS = (("zero_deg", "offset"), ("a_mm", "a"), ("d_mm", "d"), ("alpha_deg", "alpha"), ("beta_deg", "beta"))
 
 
 @dataclass(frozen=True)
 class ArmsApart:
-    """The tool of `other` less that of `rig`, in the bases of the arms, with the tool of `rig` on both.
+    """Tool of `other` less that of `rig`, in the bases of the arms, with the tool of `rig` on both.
 
-    q_deg (n, axes): postures within the limits of both, and within the joint angles of the runs behind both where these
-    are known. apart_mm (n, 3), turned_deg (n,): place and orientation. taught_mm (n,): what is left of the place with
-    frame and tool taught. u_mm (n,): the standard uncertainty of the difference, NaN where either arm has none.
-    constants: by axis, the constants that differ. doubts in words.
+    q_deg (n, axes): postures within the limits of both arms, and within the joint angles of their runs if known.
+    apart_mm (n, 3),
+    turned_deg (n,): differences of position and orientation. taught_mm (n,): remaining position difference with frame
+    and tool
+    taught. u_mm (n,): standard uncertainty of the difference, NaN if unknown for an arm. constants: differing constants
+    by axis.
+    doubts: as text.
     """
 
     names: tuple[str, str]
@@ -50,12 +56,12 @@ class ArmsApart:
 
     @property
     def distance_mm(self) -> Array:
-        """How far apart the tools are (n,) mm."""
+        """Distance between the tools (n,) mm."""
         distance: Array = np.linalg.norm(self.apart_mm, axis=1)
         return distance
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all of it in plain types, None for what is not known."""
+        """Return plain types, None for unknown values."""
         return {
             "arms": list(self.names),
             "rms_mm": rms(self.distance_mm),
@@ -87,10 +93,10 @@ class ArmsApart:
 
 
 def arms_apart(rig: Rig, second: Rig) -> ArmsApart:
-    """Return how far apart two arms of one model are. Raises FileError for arms of two models."""
+    """Return the difference between two arms of one model. Raises FileError for different models."""
 
     def mounted(robot_of: Rig) -> CalibratedArm:
-        """Return an arm in the origin, with the tool of the first: both are set up where the arm is mounted."""
+        """Return an arm at the origin, with the tool of the first: both are compared relative to their bases."""
         bare = {"base": Pose(), "tool": rig.robot.tool, "rail": None}
         robot = robot_of.robot.model_copy(update=bare)
         return CalibratedArm(robot_of.model_copy(update={"robot": robot}))
@@ -125,7 +131,7 @@ def arms_apart(rig: Rig, second: Rig) -> ArmsApart:
 
 
 def _postures(*arms: CalibratedArm) -> Array:
-    """Postures (n, axes) in degrees that two arms can take. Raises FileError where there are none."""
+    """Return postures (n, axes) in degrees possible for all arms. Raises FileError if there are none."""
     robots = [arm.rig.robot for arm in arms]
     if len({len(robot.axes) for robot in robots}) > 1:
         problem = f"its arm has {len(robots[1].axes)} axes, that of {arms[0].rig.name} has {len(robots[0].axes)}"
@@ -141,7 +147,9 @@ def _postures(*arms: CalibratedArm) -> Array:
 
 
 def _constants(*rigs: Rig) -> tuple[dict[str, float], ...]:
-    """Return by axis how much each constant of the second arm is more: zeros and angles in degrees, lengths in mm."""
+    """Return the differences of the constants by axis, second arm less first: zeros and angles in degrees, lengths
+    in mm.
+    """
     arms = [geometric_arm(model_of(rig)) for rig in rigs]
     by_axis = []
     for axis in range(arms[0].axes):

@@ -1,7 +1,7 @@
-"""The calibrated arm as a function: where its tool is at joint angles, and the angles at which it is at a pose.
+"""The calibrated arm as a function: tool pose from joint angles, and joint angles from a tool pose.
 
-Both are of the arm that stands: every effect that depends on the posture alone is in them, plays and what depends on
-time are not. The uncertainty holds these, what the calibration leaves uncertain and what it does not explain.
+Both refer to the real arm: all posture-dependent effects are included; backlash and time-dependent effects are not. The
+uncertainty includes these, the uncertainty of the calibration, and its unexplained error.
 """
 
 from __future__ import annotations
@@ -31,23 +31,29 @@ from rigs.rig import Rig
 from rigs.schema.vocabulary import DRIVEN_AXES
 
 _SEEDS = 128
-"""Postures from which an arm without a list of branches is tried, beside the one near which it is asked for. Measured:
-of 100 random postures of an FR3, an iiwa 14 and a WAM 128 reach all within the limits, 32 reach 99, 100 and 98, and 8
-reach 70, 94 and 91; 65 to 165 ms a pose."""
+"""Start postures for an arm without a list of branches, in addition to the given one. Measured: of 100 random postures
+of an
+FR3, an iiwa 14 and a WAM 128 starts reach all within the limits, 32 reach 99, 100 and 98, and 8 reach 70, 94 and 91; 65
+to
+165 ms per pose.
+"""
 _ORTHONORMAL = 1e-6
-"""How far the rows of a rotation may be from unit vectors at right angles: rounding of ten digits, and no mistake."""
+"""Permitted deviation of rotation rows from orthonormality: rounding to ten digits."""
 _ONE_FRAME = 2
 """Dimensions of a single frame (4, 4)."""
 _UNTURNED_DEG, _UNTURNED_DIGITS, _ALIKE_DIGITS = 1e-6, 6, 3
-"""Degrees below which a turn is rounding, and decimals of rad to which turns and postures are alike."""
+"""Degrees below which a rotation is rounding, and decimals of rad for equal rotations and postures."""
 
 
 @dataclass(frozen=True)
 class ArmPoses:
-    """Where the tool is. T (n, 4, 4): its poses in the world of the rig file, lengths in mm. u_mm (n,): the standard
-    uncertainty of the place, all three coordinates together, NaN where the rig file says nothing of it, and where the
-    posture is not covered (n,): a joint stands where the runs behind the model did not drive it, or the tool farther
-    from what they touched than they judged the model; None where that is unknown."""
+    """Tool poses.
+
+    T (n, 4, 4): in the world of the rig file, lengths in mm. u_mm (n,): standard uncertainty of the position, all three
+    coordinates together, NaN if unknown or not covered. covered (n,): False if a joint is outside the range of the
+    model's runs,
+    or the tool further from the sockets than validated; None if unknown.
+    """
 
     T: Array
     u_mm: Array
@@ -56,9 +62,14 @@ class ArmPoses:
 
 @dataclass(frozen=True)
 class ArmAngles:
-    """Joint angles of poses. q_deg (n, axes): NaN where there are none within the limits. reached (n,): where there
-    are. u_mm, covered: as of ArmPoses, at these angles. turned_deg (n,): by how much the tool is turned from what was
-    asked, which an arm of fewer than six axes cannot always take; 0 with six."""
+    """Joint angles of poses.
+
+    q_deg (n, axes): NaN if there are none within the limits. reached (n,): mask of solutions. u_mm, covered: as in
+    ArmPoses, at
+    these angles. turned_deg (n,): rotation from the requested orientation, unavoidable for some arms with fewer than
+    six axes; 0
+    with six.
+    """
 
     q_deg: Array
     reached: Mask
@@ -69,7 +80,7 @@ class ArmAngles:
 
 @dataclass(frozen=True)
 class CalibratedArm:
-    """The arm of a rig file with everything that was found of it, in its file and in its calibration."""
+    """Arm of a rig file with all effects found, in its file and in its calibration."""
 
     rig: Rig
 
@@ -121,7 +132,7 @@ class CalibratedArm:
 
     @cached_property
     def _model(self) -> Model:
-        """The model with all effects that depend on the posture alone, as a URDF of it has their geometry."""
+        """Return the model with all posture-dependent effects; its URDF contains their geometric part."""
         whole = model_of(self.rig)
         return replace(whole, effects=tuple(effect for effect in whole.effects if effect.compensation().use != "none"))
 
@@ -134,7 +145,9 @@ class CalibratedArm:
         return len(self.rig.robot.axes)
 
     def _u_mm(self, q: Array) -> Array:
-        """The standard uncertainty (n,) mm of the place at q (n, axes) rad; NaN where nothing was found of the arm."""
+        """Return the standard uncertainty (n,) mm of the position at q (n, axes) rad; NaN if the arm was not
+        measured.
+        """
         if self.rig.calibrated is None and not any(effect.found for effect in self.rig.effects):
             return np.full(len(q), np.nan)
         uncorrected = [effect for effect in model_of(self.rig).effects if effect.compensation().use == "none"]
@@ -143,9 +156,9 @@ class CalibratedArm:
         return where_known(self._known, q, u_mm)
 
     def _solved(self, pose: Array, near: Array) -> Array | None:
-        """The angles (axes,) rad, near others, at which the tool of an arm of six or more axes is at a pose (4, 4)."""
+        """Return the angles (axes,) rad, near others, with the tool of an arm of six or more axes at a pose (4, 4)."""
         arm = self._model.arm
-        # Postures (axes,) rad of the nominal arm from which to look for the pose, the nearest first.
+        # start postures (axes,) rad of the nominal arm, the closest first
         if self._axes == DRIVEN_AXES:
             solutions = inverse(arm, pose[None])
             branches = solutions.q[0][solutions.found[0]]
@@ -162,8 +175,10 @@ class CalibratedArm:
         return None
 
     def _solved_in_part(self, pose: Array, near: Array) -> Array | None:
-        """Those of an arm of fewer axes at the place of a pose (4, 4), the least turned; of turns that are alike those
-        near others."""
+        """Return the angles of an arm with fewer axes at the position of a pose (4, 4), with the smallest rotation;
+        among equal
+        rotations those near others.
+        """
         starts = self._starts(near)
         nominal, solved = newton_in_part(self._model.arm, np.repeat(pose[None], len(starts), axis=0), starts)
         seeds = nominal[solved][np.unique(nominal[solved].round(_ALIKE_DIGITS), axis=0, return_index=True)[1]]
@@ -175,12 +190,12 @@ class CalibratedArm:
         return np.asarray(kept[order[0]]) if len(kept) else None
 
     def _starts(self, near: Array) -> Array:
-        """Postures (n, axes) rad from which a pose is looked for: those near which it is asked for, and drawn ones."""
+        """Return start postures (n, axes) rad: the given one, and random ones."""
         low, high = self._model.arm.limits.T
         return np.vstack([near, np.random.default_rng(0).uniform(low, high, (_SEEDS, self._axes))])
 
     def _allowed(self, q: Array) -> bool:
-        """Whether joints q (axes,) rad stand within their limits, a rounding beyond them too."""
+        """Return whether joints q (axes,) rad are within their limits, including rounding."""
         limits = self._model.arm.limits
         return bool(((q >= limits[:, 0] - 1e-9) & (q <= limits[:, 1] + 1e-9)).all())
 

@@ -1,8 +1,9 @@
-"""Corrected targets: the commands with which the real arm reaches the positions that were commanded to the nominal arm.
+"""Corrected targets: commands that move the real arm to the positions commanded to the nominal arm.
 
-The real arm is the model with the effects that can be corrected. The command is moved by the error of the real arm
-until the error vanishes; effects are small, so each round leaves about a thousandth of it. The controller is assumed to
-compute with the nominal arm, so a corrected pose is the pose of the nominal arm at the corrected angles.
+The real arm is the model with the correctable effects. The command is shifted by the error of the real arm until it
+vanishes; effects are small, so each round leaves about a thousandth. The controller is assumed to use the nominal arm,
+so a
+corrected pose is the pose of the nominal arm at the corrected angles.
 """
 
 from __future__ import annotations
@@ -44,26 +45,30 @@ from rigs.schema.effect import label_of
 from rigs.schema.vocabulary import DRIVEN_AXES
 
 _ROUNDS = 20
-"""Largest number of rounds. Chosen: each reduces the error about a thousandfold, so two or three are usual."""
+"""Limit of rounds. Chosen: each reduces the error about a thousandfold, so two or three are usual."""
 _REACHED = 1e-6
-"""Error in mm, with a radian counted as 1 m, at which a target is reached: 1 nm, below any resolution."""
+"""Error in mm, with a radian counted as 1 m, of a reached target: 1 nm, below any resolution."""
 _SINGULAR = "cannot be corrected: the arm is at a singularity"
 _FEWEST_TAUGHT = 4
-"""Targets below which they teach no frame: three hold one without showing any error of it."""
+"""Minimum targets for teaching a frame: three determine one without showing its error."""
 
 
 GAIN_UM = 1.0
-"""Gain below which nothing can be corrected. Chosen: below any robot's repeatability."""
+"""Minimum gain of a correction. Chosen: below any robot's repeatability."""
 
 
 @dataclass(frozen=True)
 class WorkError:
-    """The error of the tool's place over the work of a rig or over targets, root mean square in µm, in a frame that is
-    taught with the robot there: `before_um` as it is, and `after_um` with corrected targets, which is its standard
-    uncertainty: `u_um` of the model and the rest of what no target holds. `model_um` is what of it can be corrected.
-    `base` is the same in the robot's own base, and `base_u_um` what the place of the whole arm on its base adds to the
-    uncertainty. `unknown` is the share of the postures at which no run says how well the arm is known: these figures
-    are the model's guess there.
+    """Rms position error of the tool over the work area of a rig, or over targets, in µm, in a frame taught with the
+    robot there.
+
+    `before_um`: without correction. `after_um`: with corrected targets, the standard uncertainty, including `u_um` of
+    the model
+    and the uncorrectable error. `model_um`: correctable part. `base`: the same in the robot's base. `base_u_um`:
+    contribution of
+    the arm's position on its base to the uncertainty. `unknown`: share of postures not covered by runs, for which these
+    figures
+    are estimates of the model.
     """
 
     before_um: float
@@ -76,8 +81,12 @@ class WorkError:
 
     @classmethod
     def of(cls, sizes_mm: Array, inside: Mask | None) -> WorkError:
-        """Return that of places by how far they are off (5, n) mm in the base and in a taught frame, their
-        uncertainties in both and what stays of them, and by which of all are covered."""
+        """Return the error of positions displaced by sizes_mm (5, n) mm.
+
+        Rows: displacement in the base and in a taught frame, uncertainties in both, and uncorrectable part. inside:
+        mask of covered
+        ones.
+        """
         off_mm, taught_mm, u_mm, u_frame_mm, stays_mm = sizes_mm
 
         def errors(off_mm: Array, u_mm: Array) -> tuple[float, float, float]:
@@ -89,13 +98,13 @@ class WorkError:
 
     @property
     def gains(self) -> bool:
-        """Whether corrected targets take away error, with frame and tool taught or in the base."""
+        """Whether corrected targets remove error, with frame and tool taught or in the base."""
         return max(self.before_um - self.after_um, self.base.before_um - self.base.after_um) >= GAIN_UM
 
 
 @dataclass(frozen=True)
 class InBase:
-    """The error of the tool's place in the robot's own base, µm, as in `WorkError`."""
+    """Position error of the tool in the robot's base, µm, as in `WorkError`."""
 
     before_um: float
     after_um: float
@@ -104,8 +113,7 @@ class InBase:
 
 @dataclass(frozen=True)
 class NotCorrected:
-    """A target that stays as it was: its place among the targets, from 0, and why, as a value and in words whose
-    subject is the target."""
+    """Unchanged target: index from 0, and the reason as a value and as text with the target as its subject."""
 
     place: int
     reason: Reason
@@ -114,17 +122,19 @@ class NotCorrected:
 
 @dataclass(frozen=True)
 class Corrected:
-    """The targets of a path with their corrections.
+    """Targets of a path with their corrections.
 
-    `done` (n,) is whether a target was corrected, and `left` are the others, which stay as they were. `q` (n, 6) rad
-    are the corrected angles and `T` (n, 4, 4) the poses of the nominal arm at them. `missed_mm` (n,) is the error that
-    the corrected effects caused. `left_out_mm` (n, e) is the root mean square error of each effect that is not
-    corrected, with the names left_out (e,). `u_mm` (n,) is the standard uncertainty of the position in the robot's
-    base, from that of the model and from effects that are not corrected, and `u_frame_mm` (n,) the same in a frame that
-    is taught with the robot over these targets. All of these are NaN where a target was not corrected, and both u where
-    it is not `covered` (n,), None where that is unknown: the runs do not say how well the place is known. `unknown`
-    (n,) says why, empty where it is covered, and `doubts` of all of them, in words. `error` is that of the places at
-    the targets that were corrected and are covered, None where there are none.
+    `done` (n,): mask of corrected targets; `left`: the others. `q` (n, 6) rad: corrected angles. `T` (n, 4, 4): poses
+    of the
+    nominal arm at them. `missed_mm` (n,): error caused by the corrected effects. `left_out_mm` (n, e): rms error of
+    each
+    uncorrected effect, named in left_out (e,). `u_mm` (n,): standard uncertainty of the position in the robot's base,
+    from the
+    model and from uncorrected effects; `u_frame_mm` (n,): in a frame taught with the robot over these targets. All are
+    NaN for
+    uncorrected targets, both u also if not `covered` (n,), None if unknown. `unknown` (n,): reason, empty if covered.
+    `doubts`:
+    about all targets, as text. `error`: at the corrected and covered targets, None if there are none.
     """
 
     q: Array
@@ -143,14 +153,16 @@ class Corrected:
 
 
 def corrected(rig: Rig, supported: Sequence[Support], q: Array, unsolved: Sequence[NotCorrected] = ()) -> Corrected:
-    """Return targets, given as nominal angles q (n, 6) rad, corrected for the effects that can be corrected, but for
-    those that have no angles, that stand beyond limits or at a singularity."""
+    """Return targets, given as nominal angles q (n, 6) rad, corrected for the correctable effects.
+
+    Exceptions: targets without angles, beyond limits, or at a singularity.
+    """
     angles, done, skipped = corrected_angles(rig, supported, q, unsolved)
     uncertainty = pose_uncertainty(rig, supported)
     uncorrected, arm = rest_effects(rig, supported), arm_of(rig.robot)
 
     def spread(values: Array) -> Array:
-        """Return values of the corrected targets (m, …) at their places among all (n, …), NaN elsewhere."""
+        """Return values of the corrected targets (m, …) at their indices among all (n, …), NaN elsewhere."""
         everywhere = np.full((len(q), *values.shape[1:]), np.nan)
         everywhere[done] = values
         return everywhere
@@ -193,8 +205,7 @@ def corrected(rig: Rig, supported: Sequence[Support], q: Array, unsolved: Sequen
 def corrected_angles(
     rig: Rig, supported: Sequence[Support], q: Array, unsolved: Sequence[NotCorrected] = ()
 ) -> tuple[Array, Mask, list[NotCorrected]]:
-    """Return the corrected angles (n, 6) rad alone, which of them (n,) are, and those that are not, for targets as of
-    `corrected`."""
+    """Return only the corrected angles (n, 6) rad, their mask (n,), and the uncorrected targets, as for `corrected`."""
     model = model_of(rig, used_effects(rig, supported))
     skipped = {target.place: target for target in unsolved}
     beyond = _beyond_limits(model.arm, q)
@@ -218,9 +229,13 @@ def corrected_angles(
 
 
 def reached_angles(model: Model, wanted: Array, q: Array) -> tuple[Array, Mask]:
-    """Return the angles (n, axes) rad, from q (n, axes) rad on, at which the tool of a model stands at poses `wanted`
-    (n, 4, 4), lengths in mm, and for which (n,) there are any. The nominal arm is near `wanted` at q. With fewer than
-    six axes the tool is at the place, turned as nearly as it can."""
+    """Return angles (n, axes) rad with the tool of a model at poses `wanted` (n, 4, 4), lengths in mm, and their mask
+    (n,).
+
+    Starts at q (n, axes) rad, where the nominal arm is close to `wanted`. With fewer than six axes the position is
+    reached with
+    the closest possible orientation.
+    """
     if model.arm.axes < DRIVEN_AXES:
         return newton_in_part(model.arm, wanted, q, lambda angles: tool_poses(model, angles))
     command, angles, reached_wanted = wanted.copy(), q.copy(), np.zeros(len(q), dtype=bool)
@@ -239,8 +254,10 @@ def reached_angles(model: Model, wanted: Array, q: Array) -> tuple[Array, Mask]:
 
 
 def angles_for(rig: Rig, poses: Array) -> tuple[Array, list[NotCorrected]]:
-    """Return nominal angles (n, 6) rad of target poses (n, 4, 4), the first closest to the posture of the rig's tests,
-    each other closest to the one before, and the poses out of reach or limits, whose angles are NaN."""
+    """Return nominal angles (n, 6) rad of target poses (n, 4, 4), and the unreachable ones, with NaN angles.
+
+    The first is closest to the posture of the rig's tests, each other closest to the previous one.
+    """
     arm = arm_of(rig.robot)
     solutions = inverse(arm, poses)
     tests = [test for test in (rig.tests.hemisphere, rig.tests.circle) if test]
@@ -259,7 +276,7 @@ def angles_for(rig: Rig, poses: Array) -> tuple[Array, list[NotCorrected]]:
 
 
 def _doubts(rig: Rig, uncertainty: PoseUncertainty, q: Array) -> list[str]:
-    """Return in words how many corrected targets at angles q (n, 6) rad are not covered, and why."""
+    """Return remarks on corrected targets at angles q (n, 6) rad that are not covered."""
     inside = covered(uncertainty, q)
     if inside is None or uncertainty.joints_rad is None or inside.all():
         return []
@@ -281,8 +298,10 @@ def _doubts(rig: Rig, uncertainty: PoseUncertainty, q: Array) -> list[str]:
 
 
 def _turned(rig: Rig, supported: Sequence[Support], q: Array, at: Array) -> list[str]:
-    """Return in words by how much the tool stays turned where an arm of few axes, corrected to angles `at` (n, axes)
-    rad, takes the places of q (n, axes) rad: it has no axis for the rest."""
+    """Return remarks on the remaining rotation of an arm with few axes, corrected to angles `at` (n, axes) rad for the
+    positions of
+    q (n, axes) rad.
+    """
     if (axes := len(rig.robot.axes)) >= DRIVEN_AXES or not len(q):
         return []
     really = tool_poses(model_of(rig, used_effects(rig, supported)), at)

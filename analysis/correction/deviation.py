@@ -1,4 +1,6 @@
-"""How far a robot is from its commanded path, before and after a correction: what sessions keep and pages show."""
+"""Deviation of a robot from its commanded path, before and after a correction, stored by sessions and shown on
+pages.
+"""
 
 from __future__ import annotations
 
@@ -10,14 +12,17 @@ from pydantic import Field
 from rigs.schema.part import Part
 
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-"""A length in µm, or seconds."""
+"""Length in µm, or seconds."""
 Count = Annotated[int, Field(ge=0)]
-"""How many runs."""
+"""Number of runs."""
 
 
 class Deviation(Part):
-    """How far the tool drove from where the program sends it, in µm of the readings with set-ups fitted: root mean
-    square and at most, in so many runs. u_um: standard uncertainty of the root mean square."""
+    """Deviation of the tool from the program, in µm of the readings with fitted set-ups: rms and maximum over a number
+    of runs.
+
+    u_um: standard uncertainty of the rms.
+    """
 
     um: NotNegative
     largest_um: NotNegative
@@ -26,24 +31,26 @@ class Deviation(Part):
 
 
 class Expected(Part):
-    """What a correction is expected to leave, µm rms, with its standard uncertainty by the model, None where its runs
-    do not say how well it is known."""
+    """Expected remaining error of a correction, µm rms, with its standard uncertainty by the model, None if unknown."""
 
     um: float
     u_um: float | None
 
     @property
     def text(self) -> str:
-        """`1.9 ± 7.7 µm rms`, or why there is no ±."""
+        """Return `1.9 ± 7.7 µm rms`, or the reason for a missing ±."""
         if self.u_um is None:
             return f"{self.um:.1f} µm rms, without u: the runs behind the model do not say how well it holds there"
         return f"{self.um:.1f} ± {self.u_um:.1f} µm rms"
 
 
 class Work(Part):
-    """The error of the tool's place over the work of the rig file, µm rms, without and with the correction; u_um: the
-    standard uncertainty of the model there, a part of after_um; unknown: the share of the work at which no run says how
-    well the arm is known, so that both are the model's guess there."""
+    """Position error of the tool over the work area of the rig file, µm rms, without and with the correction.
+
+    u_um: standard uncertainty of the model there, part of after_um. unknown: share of the work area not covered by
+    runs, for
+    which both are estimates of the model.
+    """
 
     before_um: float
     after_um: float
@@ -53,8 +60,7 @@ class Work(Part):
 
 @dataclass(frozen=True)
 class Side:
-    """The error on the same circle or at the other place: before and after, None where nothing was driven afterwards,
-    and what was expected."""
+    """Error on the same circle or at a second place: before and after, None without later runs, and the expectation."""
 
     place: Literal["same", "elsewhere"]
     before: Deviation

@@ -1,5 +1,5 @@
-"""What of a rig's model the arm that other programs read carries: its geometry, and for a simulator what model and runs
-say of each joint beyond it: play, compliance, friction.
+"""Parts of a rig's model in exported arms: geometry, and for simulators the backlash, compliance and friction of
+each joint.
 """
 
 from __future__ import annotations
@@ -22,17 +22,18 @@ from rigs.schema.effect import AT_AXIS, is_play, size_field
 from rigs.schema.scene import Stage
 
 _MOST_LISTED = 4
-"""Effects that one line lists; of more it gives the number."""
+"""Limit of effects listed in a line; of more the number is given."""
 _OPTION = "--nm-per-a"
 _SPRING = "deg_per_Nm"
-"""The size of an effect that turns a joint in proportion to its torque, as a spring does."""
+"""Size parameter of effects that turn a joint in proportion to its torque, like a spring."""
 
 
 def joint_traits(rig: Rig, friction_nm: Mapping[int, float] | None = None) -> JointTraits:
-    """Return the plays that are known well enough and the compliances of a rig's model, named and calibrated.
+    """Return the well-known backlash and the compliance of a rig's model, named and calibrated.
 
-    friction_nm: Coulomb friction of joints in Nm, by axis from 1. Terms of one axis add up; a sum that is not above
-    zero is no compliance of a joint and is left out.
+    friction_nm: Coulomb friction of joints in Nm, by axis from 1. Terms of one axis add up; a sum that is not positive
+    is not a
+    compliance and is left out.
     """
     play_deg, soft = defaultdict[int, float](float), defaultdict[int, float](float)
     for effect in known_plays(rig):
@@ -47,8 +48,10 @@ def joint_traits(rig: Rig, friction_nm: Mapping[int, float] | None = None) -> Jo
 
 
 def friction_nm(friction: Mapping[int, Friction], nm_per_a: Sequence[float]) -> dict[int, float]:
-    """Return the friction of joints in Nm, by axis from 1, from the current that it takes and the torque for each
-    ampere. Raises UseError where an axis has no constant."""
+    """Return joint friction in Nm, by axis from 1, from its current and the torque constant.
+
+    Raises UseError for an axis without a constant.
+    """
     if friction and max(friction) > len(nm_per_a):
         problem = f"has {len(nm_per_a)} numbers, and the run shows the friction of axis {max(friction)}"
         raise UseError(_OPTION, problem, "give one number for each axis, from the maker's data sheet")
@@ -56,7 +59,7 @@ def friction_nm(friction: Mapping[int, Friction], nm_per_a: Sequence[float]) -> 
 
 
 def torques_of(text: str) -> tuple[float, ...]:
-    """Return the torque of each axis for one ampere, in Nm, from a list with commas. Raises UseError."""
+    """Parse the torque of each axis per ampere, in Nm, from a comma-separated list. Raises UseError."""
     try:
         values = tuple(float(part) for part in text.split(","))
     except ValueError:
@@ -71,13 +74,15 @@ def _axis(effect: Effect) -> int:
 
 
 _OF_THE_ARM: tuple[Stage, ...] = ("arm", "joint", "tool")
-"""The stages whose effects move the tool; the others are of clocks, the ball and the gauges."""
+"""Stages with an influence on the tool; the others concern clocks, ball and gauges."""
 
 
 @dataclass(frozen=True)
 class GeometricShare:
-    """What effects move the tool by over the work, root mean square in µm: all of them, and what is left when the arm
-    has the constants. left_out: the effects that no constants carry."""
+    """Rms tool displacement over the work area, in µm: of all effects, and remaining with the arm's constants.
+    left_out: effects
+    not represented by constants.
+    """
 
     all_um: float
     left_um: float
@@ -85,7 +90,7 @@ class GeometricShare:
 
     @property
     def words(self) -> str:
-        """What a file of the geometry has of the model, as a sentence."""
+        """Describe the content of a geometry file."""
         if self.all_um == 0:
             return "The rig file has no effect that moves the tool: this is the arm as its constants say."
         moved = f"in the robot's base its effects move the tool by {self.all_um:.1f} µm rms over the work"
@@ -98,7 +103,7 @@ class GeometricShare:
 
 
 def geometric_share(model: Model) -> GeometricShare:
-    """Return how much of a model's displacement of the tool the constants of an arm do not carry."""
+    """Return the share of a model's tool displacement not represented by arm constants."""
     whole = replace(model, effects=tuple(effect for effect in model.effects if effect.STAGE in _OF_THE_ARM))
     q = work_angles(model.rig)
     return GeometricShare(
@@ -109,10 +114,9 @@ def geometric_share(model: Model) -> GeometricShare:
 
 
 def simulated_arm(rig: Rig, arm: Arm, where: str, carried: str, friction: Mapping[int, float]) -> tuple[str, str]:
-    """Return an arm as a model of MuJoCo with what the model of its rig says of the joints, and what it holds of that
-    model, as sentences, `carried` the first.
+    """Return an arm as a MuJoCo model including the joint properties, and its content as sentences, `carried` first.
 
-    where: the rig file, for errors. friction: of the joints in Nm, by axis from 1. Raises as `mjcf_text` does.
+    where: rig file, for errors. friction: of the joints in Nm, by axis from 1. Raises like `mjcf_text`.
     """
     traits = joint_traits(rig, friction)
     parts = [

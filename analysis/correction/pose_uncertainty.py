@@ -1,10 +1,11 @@
-"""How well the tool's pose is known: what a correction needs of any model's own uncertainty.
+"""Uncertainty of the tool pose, as required by corrections from any model.
 
-A correction asks for displacements of the tool at joint angles, each one standard uncertainty, and where the runs say
-that these hold. Elsewhere it is unknown how well the tool's place is known, and no figure is given.
+A correction needs tool displacements at joint angles, each of one standard uncertainty, and the range in which the runs
+support them. Elsewhere the uncertainty is unknown, and no figure is given.
 
-A term turns a joint, changes a constant or moves the tool, and the pose changes by its derivative times what is not
-known of the term. Derivatives by joints are taken once, because most of a thousand terms turn one.
+A term turns a joint, changes a constant or moves the tool, and the pose changes by its derivative times the uncertainty
+of
+the term. Derivatives by joints are computed once, because most of a thousand terms turn a joint.
 """
 
 from __future__ import annotations
@@ -30,17 +31,16 @@ from rigs.rig import Rig
 from rigs.schema.effect import healthy_size, label_of, size_field
 
 _STEP_DEG = 1e-3
-"""Step of the derivatives by a joint angle: the tool of an arm of one metre moves by 17 µm, over which it is straight.
-"""
+"""Step of the derivatives by a joint angle: the tool of a one-metre arm moves by 17 µm, within the linear range."""
 _SMALL = 1e-3
-"""Share of a healthy size, or part of a shape, by which a parameter is varied."""
+"""Variation of a parameter: share of a healthy size, or of a shape."""
 _ROWS = 128
-"""Postures of which the displacements are computed at a time: 1500 terms at each take 10 MB."""
+"""Postures per block: 1500 terms at each need 10 MB."""
 
 
 @dataclass(frozen=True)
 class CalibratedUncertainty:
-    """The uncertainty of a rig from the covariance of its calibrated model and, independent of it, of other effects."""
+    """Uncertainty of a rig from the covariance of its calibrated model and, independently, of other effects."""
 
     rig: Rig
     calibrated: CalibratedModel
@@ -48,7 +48,7 @@ class CalibratedUncertainty:
 
     @cached_property
     def _kept(self) -> list[int]:
-        """The parameters of terms that move the tool by the posture alone."""
+        """Return the parameters of posture-dependent terms that move the tool."""
         terms = self.calibrated.terms
         return [
             k
@@ -58,15 +58,16 @@ class CalibratedUncertainty:
 
     @cached_property
     def _root(self) -> Array:
-        """A root (p, r) of the covariance of the kept parameters."""
+        """Return a root (p, r) of the covariance of the kept parameters."""
         rows = self.calibrated.root[self._kept]
         values, vectors = np.linalg.eigh(rows @ rows.T)
         root: Array = vectors * np.sqrt(np.maximum(values, 0.0))
         return root
 
     def pose_displacements(self, q: Array) -> Array:
-        """Return independent displacements (k, n, 6) of the tool, mm and rad, each one standard uncertainty, at joint
-        angles q (n, 6) rad."""
+        """Return independent tool displacements (k, n, 6), mm and rad, of one standard uncertainty each, at joint
+        angles q (n, 6) rad.
+        """
         model = model_of(self.rig)
         base = tool_poses(model, q)
         by_joint = np.stack([
@@ -77,7 +78,7 @@ class CalibratedUncertainty:
         scene = driven(replace(model, effects=()), path)
 
         def change(effect: Effect) -> Array:
-            """Return what an effect does to the tool (n, 6)."""
+            """Return the influence of an effect on the tool (n, 6), mm and rad."""
             if effect.STAGE == "joint":
                 turns = apply([effect], "joint", scene).link_q - scene.link_q
                 moved: Array = np.einsum("na,ani->ni", turns[:, : len(by_joint)], by_joint)
@@ -106,21 +107,24 @@ class CalibratedUncertainty:
 
     @property
     def unexplained_mm(self) -> float:
-        """What the model does not explain of the tool's place where a diagnosis judged it, root mean square: as much in
-        each of three coordinates. It differs from place to place, so that no frame that is taught takes it away."""
+        """Unexplained rms position error where a diagnosis validated the model: equal in three coordinates, and varying
+        between
+        places, so that a taught frame cannot remove it.
+        """
         judged = self.calibrated.judged
         return 0.0 if judged is None else np.sqrt(3.0) * judged.unexplained_um / 1e3
 
     @property
     def joints_rad(self) -> Array:
-        """The lowest and highest angle of each joint (6, 2) rad in the runs behind the model, then of a rail in m."""
+        """Range of each joint (6, 2) rad in the model's runs, followed by that of a rail in m."""
         joints, rail = np.radians(np.array(self.calibrated.joints_deg)), self.calibrated.rail_mm
         return joints if rail is None else np.vstack([joints, np.array(rail) / RAIL_MM])
 
     def is_within_reach(self, q: Array) -> Mask:
-        """Return whether the ball (n,) is no farther from a socket touched than placements were that judged the model,
-        at joint angles q (n, 6) rad; everywhere where an instrument saw it, and nowhere of a model that corrects
-        nothing."""
+        """Return a mask (n,) of balls no further from touched sockets than validated, at joint angles q (n, 6) rad.
+
+        True for measurements by an instrument, false for a model that must not be used for correction.
+        """
         reach_mm, judged = self.calibrated.reach_mm, verdict_of(self.calibrated) == "correct"
         if reach_mm is None or not judged:
             return np.full(len(q), judged)
@@ -135,44 +139,46 @@ def _with(model: Model, effect: Effect) -> Model:
 
 
 def named_in(calibrated: CalibratedModel) -> Sequence[Effect]:
-    """Return the effects of a rig file of which the calibration has the covariance."""
+    """Return the effects of a rig file covered by the calibration's covariance."""
     return [term.effect for term in calibrated.terms if term.named]
 
 
 _TAUGHT = 200
-"""Postures at most by which a frame is taught. Chosen: six numbers do not become surer by more of them."""
+"""Limit of postures for teaching a frame. Chosen: six parameters do not improve with more."""
 
 
 class PoseUncertainty(Protocol):
-    """What a model knows of its own uncertainty."""
+    """Uncertainty of a model."""
 
     def pose_displacements(self, q: Array) -> Array:
-        """Return independent displacements (k, n, 6) of the tool, mm and rad, each one standard uncertainty, at joint
-        angles q (n, 6) rad: the sum of their squares is the covariance."""
+        """Return independent tool displacements (k, n, 6), mm and rad, of one standard uncertainty each, at joint
+        angles q (n, 6) rad:
+        their sum of squares is the covariance.
+        """
 
     def is_within_reach(self, q: Array) -> Mask:
-        """Return whether the model was judged as far from what the runs measured as the tool is (n,) at joint angles q
-        (n, 6) rad."""
+        """Return a mask (n,) of tool positions within the validated distance from the measured ones, at joint angles
+        q (n, 6) rad.
+        """
 
     @property
     def joints_rad(self) -> Array | None:
-        """The lowest and highest angle of each joint (6, 2) rad in the runs behind the model, None where unknown."""
+        """Range of each joint (6, 2) rad in the model's runs, None if unknown."""
 
     @property
     def unexplained_mm(self) -> float:
-        """What the model does not explain of the tool's place where it was judged, root mean square, beside what its
-        covariance knows; 0 where nothing judged it."""
+        """Unexplained rms position error beyond the covariance, from the validation; 0 without one."""
 
 
 @dataclass(frozen=True)
 class EffectsUncertainty:
-    """The uncertainty of a rig from that of the effects in its rig file, with their correlations."""
+    """Uncertainty of a rig from that of the effects in its rig file, with correlations."""
 
     rig: Rig
     supported: tuple[Support, ...]
 
     def pose_displacements(self, q: Array) -> Array:
-        """Return displacements (k, n, 6) mm and rad at joint angles q (n, 6) rad, made independent."""
+        """Return independent displacements (k, n, 6) mm and rad at joint angles q (n, 6) rad."""
         model = model_of(self.rig, used_effects(self.rig, self.supported))
         base = tool_poses(model, q)
         names, moves, supported = [], [], {id(support.effect) for support in self.supported}
@@ -192,22 +198,22 @@ class EffectsUncertainty:
             for k, (earlier, _) in enumerate(names[:j]):
                 correlations[j, k] = correlations[k, j] = correlation.get(earlier, 0.0)
         values, vectors = np.linalg.eigh(correlations)
-        # Rounded correlations may make a combination a little less certain than nothing.
+        # Rounded correlations may give a slightly negative variance.
         independent: Array = np.tensordot((vectors * np.sqrt(np.maximum(values, 0.0))).T, np.array(moves), axes=1)
         return independent
 
     @property
     def unexplained_mm(self) -> float:
-        """None: nothing judged the effects together."""
+        """Always None: the effects were not validated together."""
         return 0.0
 
     def is_within_reach(self, q: Array) -> Mask:
-        """Return that each posture (n,) of q (n, 6) rad is: of effects their joint angles alone are known."""
+        """Return True for each posture (n,) of q (n, 6) rad: only joint ranges of effects are known."""
         return np.ones(len(q), dtype=bool)
 
     @property
     def joints_rad(self) -> Array | None:
-        """The joint angles (6, 2) rad that the runs of all effects have in common, None where no effect has any."""
+        """Joint ranges (6, 2) rad common to the runs of all effects, None if no effect has any."""
         effects = used_effects(self.rig, self.supported)
         ranges_deg = [effect.found.joints_deg for effect in effects if effect.found and effect.found.joints_deg]
         if not ranges_deg:
@@ -218,8 +224,9 @@ class EffectsUncertainty:
 
 
 def pose_uncertainty(rig: Rig, supported: Sequence[Support]) -> PoseUncertainty:
-    """Return what is known of the uncertainty of a rig's model: that of its calibration, and of the effects of its file
-    that the calibration does not hold."""
+    """Return the uncertainty of a rig's model: of its calibration, and of effects of its file outside the
+    calibration.
+    """
     if rig.calibrated is None:
         return EffectsUncertainty(rig, tuple(supported))
     held_labels = {label_of(effect) for effect in named_in(rig.calibrated)}
@@ -228,8 +235,10 @@ def pose_uncertainty(rig: Rig, supported: Sequence[Support]) -> PoseUncertainty:
 
 
 def position_u_mm(uncertainty: PoseUncertainty, q: Array) -> Array:
-    """Return the standard uncertainty (n,) mm of the tool's place at joint angles q (n, 6) rad: the root of the trace
-    of its covariance, and what the model does not explain."""
+    """Return the standard uncertainty (n,) mm of the tool position at joint angles q (n, 6) rad.
+
+    Root of the trace of its covariance, plus the unexplained error.
+    """
     parts = [uncertainty.pose_displacements(q[k : k + _ROWS])[:, :, :3] for k in range(0, len(q), _ROWS)]
     squares = [np.zeros(0), *((moves**2).sum(axis=(0, 2)) for moves in parts)]
     u_mm: Array = np.sqrt(np.concatenate(squares) + uncertainty.unexplained_mm**2)
@@ -237,9 +246,10 @@ def position_u_mm(uncertainty: PoseUncertainty, q: Array) -> Array:
 
 
 def places_u_mm(rig: Rig, uncertainty: PoseUncertainty, q: Array, taught: Array) -> tuple[Array, Array]:
-    """Return the standard uncertainty (n,) mm of the tool's place at joint angles q (n, 6) rad in the robot's base, and
-    with frame and tool taught with the robot at joint angles `taught` (m, 6) rad, both with what the model does not
-    explain."""
+    """Return the standard uncertainty (n,) mm of the tool position at joint angles q (n, 6) rad in the robot's base,
+    and with frame
+    and tool taught at joint angles `taught` (m, 6) rad, both including the unexplained error.
+    """
     taught = taught[:: -(-len(taught) // _TAUGHT)]
     frame = TaughtFrame(tool_poses(model_of(rig, ()), taught))
     moves = uncertainty.pose_displacements(np.concatenate([taught, q[:_ROWS]]))[:, :, :3]
@@ -256,15 +266,17 @@ def places_u_mm(rig: Rig, uncertainty: PoseUncertainty, q: Array, taught: Array)
 
 
 def frame_u_mm(rig: Rig, uncertainty: PoseUncertainty, q: Array, taught: Array) -> Array:
-    """Return u (n,) mm of places as a frame that is taught at joint angles (k, 6) sees them: the second of
-    `places_u_mm`."""
+    """Return u (n,) mm of positions relative to a frame taught at joint angles (k, 6) rad: the second of
+    `places_u_mm`.
+    """
     return places_u_mm(rig, uncertainty, q, taught)[1]
 
 
 def covered(uncertainty: PoseUncertainty, q: Array) -> Mask | None:
-    """Return whether the runs say how well the tool's place is known (n,) at joint angles q (n, 6) rad: all joints
-    stand where they drove them, within a small margin, and the tool is no farther from what they measured than they
-    judged the model; None where the runs' angles are unknown."""
+    """Return a mask (n,) of known uncertainties at joint angles q (n, 6) rad; None if the runs' angles are unknown.
+
+    All joints must be within the range of the runs, with a small margin, and the tool within the validated distance.
+    """
     joints = uncertainty.joints_rad
     if joints is None:
         return None
@@ -274,8 +286,10 @@ def covered(uncertainty: PoseUncertainty, q: Array) -> Mask | None:
 
 
 def why_unknown(rig: Rig, uncertainty: PoseUncertainty, q: Array) -> list[str]:
-    """Return in words why no run says how well the tool's place is known at joint angles q (n, axes) rad: the joints
-    beyond those of the runs, with both; empty where one says it."""
+    """Return reasons for unknown uncertainties at joint angles q (n, axes) rad: joints beyond the runs, with both
+    ranges; empty if
+    known.
+    """
     inside, joints = covered(uncertainty, q), uncertainty.joints_rad
     if inside is None or joints is None:
         return [""] * len(q)
@@ -291,7 +305,9 @@ def why_unknown(rig: Rig, uncertainty: PoseUncertainty, q: Array) -> list[str]:
 
 
 def where_known(uncertainty: PoseUncertainty, q: Array, u_mm: Array) -> Array:
-    """Return standard uncertainties (n,) mm at joint angles q (n, 6) rad, NaN where the runs do not say how well: of a
-    placement in postures that no run has, real arms were missed by two to four times u (docs/evidence/world.md)."""
+    """Return standard uncertainties (n,) mm at joint angles q (n, 6) rad, NaN if not supported by the runs.
+
+    At a placement with postures outside the runs, real arms were missed by two to four u (docs/evidence/world.md).
+    """
     inside = covered(uncertainty, q)
     return u_mm if inside is None else np.where(inside, u_mm, np.nan)

@@ -1,13 +1,11 @@
-"""Which effects of a rig file can be corrected, the reason for each that cannot, and corrected joint zeros and link
-constants.
+"""Correctable effects of a rig file, reasons for the others, and corrected joint zeros and link constants.
 
-A target can compensate what depends on the posture alone. No target can compensate what depends on the direction from
-which a joint came, on time, or on the instruments. An effect that is not significantly different from zero is not
-corrected. Several effects on one constant (a second diagnosis adds to the first) are summed, and their uncertainties
-are added in quadrature.
+A target can compensate posture-dependent effects, but not effects of direction, time or instruments. An effect not
+significantly different from zero is not corrected. Several effects on one constant (a second diagnosis adds to the
+first)
+are summed, with uncertainties added in quadrature.
 
-Where the diagnosis says *correct nothing* (`rigs.calibration.verdict_of`), a correction is refused, or written and
-marked.
+If the diagnosis says *correct nothing* (`rigs.calibration.verdict_of`), a correction is refused, or written and marked.
 """
 
 from __future__ import annotations
@@ -34,8 +32,10 @@ _HOW: dict[Use, str] = {
 
 @dataclass(frozen=True)
 class Support:
-    """The use of an effect for a correction: `value` and `u` are its size and standard uncertainty in its own unit,
-    with u NaN where it is unknown; `reason` explains the use in words."""
+    """Use of an effect for a correction: `value` and `u`, size and standard uncertainty in its own unit, u NaN if
+    unknown; `reason`:
+    explanation.
+    """
 
     effect: Effect
     value: float
@@ -45,7 +45,7 @@ class Support:
 
 
 def supports(rig: Rig) -> list[Support]:
-    """Return every effect of a rig file with its use, in the order of the file."""
+    """Return every effect of a rig file with its use, in file order."""
     unknown = float("nan")
     return [
         _support(effect, effect.found.sd.get(size_field(effect), unknown) if effect.found else unknown)
@@ -54,8 +54,9 @@ def supports(rig: Rig) -> list[Support]:
 
 
 def supports_beside(rig: Rig) -> list[Support]:
-    """Return every effect that the diagnosis named and only the calibration beside the rig file holds, with its use:
-    what is sure, and no larger than usual."""
+    """Return every effect named by the diagnosis but only part of the calibration, with its use: certain, and not
+    larger than usual.
+    """
     if rig.calibrated is None:
         return []
     terms = [(rig.calibrated.terms[parameter.term], parameter.field) for parameter in rig.calibrated.parameters]
@@ -87,15 +88,16 @@ def _support(effect: Effect, u: float, *, from_calibration: bool = False) -> Sup
 
 
 CERTAIN_U = 2.0
-"""So many standard uncertainties are certain: a gain that is smaller is not shown, and its act may as well do harm."""
+"""Number of standard uncertainties that counts as certain: a smaller gain is not shown, and the action may do harm."""
 CONSTANTS = ("a_mm", "alpha_deg", "beta_deg", "d_mm", "offset_deg")
 """Columns of a table of constants, named as in the rig file."""
 
 
 @dataclass(frozen=True)
 class Correction:
-    """One number to change: the axis from 1, the key as in the rig file, in mm or degrees, and the change `delta` with
-    its standard uncertainty `u`."""
+    """Number to change: axis from 1, key as in the rig file, in mm or degrees, and the change `delta` with its standard
+    uncertainty `u`.
+    """
 
     axis: int
     key: str
@@ -105,22 +107,22 @@ class Correction:
 
     @property
     def corrected(self) -> float:
-        """The corrected value."""
+        """Corrected value."""
         return self.nominal + self.delta
 
 
 def joint_zeros(rig: Rig, supported: Sequence[Support]) -> list[Correction]:
-    """Return the changes of the controller's angle of each joint at an unchanged posture, which is its mastering."""
+    """Return the changes of the controller's joint angles at an unchanged posture, for mastering."""
     return _summed(supported, "joint zero", {axis: {"q_deg": 0.0} for axis in range(1, len(rig.robot.axes) + 1)})
 
 
 def link_constants(rig: Rig, supported: Sequence[Support]) -> list[Correction]:
-    """Return the changes of the arm's constants from those in the rig file."""
+    """Return the changes of the arm's constants relative to the rig file."""
     return _summed(supported, "link constant", {k: axis.model_dump() for k, axis in enumerate(rig.robot.axes, start=1)})
 
 
 def corrected_table(rig: Rig, corrections: Sequence[Correction]) -> list[dict[str, float | int | str]]:
-    """Return the table of constants, a row for each axis, with the corrections included; joint zeros are not."""
+    """Return the table of constants, a row per axis, including corrections except joint zeros."""
     changed = {(correction.axis, correction.key): correction.corrected for correction in corrections}
     rows: list[dict[str, float | int | str]] = []
     for k, axis in enumerate(rig.robot.axes, start=1):
@@ -143,11 +145,11 @@ def _summed(supported: Sequence[Support], use: Use, nominal: dict[int, dict[str,
 
 
 ANYWAY = "written although rig says: correct nothing by this model"
-"""What every file says that was written against the verdict."""
+"""Mark in every file written against the verdict."""
 
 
 def why_nothing(rig: Rig) -> str:
-    """Return why a rig's model corrects nothing, as a sentence; empty where it may correct."""
+    """Return the reason why a rig's model must not be used for correction, as a sentence; empty if it may."""
     if rig.calibrated is None or verdict_of(rig.calibrated) == "correct":
         return ""
     judged = rig.calibrated.judged
@@ -163,7 +165,7 @@ def why_nothing(rig: Rig) -> str:
 
 
 def hold_verdict(rig: Rig, rig_file: str, *, anyway: bool) -> None:
-    """Raise FileError where a rig's model corrects nothing, unless it is to be written `anyway`."""
+    """Raise FileError if a rig's model must not be used for correction, unless `anyway`."""
     if (why := why_nothing(rig)) and not anyway:
         remedy = (
             f"see what to measure next with rig plan {as_argument(rig_file)}; --anyway writes it, and the files say so"

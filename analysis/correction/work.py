@@ -1,14 +1,17 @@
-"""The work of a rig: the postures of its tests, at which the worth of a correction is computed.
+"""Work area of a rig: the postures of its tests, at which the benefit of a correction is computed.
 
-What a correction leaves out is computed at each target, which is approached from either side, and early and late in a
-shift, because the program's approach is unknown. The root mean square error of an effect over these is its share of the
-uncertainty of the position: half the play of a joint, the rest of a spike on arrival, growth by warming.
+The error left by a correction is computed at each target, approached from both sides, and early and late in a shift,
+because the program's approach is unknown. The rms error of an effect over these approaches is its contribution to the
+uncertainty of the position: half the backlash of a joint, the remainder of a spike on arrival, thermal growth.
 
 Frame and tool are taught with the robot itself: a rigid motion of the whole arm and a shift of the tool on the flange
-do not show. A tracker or a ball cannot show where an arm stands on its base, nor where its target sits on the last
-link: the zero of joint 1, the height of the shoulder and the length of the last link show in no run, and neither in
-work whose frame and tool centre were taught with the same arm. So an error over the work is stated after these nine
-terms were taken out, by least squares over the places of the tool, as set-ups are fitted everywhere else.
+are
+invisible. A tracker or a ball cannot show the position of an arm on its base, nor of the target on the last link: the
+zero
+of joint 1, the height of the shoulder and the length of the last link are visible in no run, nor in work with a frame
+and a
+tool centre taught with the same arm. So errors over the work area are stated after removing these nine terms, by least
+squares over the tool positions, as set-ups are fitted elsewhere.
 """
 
 from __future__ import annotations
@@ -32,22 +35,26 @@ from rigs.errors import FileError
 from rigs.rig import Rig
 
 _FEWEST, _SPREAD = 12, 60
-"""Postures below which the work is too little to judge a correction by, and those that are taken then instead. Chosen:
-some 24 constants need several times as many numbers."""
+"""Number of postures below which the work area is too small for judging a correction, and the number used instead.
+Chosen:
+about 24 constants need several times as many numbers.
+"""
 _AROUND_RAD = np.radians(30.0)
-"""How far to either side of the work they are, where the runs' joint angles are unknown. Chosen: a usual reach."""
+"""Range around the work area if the runs' joint angles are unknown. Chosen: a usual range."""
 _STEP_RAD = np.radians(15.0)
-"""Between postures on the circle. Chosen: the orders of a circle that zeros and link constants cause are below 4."""
+"""Spacing of postures on the circle. Chosen: zeros and link constants cause orders below 4 on a circle."""
 
 
 def work_angles(rig: Rig) -> Array:
-    """Return the joint angles (n, 6) rad of the rig's circle and of its hemisphere, each as far as the arm can drive
-    it, or the middle of the limits where it can drive neither."""
+    """Return the joint angles (n, 6) rad of the rig's circle and hemisphere, as far as reachable, or the middle of the
+    limits if
+    neither is.
+    """
     angles = []
     arm, circle, hemisphere = arm_of(rig.robot), rig.tests.circle, rig.tests.hemisphere
     if circle:
         phi = np.arange(0.0, 2 * np.pi, _STEP_RAD)
-        with suppress(FileError):  # `rig check` reports it
+        with suppress(FileError):  # reported by `rig check`
             angles.append(drive(arm, frame_of(circle), phi, np.radians(circle.posture_deg), rig.name))
     if hemisphere:
         with suppress(FileError):
@@ -57,14 +64,15 @@ def work_angles(rig: Rig) -> Array:
 
 
 def posture_limits(rig: Rig) -> Array:
-    """Return the limits (6, 2) rad of the joints, and then those in m of the rail that carries them."""
+    """Return the limits (6, 2) rad of the joints, followed by those of the rail in m."""
     limits, rail = arm_of(rig.robot).limits, rig.robot.rail
     return limits if rail is None else np.vstack([limits, np.array(rail.limits_mm) / RAIL_MM])
 
 
 def spread_angles(rig: Rig, joints_rad: Array | None) -> Array:
-    """Return postures (n, 6) rad spread over the joint angles (6, 2) rad of the runs, or else over those around the
-    work."""
+    """Return postures (n, 6) rad spread over the joint angles (6, 2) rad of the runs, or otherwise around the work
+    area.
+    """
     work, limits = work_angles(rig), posture_limits(rig)
     low, high = work.min(axis=0), work.max(axis=0)
     if joints_rad is not None:
@@ -77,34 +85,36 @@ def spread_angles(rig: Rig, joints_rad: Array | None) -> Array:
 
 
 def work_or_spread(rig: Rig, joints_rad: Array | None) -> Array:
-    """Return the joint angles (n, 6) rad of the work, or where these are too few those spread over the joint angles (6,
-    2) rad of the runs."""
+    """Return the joint angles (n, 6) rad of the work area, or if too few, those spread over the joint angles (6, 2)
+    rad of the runs.
+    """
     work = work_angles(rig)
     return work if len(work) >= _FEWEST else spread_angles(rig, joints_rad)
 
 
 def tool_poses(model: Model, q: Array) -> Array:
-    """Return the poses (n, 4, 4) of the real arm's tool at commanded angles q (n, 6) rad, for effects that do not
-    depend on history. It stands at each, so that it does not matter by which clock."""
+    """Return tool poses (n, 4, 4) of the real arm at commanded angles q (n, 6) rad, for effects independent of history.
+
+    The arm stands at each, so the choice of the clock does not matter.
+    """
     return moved(model, Path(Motion(np.arange(len(q), dtype=float), q), np.arange(len(q)), stands=True)).T
 
 
 def tool_places(rig: Rig, effects: Sequence[Effect], q: Array) -> Array:
-    """Return where (n, 3) mm the tool stands with effects that do not depend on history at joint angles q (n, 6)
-    rad."""
+    """Return tool positions (n, 3) mm with effects independent of history at joint angles q (n, 6) rad."""
     return tool_poses(model_of(rig, effects), q)[:, :3, 3]
 
 
 def used_effects(rig: Rig, supported: Sequence[Support]) -> tuple[Effect, ...]:
-    """Return what a correction corrects of the whole model: all that depends on the posture alone, but for effects that
-    the rig file names without sufficient certainty."""
+    """Return the effects corrected by a correction: all posture-dependent ones, except uncertain ones of the rig
+    file.
+    """
     unsure = _unsure(supported)
     return tuple(effect for effect in model_of(rig).effects if not _stays(effect, unsure))
 
 
 def rest_effects(rig: Rig, supported: Sequence[Support]) -> tuple[Effect, ...]:
-    """Return what a correction leaves of the whole model where the robot stands: clocks and late servos show in motion
-    alone."""
+    """Return the effects left by a correction at a standing robot: clocks and servo lag matter in motion only."""
     unsure, stays = _unsure(supported), list[Effect]()
     for effect in filter(lambda effect: _stays(effect, unsure), model_of(rig).effects):
         portions = tuple(portion for portion in getattr(effect, "portions", ()) if portion.of.part != "clocks")
@@ -116,8 +126,7 @@ def rest_effects(rig: Rig, supported: Sequence[Support]) -> tuple[Effect, ...]:
 
 
 def _unsure(supported: Sequence[Support]) -> set[int]:
-    """Return the identities of the rig file's own effects that are not corrected; equal effects may stand there
-    twice."""
+    """Return the identities of uncorrected effects in the rig file; equal effects may occur twice."""
     return {id(support.effect) for support in supported if support.use == "none"}
 
 
@@ -131,19 +140,19 @@ def rms_um(distance_mm: Array) -> float:
 
 
 _SWING_RAD = np.radians(2.0)
-"""Distance over which every joint approaches from the side. Chosen: wider than any play."""
+"""Distance over which every joint approaches from its side. Chosen: wider than any backlash."""
 _SWING_S, _STEPS = 0.1, 20
-"""Time from the reversal of a joint to the target, at some 20 degrees per second, and the number of samples in it.
-Chosen: a usual speed."""
+"""Time from the reversal of a joint to the target, at about 20 degrees per second, and number of samples. Chosen: a
+usual speed.
+"""
 _REST_S = 1.0
 """Rest before the next target in seconds. Chosen: longer than the decay of a reversal spike."""
 _LATE_S = 1e6
-"""Time of a late approach, beyond the time constants of all warming."""
+"""Time of a late approach, beyond all thermal time constants."""
 
 
 def left_out_mm(rig: Rig, effects: Sequence[Effect], q: Array) -> Array:
-    """Return the root mean square error (n, e) mm that each effect that is not corrected causes at joint angles q (n,
-    6) rad."""
+    """Return the rms error (n, e) mm of each uncorrected effect at joint angles q (n, 6) rad."""
     nothing = model_of(rig, ())
     squares = np.zeros((len(q), len(effects)))
     for path in _approaches(q) if effects and len(q) else []:
@@ -154,14 +163,14 @@ def left_out_mm(rig: Rig, effects: Sequence[Effect], q: Array) -> Array:
 
 
 def apart_mm(model: Model, second: Model, q: Array) -> Array:
-    """Return the root mean square distance (n,) mm between the tools of two models at joint angles q (n, 6) rad."""
+    """Return the rms distance (n,) mm between the tools of two models at joint angles q (n, 6) rad."""
     squares = [((_places(model, path) - _places(second, path)) ** 2).sum(axis=1) for path in _approaches(q)]
     return np.asarray(np.sqrt(np.mean(squares, axis=0)))
 
 
 def _approaches(q: Array) -> list[Path]:
-    """Return the four ways to come to joint angles q (n, 6) rad: from either side, early and late."""
-    # From each target to one side, back to it and beyond, so that no joint reverses there, with a rest before the next.
+    """Return the four approaches to joint angles q (n, 6) rad: from either side, early and late."""
+    # From each target to one side, back and beyond, so that joints reverse away from it, with a rest before the next.
     along = np.concatenate([np.linspace(0, -1, _STEPS, endpoint=False), np.linspace(-1, 1, 2 * _STEPS + 1)])
     swing_s = np.arange(len(along)) * (_SWING_S / _STEPS)
     starts = np.arange(len(q)) * (swing_s[-1] + _REST_S)
@@ -185,12 +194,12 @@ def _places(model: Model, path: Path) -> Array:
 
 
 _SAME = 1e-9
-"""Part of the largest singular value from which places show no turn: those of one point, or along one line."""
+"""Relative singular value below which positions determine no rotation: a single point or a line."""
 
 
 @dataclass(frozen=True)
 class TaughtFrame:
-    """A frame and a tool taught at `poses` (n, 4, 4) of the tool, places in mm."""
+    """Frame and tool taught at tool `poses` (n, 4, 4), positions in mm."""
 
     poses: Array
 
@@ -201,12 +210,14 @@ class TaughtFrame:
 
     @cached_property
     def _lever_mm(self) -> float:
-        """Root mean square distance from the middle, by which a turn counts as much as a shift."""
+        """Rms distance from the centre, at which a rotation counts as much as a shift."""
         return max(1.0, float(np.sqrt(((self.poses[:, :3, 3] - self._middle) ** 2).sum(axis=1).mean())))
 
     def _columns(self, poses: Array) -> Array:
-        """Return what shifts in mm, turns about the middle, in mm at the lever, and shifts of the tool on the flange in
-        mm do (n, 3, 9) at poses (n, 4, 4)."""
+        """Return the derivatives (n, 3, 9) at poses (n, 4, 4) by shifts in mm, rotations about the centre, in mm at the
+        lever, and
+        shifts of the tool on the flange in mm.
+        """
         shifts = np.tile(np.eye(3), (len(poses), 1, 1))
         turns = np.cross(np.eye(3)[None], ((poses[:, :3, 3] - self._middle) / self._lever_mm)[:, None, :])
         return np.concatenate([shifts, turns.transpose(0, 2, 1), poses[:, :3, :3]], axis=2)
@@ -219,16 +230,18 @@ class TaughtFrame:
         return motions
 
     def rest(self, moves: Array, poses: Array, motions: Array) -> Array:
-        """Return displacements (k, n, 3) mm at poses (n, 4, 4) without motions (k, 9)."""
+        """Return displacements (k, n, 3) mm at poses (n, 4, 4) less the motions (k, 9)."""
         displacements: Array = moves - np.einsum("nij,kj->kni", self._columns(poses), motions)
         return displacements
 
 
 def rest_mm(places: Array, nominal: Array, taught: tuple[Array, Array] | None = None) -> Array:
-    """Return how far (n,) mm places (n, 3) mm are from those of the wanted poses (n, 4, 4), with the frame and the tool
-    with which they fit best, or with which `taught` ones do, places (m, 3) mm and wanted poses (m, 4, 4)."""
+    """Return distances (n,) mm between positions (n, 3) mm and wanted poses (n, 4, 4), with the best frame and tool.
+
+    taught: other positions (m, 3) mm and wanted poses (m, 4, 4) that determine frame and tool.
+    """
     places_taught, poses = taught or (places, nominal)
-    T = best_rigid(places_taught, poses[:, :3, 3])  # exact for a large turn, about which the other terms are linear
+    T = best_rigid(places_taught, poses[:, :3, 3])  # exact for a large rotation, about which the other terms are linear
     frame, off = TaughtFrame(poses), in_frame(T, places_taught) - poses[:, :3, 3]
     moves = (in_frame(T, places) - nominal[:, :3, 3])[None]
     distances_mm: Array = np.linalg.norm(frame.rest(moves, nominal, frame.motions(off[None]))[0], axis=1)
@@ -236,6 +249,8 @@ def rest_mm(places: Array, nominal: Array, taught: tuple[Array, Array] | None = 
 
 
 def base_u_um(u_mm: Array, u_frame_mm: Array) -> float:
-    """Return what the place of the whole arm on its base adds, root mean square in µm, to the uncertainty of places
-    with standard uncertainty (n,) mm in the robot's base and (n,) mm in a taught frame."""
+    """Return the rms contribution in µm of the arm's position on its base to the uncertainty of positions.
+
+    u_mm, u_frame_mm (n,): standard uncertainties in mm in the robot's base and in a taught frame.
+    """
     return 1e3 * float(np.sqrt(max(0.0, float(np.mean(u_mm**2 - u_frame_mm**2)))))

@@ -1,5 +1,6 @@
-"""Inference: what runs say about the arm. Names are searched (`diagnose`), given (`calibrate`) or none (`compare`).
+"""Inference about the arm from runs. Effects are searched (`diagnose`), given (`calibrate`), or none (`compare`).
 
-Repeated runs become blocks; candidates become columns beside the background; names are selected by evidence, refined on
-the simulator, and judged on what had no part in it: docs/architecture.md draws the chain.
+Repeated runs become blocks; candidate effects become columns in addition to the background; effects are selected by
+evidence,
+refined on the simulator, and validated on independent data: docs/architecture.md shows the chain.
 """

@@ -1,4 +1,4 @@
-"""The diagnosis of runs: find the disagreement, name what is missing, validate it, and say what is in doubt."""
+"""Diagnosis of runs: find the disagreement, identify the missing effects, validate them, and state the doubts."""
 
 from __future__ import annotations
 
@@ -62,15 +62,17 @@ from rigs.rig import Rig
 from rigs.schema.effect import label_of, name_of
 
 # ----------------------------------------------------------------------------------------------------------------------
-# Doubts: what a person should know before trusting a diagnosis.
+# Doubts about a diagnosis.
 
 _BETTER = 0.97
-"""Ratio of the gap without an effect of the rig file to the gap with it, below which the effect is doubted. Chosen: 3 %
-of the rms is more than a refitted set-up gains by chance."""
+"""Ratio of the gap without an effect of the rig file to that with it, below which the effect is doubted. Chosen: 3 % of
+the rms
+is more than a refitted set-up gains by chance.
+"""
 
 
 def doubts_of_runs(blocks: Sequence[Block]) -> tuple[str, ...]:
-    """Return what the runs leave open, however well they are explained."""
+    """Return doubts about the runs, independent of their explanation."""
     doubts = []
     circles = [block for block in blocks if block.sampling]
     if circles and not circles[0].measured:
@@ -99,11 +101,11 @@ def doubts_of_runs(blocks: Sequence[Block]) -> tuple[str, ...]:
         sides = any(block.table.kind.sides(block.table) is not None for block in blocks)
         back = "" if sides else ", or on how a joint turns back,"
         doubts.append(f"the robot stood at every reading: effects that depend on the speed{back} hardly show")
-    return tuple(dict.fromkeys(doubts))  # each socket of a run is a block of its own
+    return tuple(dict.fromkeys(doubts))  # each socket of a run is a separate block
 
 
 def doubts_of_limits(names: Sequence[Named]) -> tuple[str, ...]:
-    """Return a message for each name that stands whose size ended at the limit of fits."""
+    """Return a message for each confirmed name whose size reached the limit of fits."""
     doubts = []
     for named in names:
         if named.stands and ended_at_limit(named.effect):
@@ -115,7 +117,7 @@ def doubts_of_limits(names: Sequence[Named]) -> tuple[str, ...]:
 
 
 def doubts_of_rig(rig: Rig, fitted: FittedRuns) -> tuple[str, ...]:
-    """Return a message for each effect of the rig file without which the model fits the readings better."""
+    """Return a message for each effect of the rig file without which the model fits better."""
     if not rig.effects:
         return ()
     whole = rms(fitted.beside(())[1])
@@ -132,13 +134,13 @@ def doubts_of_rig(rig: Rig, fitted: FittedRuns) -> tuple[str, ...]:
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# The diagnosis of runs: find the disagreement, name the missing effect, add it, and validate that the gap shrinks.
+# Diagnosis: find the disagreement, identify the missing effects, add them, and validate that the gap shrinks.
 #
-# runs → blocks with their noise → effects selected by evidence and refined on the simulator → worth of each → verdict
-# and validation
+# runs → blocks with noise → effects selected by evidence and refined on the simulator → worth of each → verdict and
+# validation
 
 _FEW_TESTS = 3
-"""Further tests of which the reason is stated why the robot cannot drive them."""
+"""Number of further tests listed with the reason why the robot cannot drive them."""
 
 
 def diagnose(
@@ -150,12 +152,14 @@ def diagnose(
     tolerance_um: float | None = None,
     given: Sequence[Effect] | None = None,
 ) -> Diagnosis:
-    """Return the diagnosis of runs of one robot about the model of a rig, judged on held-out runs and unseen places.
+    """Diagnose runs of one robot with the model of a rig, validated on held-out runs and unseen places.
 
-    `tolerance_um` is the largest error of the readings (m, k) that is accepted, rms; without it the limits of the rig
-    file judge the accuracy. With `given` effects these are fitted, whatever they show, and none is searched. Where no
-    run is held out, a fifth of the neighbourhoods of poses in joint space is. Raises FileError for runs of another
-    robot, or that cannot be read as the test that they state.
+    `tolerance_um`: largest accepted rms error of the readings (m, k); by default the limits of the rig file decide.
+    `given`:
+    effects to be fitted regardless of their significance, without a search. Without held-out runs, a fifth of the
+    neighbourhoods
+    of poses in joint space is held out. Raises FileError for runs of a different robot, or not readable as the stated
+    test.
     """
     begin_s = time.perf_counter()
     progress("reading the runs")
@@ -168,7 +172,7 @@ def diagnose(
     sound, wild = without_wild(runs, result.effects, "the runs used")
     fitted = FittedRuns(sound)
     stages = stages_of(fitted, result)
-    # Beside the calibrated model: what names alone leave hides readings that are 1 mm wrong on an arm that leaves 0.1.
+    # Relative to the calibrated model: named effects alone leave residuals that hide outliers of 1 mm.
     judges, wild_judges = without_wild(judges, stages.calibrated.effects, "held-out runs")
     elsewhere, wild_elsewhere = without_wild(elsewhere, stages.calibrated.effects, "the unseen place")
     judged_runs = ((sound, _names(used)), (judges, _names(held_out or used)), (elsewhere, _names(unseen)))
@@ -238,8 +242,10 @@ _TEMPERATURE = re.compile(r"(?<![a-z])temp(erature)?(?![a-z])")
 
 
 def _temperature(used: Sequence[Measured]) -> Array | None:
-    """Return the temperature (n,) of each row of a run's table, None where more runs were used or it is unknown: an
-    extra column whose name says so, in whatever unit."""
+    """Return the temperature (n,) of each table row; None for several runs or if unknown.
+
+    It is an extra column identified by its name, in any unit.
+    """
     table = used[0].run.table if len(used) == 1 else None
     if table is None:
         return None
@@ -254,7 +260,7 @@ def _temperature(used: Sequence[Measured]) -> Array | None:
 
 
 def _before(used: Sequence[Measured]) -> tuple[Act, ...]:
-    """Return what comes first where joints were read early: whether a table holds the commanded ones decides it."""
+    """Return the first action if joints were read too early, depending on the presence of commanded angles."""
     tables = [run.run.table for run in used if run.table.kind.of_tracker]
     commanded = any(table is not None and COMMANDED[0] in table.column_names for table in tables)
     return (EARLY_COMMANDED if commanded else EARLY,)
@@ -276,8 +282,10 @@ def _named_in(
     *,
     given: bool,
 ) -> tuple[list[Named], tuple[str, ...]]:
-    """Return the effects of a search as names, those that stand first, and doubts about their sizes. `runs` are those
-    used and those held out, of (m, k) mm; unless the effects were `given`, a vibration of the link is a name too."""
+    """Return the effects of a search as names, confirmed ones first, and doubts about their sizes.
+
+    `runs`: used and held out, of (m, k) mm. Unless the effects were `given`, a vibration of the link is a name too.
+    """
     used, judges = runs
     named = named_effects(result, fitted, held_out_gains(result, judges), changes)
     named = without_useless(named, train)
@@ -288,7 +296,7 @@ def _named_in(
         swing = find_vibration(with_effects(used, result.effects), result.linear.setups)
     if swing is not None and given:
         doubts += doubts_of_phases(vibrations, swing)
-    elif swing is not None:  # it stands if its worth exceeds the scatter of a circle without it
+    elif swing is not None:  # confirmed if its contribution exceeds the scatter of a circle without it
         circles = [block.sampling is not None for block in result.linear.blocks]
         limits = limits_um(result.linear, swing.scatter_um)
         named += named_vibration(swing, limits[circles], train.after_um)
@@ -308,9 +316,12 @@ def _verdicts_of(
     *,
     early: bool,
 ) -> Diagnosis:
-    """Return the verdicts, of readings (m, k): a diagnosis without calibrated model, next test, doubts and acts. `both`
-    are the gaps with the whole model, which decide the condition, and with what is handed over; `early` states whether
-    poses were read before the joints came to rest."""
+    """Return the verdicts, for readings (m, k): a diagnosis without calibrated model, next test, doubts and actions.
+
+    `both`: gaps with the complete model, which decide the condition, and with the exported model. `early`: whether
+    poses were
+    read before standstill.
+    """
     whole, gaps = both
     remainder, is_material = remainder_of(result, named, result.scatter_limits_um, gaps.train)
     named = within_unexplained(named, remainder.um if is_material else 0.0)
@@ -367,7 +378,7 @@ def _completed(
 
 
 def _hold_enough(runs: Sequence[ObservedRun]) -> None:
-    """Raise FileError where there are fewer readings than terms of the set-ups."""
+    """Raise FileError if there are fewer readings than set-up terms."""
     terms = sum({run.setup: run.table.kind.setup_terms for run in runs}.values())
     if (count := sum(run.values.size for run in runs)) < terms:
         raise FileError("RUN…", f"{count} readings are fewer than the {terms} terms of the set-up", "give more runs")
@@ -378,8 +389,10 @@ def _names(runs: Sequence[Measured]) -> list[str]:
 
 
 def _next_test(named: Sequence[Named], further: FurtherTests) -> tuple[NextTest | None, list[str]]:
-    """Return the shortest test that, beside the existing runs, separates the first ambiguous name from its closest
-    rival; otherwise a doubt."""
+    """Return the shortest test that, together with the existing runs, separates the first ambiguous name from its
+    closest rival;
+    otherwise a doubt.
+    """
     open_ones = [(name, name.rivals) for name in ambiguous_names(named)]
     open_ones += [(name, tuple(fault_rivals(name))) for name in named]
     name, rivals = next(((name, rivals) for name, rivals in open_ones if rivals), (None, ()))

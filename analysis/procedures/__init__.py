@@ -1,1 +1,1 @@
-"""The measures, one a file: from tables to figures with their uncertainties. They know no model of the arm's errors."""
+"""Evaluation of the tests, one per file: from tables to figures with uncertainties, independent of error models."""

@@ -1,9 +1,10 @@
-"""Several runs of one test as one figure: their mean, what differs between them, and acw against cw pair by pair; and
-the figures of a test side by side, a column for each direction. What is shown of figures, or judged by a limit, is of
-these columns.
+"""Combine runs of one test: mean, spread between runs, and pairs of acw and cw; and the figures as columns per
+direction, the
+basis of displays and limits.
 
-u of one run says how well that run's figure is known; what differs from run to run is not in it and shows only where
-runs are repeated. The mean of m runs then has Student's law with m - 1 degrees of freedom.
+u of one run is the uncertainty of that run's figure; the spread between runs is not included and only visible in
+repeated
+runs. The mean of m runs follows Student's distribution with m - 1 degrees of freedom.
 """
 
 from __future__ import annotations
@@ -31,20 +32,26 @@ ONE_RUN = (
     "elsewhere in the next, and repeat it to see"
 )
 _SPREADS = 5.0
-"""A ball further from the others' than `BALL_ELSEWHERE_MM`, and than so many times the usual distance of these
-runs, which the scatter of joints makes too, was mounted again; …"""
+"""A ball further from the others than `BALL_ELSEWHERE_MM`, and than this multiple of the usual distance in these runs,
+which
+includes joint scatter, was remounted; …
+"""
 _TWO_MM = 0.35
-"""… of two runs, where nothing shows that scatter: 2 √2 times the table's largest at the end of an arm of a metre."""
+"""… for two runs, without information about the scatter: 2 √2 times the table's largest at the end of a one-metre
+arm.
+"""
 _SAME_POSE_RAD = math.radians(1.0)
-"""Joints nearer to one another are at the same pose of a table. Chosen: far above what joints differ by from run to
-run, and far below the way between two poses."""
+"""Joint difference below which poses of a table are equal. Chosen: far above the differences between runs, and far
+below those
+between poses.
+"""
 _ANYWHERE_DEG = 180.0 / math.sqrt(3)
-"""Standard uncertainty of a place that may be anywhere around the circle."""
+"""Standard uncertainty of a position anywhere around the circle."""
 
 
 @dataclass(frozen=True)
 class BetweenRuns:
-    """A figure over runs: mean, its standard uncertainty, and the standard deviation between the runs."""
+    """Figure over runs: mean, standard uncertainty, and standard deviation between the runs."""
 
     mean: Quantity
     sd: float
@@ -55,13 +62,13 @@ class BetweenRuns:
 
     @property
     def in_sd(self) -> str:
-        """The standard deviation between the runs, as people read it."""
+        """Return the standard deviation between the runs for display."""
         return self.mean.rounded_size(self.sd)
 
 
 @dataclass(frozen=True)
 class Pooled:
-    """Runs of one test and direction that were taken together; left_out: the others, each with the reason."""
+    """Combined runs of one test and direction; left_out: the others, each with the reason."""
 
     title: str
     runs: tuple[Result, ...]
@@ -71,8 +78,7 @@ class Pooled:
 
 @dataclass(frozen=True)
 class Pairs:
-    """acw against cw: the runs that were paired, their figures with the lag of the gauges in ms, and why others were
-    not."""
+    """Pairs of acw and cw runs, their figures including the lag of the gauges in ms, and reasons for unpaired runs."""
 
     runs: tuple[tuple[Result, Result], ...]
     figures: dict[str, Quantity | BetweenRuns]
@@ -81,7 +87,7 @@ class Pairs:
 
 
 def pooled(group: Sequence[Result]) -> list[Pooled]:
-    """Runs of one test, direction by direction; where a direction has a single run there is nothing to pool."""
+    """Combine runs of one test by direction; directions with a single run are left out."""
     means = []
     for title in dict.fromkeys(result.title for result in group):
         runs, left_out = _of_one_setup([result for result in group if result.title == title])
@@ -93,8 +99,10 @@ def pooled(group: Sequence[Result]) -> list[Pooled]:
 
 
 def between(runs: Sequence[Mapping[str, Quantity]]) -> dict[str, BetweenRuns]:
-    """Figures that all runs have, over the runs. The u of a mean is never below the least u of a run, part of which,
-    the gauges' time and baseline, all runs share."""
+    """Return the figures common to all runs, over the runs. The u of a mean is at least the smallest u of a run, part
+    of which (the
+    gauges' time and baseline) is common to all runs.
+    """
     over_runs = {}
     for name in (name for name in runs[0] if all(name in run for run in runs)):
         figures = [run[name] for run in runs]
@@ -113,8 +121,9 @@ def between(runs: Sequence[Mapping[str, Quantity]]) -> dict[str, BetweenRuns]:
 
 
 def _of_one_setup(runs: list[Result]) -> tuple[list[Result], list[tuple[Result, str]]]:
-    """The runs that belong together, and the others, each with the reason: readings given twice, other poses, and balls
-    mounted again."""
+    """Return the runs that belong together, and the others with the reason: repeated readings, other poses,
+    remounted ball.
+    """
     by_digest: dict[str, Result] = {}
     copies: list[tuple[Result, str]] = []
     for run in runs:
@@ -147,7 +156,7 @@ def _of_one_setup(runs: list[Result]) -> tuple[list[Result], list[tuple[Result, 
 
 
 def _are_same_poses(first: Result, run: Result) -> bool:
-    """Whether a pose run has the poses of another; of other tests the set-up decides."""
+    """Return whether a pose run has the same poses; other tests depend on the set-up only."""
     table, its = first.measured.table, run.measured.table
     if not (isinstance(table, PlaceTable) and isinstance(its, PlaceTable)):
         return True
@@ -155,7 +164,9 @@ def _are_same_poses(first: Result, run: Result) -> bool:
 
 
 def pairs_of(group: Sequence[Result]) -> Pairs | None:
-    """Every acw run with the cw run whose ball lies with its own, else in the order given; None without both."""
+    """Pair every acw run with the cw run of the closest ball, otherwise in the given order; None unless there are
+    both.
+    """
     circles = [(run, run.found) for run in group if isinstance(run.found, CircleResult)]
     acw_runs, cw_runs = ([ring for ring in circles if ring[1].laps.direction == way] for way in ("acw", "cw"))
     if not acw_runs or not cw_runs:
@@ -163,7 +174,7 @@ def pairs_of(group: Sequence[Result]) -> Pairs | None:
     runs, pairs, refused = [], [], list[str]()
     while acw_runs and cw_runs:
         acw, forth = acw_runs.pop(0)
-        # The balls by the angle, which plays move less than the distance; what a set-up does puts none of them apart.
+        # Ball positions from the angle, less affected by backlash than the distance; set-up errors are common.
         offsets = [np.hypot(forth.sine.a - ring.sine.a, forth.sine.b - ring.sine.b) for _, ring in cw_runs]
         apart_mm = [forth.laps.frame.radius * float(offset) for offset in offsets]
         nearest = np.argmin([mm if mm > BALL_ELSEWHERE_MM else 0.0 for mm in apart_mm])
@@ -189,8 +200,9 @@ def pairs_of(group: Sequence[Result]) -> Pairs | None:
 class FigureColumn:
     """Figures by name, of the mean of `count` runs, of one `run`, or of `count` pairs of acw and cw.
 
-    `direction` is that of the runs, empty for pairs and where the test has none; `run` names a single run. `sd` has the
-    standard deviation between runs of the figures that were repeated.
+    `direction` is that of the runs, empty for pairs and tests without direction; `run` names a single run. `sd`
+    contains the
+    standard deviation between runs of repeated figures.
     """
 
     kind: Literal["mean", "run", "pairs"]
@@ -202,7 +214,7 @@ class FigureColumn:
 
 
 def figure_columns(group: Sequence[Result]) -> list[FigureColumn]:
-    """Return the columns of the runs of one test at one place."""
+    """Return the columns for the runs of one test at one place."""
     together = {mean.title: mean for mean in pooled(group) if mean.figures}
     columns = []
     for title in dict.fromkeys(result.title for result in group):

@@ -10,21 +10,20 @@ from rigs.rig import Rig
 
 
 def nominal_setup(rig: Rig, table: Table) -> SetUp:
-    """Ball in the nominal centre, gauges at zero, instrument in the world's frame."""
+    """Return the nominal set-up: ball in the nominal centre, gauges at zero, instrument in the world frame."""
     return table.kind.setup(rig)
 
 
 def path_of(model: Model, table: Table) -> Path:
-    """The motion behind a table: as recorded, or with the approaches that the test prescribes."""
+    """Return the motion of a table: as recorded, or with the approaches required by the test."""
     return table.kind.path(model, table)
 
 
 def predict(model: Model, table: Table, path: Path, setup: SetUp) -> Array:
-    """Readings (m, k) of a table: gauges in mm; for poses the target's T_instrument_target, (m, 16) row by row."""
+    """Predict the readings (m, k) of a table: gauges in mm; for poses T_instrument_target, (m, 16) row by row."""
     return read(model, table, path, moved(model, path), setup)
 
 
 def read(model: Model, table: Table, path: Path, scene: Scene, setup: SetUp) -> Array:
-    """Readings (m, k) as `predict` gives them, in mm, from a scene that was computed before: nothing that a set-up
-    changes moves the tool."""
+    """Return readings (m, k) mm like `predict` from an existing scene, because a set-up does not change the tool."""
     return table.kind.read(model, table, path, scene, setup)

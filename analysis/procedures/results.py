@@ -1,6 +1,4 @@
-"""From runs to their results, for every report, plot and script; and whether a recorded run is a measurement, asked
-while the robot can still drive it again.
-"""
+"""Evaluate runs for reports, plots and scripts; and check a new run while it can still be repeated."""
 
 from __future__ import annotations
 
@@ -36,8 +34,10 @@ from rigs.schema.vocabulary import WITHOUT_GAUGES, Direction
 
 @dataclass(frozen=True)
 class Result(Tabular):
-    """An evaluated run. measured: the run as it was read; found: what its test found, in radians and mm; figures: every
-    figure by the name of docs/figures.md, which ends in its unit."""
+    """Evaluated run. measured: the run as read. found: result of its test, in radians and mm. figures: by their names
+    in
+    docs/figures.md, ending in the unit.
+    """
 
     measured: Measured
     found: Evaluated
@@ -45,41 +45,42 @@ class Result(Tabular):
 
     @cached_property
     def curve(self) -> ResultCurve:
-        """The curve or the points behind the figures, in degrees and mm."""
+        """Curve or points of the figures, in degrees and mm."""
         return self.found.as_curve
 
     @cached_property
     def reversals(self) -> tuple[JointReversal, ...]:
-        """Where the joints turn back on the nominal circle, by circle angle; none for the other tests.
+        """Joint reversals on the nominal circle, by circle angle; empty for other tests.
 
-        Raises FileError where the robot of the rig file cannot drive its circle.
+        Raises FileError if the robot of the rig file cannot drive its circle.
         """
         return reversals_of_rig(self.measured.rig) if isinstance(self.found, CircleResult) else ()
 
     @property
     def title(self) -> str:
-        """Test and direction, as `yaw acw`."""
+        """Test and direction, such as `yaw acw`."""
         return self.measured.title
 
     @property
     def name(self) -> str:
-        """What the run is called."""
+        """Name of the run."""
         return self.measured.run.manifest.name
 
     @property
     def test(self) -> str:
-        """Which test it is."""
+        """Test of the run."""
         return self.measured.run.manifest.test
 
     @cached_property
     def doubts(self) -> tuple[str, ...]:
-        """What a person should know before trusting the figures, in words."""
+        """Doubts about the figures as text."""
         return (*doubts_of(self.measured), *self.found.notes)
 
     @property
     def without_rows(self) -> Result:
-        """The same figures and doubts, of a circle without the rows that they are of: what many runs are kept as. The
-        run's digest is that of its readings all the same."""
+        """Return the result of a circle without its rows, for keeping many runs; the digest is still that of the
+        readings.
+        """
         measured, table = self.measured, self.measured.table
         if not isinstance(self.found, CircleResult) or not isinstance(table, CircleTable):
             return self
@@ -93,19 +94,18 @@ class Result(Tabular):
 
     @property
     def lap_noise(self) -> tuple[LapNoise, LapNoise] | None:
-        """Noise of angle and distance between the laps, which a run of one lap can borrow; None where there are not
-        two laps."""
+        """Noise of angle and distance between the laps, usable for a run of one lap; None below two laps."""
         if not isinstance(self.found, CircleResult) or self.found.laps.count < 2:
             return None
         return self.found.curve.noise, self.found.distance.curve.noise
 
     def to_table(self) -> pa.Table:
-        """The figures, a row each: figure, value, u (standard uncertainty), unit, samples, noise."""
+        """Return a row per figure: figure, value, u (standard uncertainty), unit, samples, noise."""
         rows = [{"figure": name, **asdict(figure)} for name, figure in self.figures.items()]
         return table_of_rows(("figure", "value", "u", "unit", "samples", "noise"), rows)
 
     def to_dict(self) -> dict[str, Any]:
-        """Run, figures and doubts in plain types, None for what is not known: a run of `rig analyse --json`."""
+        """Return run, figures and doubts as plain types, None for unknown values: a run of `rig analyse --json`."""
         manifest = self.measured.run.manifest
         warmth = self.measured.condition.warmth or {}
         plain: dict[str, Any] = for_json(
@@ -129,7 +129,7 @@ class Result(Tabular):
 
 @dataclass(frozen=True)
 class Borrower:
-    """A run of a single lap at a place among results, and the noise of angle and distance that it can borrow."""
+    """Run of a single lap, its index, and the noise of angle and distance borrowed from another run."""
 
     place: int
     measured: Measured
@@ -140,8 +140,7 @@ class Borrower:
 
 
 def evaluate_runs(runs: Sequence[Measured]) -> list[Result]:
-    """Evaluate runs that were read; one of a single lap borrows the noise of another run of its test. Raises
-    FileError."""
+    """Evaluate runs; a run of a single lap borrows the noise of another run of its test. Raises FileError."""
     results = [result_of(run) for run in runs]
     for borrower in borrowers(results):
         results[borrower.place] = evaluated_again(borrower)[1]
@@ -149,23 +148,22 @@ def evaluate_runs(runs: Sequence[Measured]) -> list[Result]:
 
 
 def read_and_evaluated(path: Path) -> Result:
-    """The result of a run directory by itself. Raises FileError."""
+    """Evaluate a run directory independently. Raises FileError."""
     return result_of(load_measured(path))
 
 
 def figures_alone(path: Path) -> Result:
-    """The result of a run directory without its rows, which many runs are kept as. Raises FileError."""
+    """Evaluate a run directory, without keeping its rows. Raises FileError."""
     return _alone(path, None)
 
 
 def figures_again(borrower: Borrower) -> tuple[int, Result]:
-    """The place of a run that is read again, and its result, without its rows, with the noise of another. Raises
-    FileError."""
+    """Read and evaluate a run with borrowed noise; return its index, and the result without rows. Raises FileError."""
     return borrower.place, _alone(borrower.measured.path, borrower.noise)
 
 
 def _alone(path: Path, like: tuple[LapNoise, LapNoise] | None) -> Result:
-    """The result of a run directory without its rows, of a long circle from its parts."""
+    """Evaluate a run directory without keeping its rows, a long circle in parts."""
     with fetched(path) as directory:
         in_parts = long_circle(directory, path)
         measured, reduced = in_parts or (measured_in(directory, path), None)
@@ -173,12 +171,12 @@ def _alone(path: Path, like: tuple[LapNoise, LapNoise] | None) -> Result:
 
 
 def evaluated_again(borrower: Borrower) -> tuple[int, Result]:
-    """The place of a run, and its result with the noise of another. Raises FileError."""
+    """Evaluate a run with borrowed noise; return its index and result. Raises FileError."""
     return borrower.place, result_of(borrower.measured, borrower.noise)
 
 
 def borrowers(results: Sequence[Result]) -> list[Borrower]:
-    """The runs of a single lap with the noise of the first of their test that has more, where there is one."""
+    """Return the runs of a single lap with the noise of the first longer run of their test, if any."""
     places = {id(result): place for place, result in enumerate(results)}
     runs: list[Borrower] = []
     for group in by_test(results):
@@ -189,10 +187,9 @@ def borrowers(results: Sequence[Result]) -> list[Borrower]:
 
 
 def result_of(measured: Measured, like: tuple[LapNoise, LapNoise] | None = None) -> Result:
-    """Evaluate a run that has been read; like: noise of angle and distance in another run, for one of a single lap.
+    """Evaluate a run; like: noise of angle and distance in a different run, for a single lap.
 
-    A run is evaluated once as long as somebody holds its result: a report and the diagnosis in it ask for the same.
-    Raises FileError.
+    Results are cached as long as they are referenced: a report and its diagnosis use the same. Raises FileError.
     """
     kept = _KEPT.get(id(measured))
     if kept is not None and kept.measured is measured and like is None:
@@ -204,16 +201,16 @@ def result_of(measured: Measured, like: tuple[LapNoise, LapNoise] | None = None)
 
 
 _KEPT: WeakValueDictionary[int, Result] = WeakValueDictionary()
-"""The results that somebody holds, by the identity of their run, which each of them holds."""
+"""Referenced results by the identity of their run, which each of them references."""
 
 
 def _evaluated(measured: Measured, like: tuple[LapNoise, LapNoise] | None, reduced: Reduced | None = None) -> Result:
-    """Evaluate a run; reduced: the readings of all rows, where its table has but some of them. Raises FileError."""
+    """Evaluate a run; reduced: all readings, if its table is thinned. Raises FileError."""
     where = str(measured.path)
     evaluated = evaluate(measured.table, measured.rig, measured.u_lag_s, where, like=like, reduced=reduced)
     figures = dict(evaluated.figures)
     if isinstance(evaluated, CircleResult):
-        # The angle and the distance both show where the ball is; robot errors make them differ.
+        # Angle and distance both show the ball position; robot errors make them differ.
         distance = evaluated.distance.figures
         figures |= {f"distance_{name}" if name in figures else name: figure for name, figure in distance.items()}
     figures = with_certificates(figures, measured.systematic, measured.rig, measured.run.manifest.test)
@@ -223,7 +220,7 @@ def _evaluated(measured: Measured, like: tuple[LapNoise, LapNoise] | None, reduc
 
 
 def by_test(results: Sequence[Result]) -> list[list[Result]]:
-    """Results in groups of one test of one robot at one place, in the order in which they first come."""
+    """Group results by test, robot and place, in order of first appearance."""
     groups: list[list[Result]] = []
     for result in results:
         for group in groups:
@@ -237,24 +234,26 @@ def by_test(results: Sequence[Result]) -> list[list[Result]]:
 
 def _same_cell(first: Result, second: Result) -> bool:
     rig, its = first.measured.rig, second.measured.rig
-    # What is quick to compare comes first: a year of a plant has a thousand runs and more.
+    # Cheap comparisons first: a year of a plant has over a thousand runs.
     if first.test != second.test or rig.name != its.name:
         return False
     if first.measured.run.manifest.placement != second.measured.run.manifest.placement:
         return False
-    kind = first.measured.table.kind  # without gauges there is no place that a rig file knows
+    kind = first.measured.table.kind  # without gauges, rig files contain no place
     same_place = not (kind.gauges and kind.part) or getattr(rig.tests, kind.part) == getattr(its.tests, kind.part)
     return same_place and rig.robot == its.robot
 
 
 _END_S, _MOVES_RAD = 0.5, float(np.radians(0.05))
-"""A robot drives at the end of a run where a joint turns by so much in so long: five times what a stand shows."""
+"""Joint motion and time at the end of a run that mean an unfinished motion: five times those of a standstill."""
 
 
 @dataclass(frozen=True)
 class Fitness:
-    """What is to be said of a run that has just ended: `why` `rig analyse` would refuse it, empty where it would not;
-    the direction that the robot `drove`, where another label mends it; whether it was `still_driving` at the end."""
+    """Usability of a finished run. why: reason of `rig analyse` for refusing it, or empty. drove: actual direction, if
+    only the
+    label is wrong. still_driving: whether the robot was moving at the end.
+    """
 
     why: str
     drove: Direction | None
@@ -262,14 +261,14 @@ class Fitness:
 
 
 def fitness(run: Path) -> Fitness:
-    """Return whether a run can be used, and what would mend it."""
+    """Return whether a run is usable, and how to repair it."""
     why, drove, still_driving = "", None, False
     try:
         recorded = read_run(run)
         with suppress(FileError):
             t_s, q, _ = robot_alone(run, recorded)
             still_driving = bool(np.ptp(q[t_s >= t_s[-1] - _END_S], axis=0).max() > _MOVES_RAD)
-        if recorded.manifest.test not in WITHOUT_GAUGES:  # which has a table of its own
+        if recorded.manifest.test not in WITHOUT_GAUGES:  # these have tables of their own
             measured = measured_of(recorded)
             why = why_no_measurement(measured)
             if not why:
@@ -282,5 +281,5 @@ def fitness(run: Path) -> Fitness:
 
 
 def why_unusable(run: Path) -> str:
-    """Return why `rig analyse` would refuse a run, or a convention shows that it is none; empty where it is good."""
+    """Return the reason why `rig analyse` would refuse a run, or a convention makes it unusable; empty if valid."""
     return fitness(run).why

@@ -1,4 +1,4 @@
-"""Simulated measurements: a program driven by a robot with effects, read with noise, as tables and as runs."""
+"""Simulate measurements: a program driven by a robot with effects, read with noise, as tables and as runs."""
 
 from __future__ import annotations
 
@@ -26,17 +26,18 @@ def simulate(
     effects: Sequence[Effect] | None = None,
     noise: Noise | None = None,
 ) -> Table:
-    """One run of a test, as it would be measured; `seed` None for no noise at all.
+    """Simulate a run of a test; `seed` None for no noise.
 
-    effects: instead of those of the rig file. Poses and paths are those of ISO 9283. Raises FileError where the robot
-    cannot do the test.
+    effects: in place of those of the rig file. Poses and paths are those of ISO 9283. Raises FileError if the robot
+    cannot do
+    the test.
     """
     require_test(rig, test)
     return kind_named(test).simulated(rig, direction, Simulation(seed, effects, noise))
 
 
 def noise_seed(seed: int, direction: Direction | None) -> int:
-    """The seed of the noise of a run: one for each direction, as the same would give both the same noise."""
+    """Return the noise seed of a run, different for each direction."""
     return 2 * seed + (direction == "cw")
 
 
@@ -49,11 +50,11 @@ def simulated_run(
     effects: Sequence[Effect] | None = None,
     noise: Noise | None = None,
 ) -> Measured:
-    """A simulated run as if it had been measured, called by its test, direction and seed. Raises FileError.
+    """Return a simulated run like a measured one, named after test, direction and seed. Raises FileError.
 
-    seed: of the noise, with which both directions have noise of their own; None for no noise at all. effects: instead
-    of those of the rig. The run holds the rig file, which need not know the effects that were simulated; its source
-    says the seed.
+    seed: of the noise, different in both directions; None for no noise. effects: in place of those of the rig. The run
+    contains
+    the rig file, without the simulated effects; its source states the seed.
     """
     draw = None if seed is None else noise_seed(seed, direction)
     run = table_run(

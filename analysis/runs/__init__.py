@@ -1,1 +1,1 @@
-"""From recorded runs to tables: times, alignment, whole laps, stands at targets, the columns of table files."""
+"""From recorded runs to tables: times, alignment, whole laps, stops at targets, columns of table files."""

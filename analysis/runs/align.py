@@ -1,11 +1,12 @@
-"""From a recorded run to one table: each gauge reading beside the joint angles at the same instant.
+"""Align a recorded run to one table: each gauge reading with the joint angles at the same instant.
 
-Gauge 1 sets the rows; the other gauge and the robot are interpolated to its instants. A row is left out,
-and counted, where either has a gap there: a straight line across missing data is not a measurement.
+Gauge 1 defines the rows; the second gauge and the robot are interpolated to its instants. A row in a gap of either is
+left
+out and counted, because interpolation across missing data is not a measurement.
 
-A stream whose stamps `rigd` cannot have written was changed since, whatever the checksums say: its clock never goes
-back, and no time can be made of one that does, so such a run is refused. A value that cannot be a reading is left out
-instead, and counted.
+A stream with stamps that `rigd` cannot have written was modified, regardless of its checksums: the clock never
+decreases, and
+no time can be derived from one that does, so such a run is refused. Impossible values are left out and counted.
 """
 
 from __future__ import annotations
@@ -28,17 +29,17 @@ from rigs.schema.vocabulary import CIRCLES, TestName
 from rigs.text import counted
 
 LONGEST_MM = 1e5
-"""No gauge measures further than 100 m, the bound of lengths in a rig file (`rigs.schema.part.Length`)."""
+"""No gauge has a range above 100 m, the bound of lengths in a rig file (`rigs.schema.part.Length`)."""
 LARGEST_DEG = 36e3
-"""No joint of a robot makes more than 100 turns."""
+"""No robot joint makes more than 100 turns."""
 _LATEST_NS = 2**61
-"""A monotonic clock begins with its computer: 73 years."""
+"""A monotonic clock starts with its computer: 73 years."""
 _LONGEST_MESSAGE = 65_536
 """Bytes; the longest message of any protocol is a UDP datagram."""
 
 
 def require_sound(path: Path, instrument: str, columns: Mapping[str, np.ndarray[Any, Any]]) -> None:
-    """Raises FileError for columns (n,), stamps in ns and sizes in bytes, that `rigd` cannot have written."""
+    """Raise FileError for columns (n,), stamps in ns and sizes in bytes, that `rigd` cannot have written."""
     requested, first, last = (columns[name] for name in ("requested_ns", "first_byte_ns", "last_byte_ns"))
     rules = {
         "an impossible stamp": (first < 0) | (last > _LATEST_NS),
@@ -54,51 +55,54 @@ def require_sound(path: Path, instrument: str, columns: Mapping[str, np.ndarray[
 
 
 def is_reading(values: Array, largest: float) -> Mask:
-    """Which rows of values (n, k) hold nothing but numbers up to the largest that can be."""
+    """Return a mask of the rows of values (n, k) with valid numbers only, up to the largest possible."""
     sound = np.ones(len(values), dtype=bool)
-    for column in values.T:  # column by column, in no more memory than the answer takes
+    for column in values.T:  # column by column, to use no more memory than the result
         sound &= column <= largest
         sound &= column >= -largest
     return sound
 
 
 _GAP = 4.0
-"""A gap is this many times the usual distance between samples, …"""
+"""A gap is longer than this multiple of the usual sampling interval, …"""
 MOVES_NS = 25e6
-"""… and of a robot's longer than this: a quarter of a cycle of the quickest vibration an arm shows, some 10 Hz; …"""
+"""… and for a robot longer than this: a quarter period of the fastest arm vibration, about 10 Hz; …"""
 JUMPS_NS = 5e6
-"""… of a gauge's longer than this: where a joint turns back, a play is crossed in some ten milliseconds."""
+"""… for a gauge longer than this: at a reversal, backlash is crossed in about ten milliseconds."""
 _OFTEN = 0.05
-"""Rows left out for gaps of a gauge are reported where they are a larger share than this, or a gap is as long as a
-robot's: rigd itself makes each polled gauge wait now and then (daq.protocol.polled), for less."""
+"""Rows lost in gauge gaps are reported above this share, or if a gap is as long as a robot's: rigd itself delays polled
+gauges
+occasionally (daq.protocol.polled), for less.
+"""
 _BLOCK = 1 << 14
-"""Rows at a time, so that what is computed of them stays in the processor's cache."""
+"""Rows per block, to fit the processor's cache."""
 _CONTEXT = 8
-"""Rows before and after a part by which it is judged whether one at its end is wild (`noise.readings`)."""
+"""Rows before and after a part used to judge outliers at its ends (`noise.readings`)."""
 _NEVER = ("gauges and robot were never recorded at the same time", "record both through the whole test")
 _STALLED = 5.0
-"""A row's time is doubtful where its own uncertainty is so many times the usual, …"""
+"""A row's time is doubtful if its own uncertainty exceeds the usual by this factor, …"""
 _TOGETHER = {
     True: "arrival together with a later one; have each message sent at once (TCP_NODELAY), or with its own time",
     False: "the same time as that of one before; have the instrument send its time in finer steps",
 }
-"""Why rows share an instant, by whether their times are arrivals, and what to do."""
+"""Reasons for rows sharing an instant, depending on whether times are arrivals, with remedies."""
 _STALLED_S = 1e-3
-"""… and more than this: a shorter doubt is borne by the figures' uncertainty."""
+"""… and this value: smaller doubts are covered by the figures' uncertainty."""
 
 Streams = Mapping[str, Columns]
-"""The columns of each stream by its name."""
+"""Columns of each stream by name."""
 WANDERS_S = 1e-3
 """Deviations from the pace up to this size are not reported: the uncertainty of the figures includes them."""
 
 
 @dataclass(frozen=True)
 class Aligned:
-    """A run as one table.
+    """Run as one table.
 
-    t_s (n,) since its first row; q (n, 6) rad as reported; g_mm (n, k) of g1 and, on a circle, g2. Of the gauges' time
-    against the robot's the standard uncertainty u_lag_s is common to all rows, and u_t_s (n,) each row's own beside
-    it. doubts: what a person should know before trusting it, in words.
+    t_s (n,): since its first row. q (n, 6) rad: as reported. g_mm (n, k): of g1 and, on a circle, g2. u_lag_s: standard
+    uncertainty of the gauges' time relative to the robot's, common to all rows; u_t_s (n,): individual part of each
+    row. doubts:
+    as text.
     """
 
     t_s: Array
@@ -111,9 +115,10 @@ class Aligned:
 
 @dataclass(frozen=True)
 class Track:
-    """Values (n, k) of one instrument at increasing times (n,) ns, and the uncertainty of each in s: that which all
-    share, and what each row (n,) has beside it. inside (n,): which rows are of the part of a run that was asked for,
-    None where all are."""
+    """Values (n, k) of an instrument at increasing times (n,) ns, with common and individual (n,) uncertainty in s.
+    inside (n,):
+    mask of the rows in the requested part of a run, None for all.
+    """
 
     ns: Array
     values: Array
@@ -124,10 +129,14 @@ class Track:
 
 @dataclass(frozen=True)
 class Seen:
-    """What a person should know of one instrument in a run, or in a part of it. As in `Instants` restarts, wrong,
-    wanders_s, held, arrived and doubts; numbers of rows that are doubtful by the gauge itself, odd (no reading),
-    stalled (their time too uncertain) and dropped (of one instant); gaps: rows of gauge 1 in its gaps, of which the
-    longest is longest_ns; before, after: those before its first row and after its last, where it has any here."""
+    """Observations about an instrument in a run, or in a part of it.
+
+    restarts, wrong, wanders_s, held, arrived and doubts: as in `Instants`. Numbers of doubtful rows: odd (no reading),
+    stalled
+    (uncertain time) and dropped (shared instant). gaps: rows of gauge 1 in its gaps, the longest being longest_ns.
+    before, after:
+    rows of gauge 1 before its first row and after its last, if it has any here.
+    """
 
     restarts: int = 0
     wrong: int = 0
@@ -146,7 +155,7 @@ class Seen:
     has_rows: bool = True
 
     def then(self, later: Seen) -> Seen:
-        """What was seen in two parts of a run that follow each other."""
+        """Combine the observations of two successive parts of a run."""
         counts = ("restarts", "wrong", "doubtful", "odd", "stalled", "dropped")
         sums = {name: getattr(self, name) + getattr(later, name) for name in counts}
         most = {doubt.form: doubt for doubt in sorted((*self.doubts, *later.doubts), key=lambda doubt: doubt.ms)}
@@ -167,9 +176,12 @@ class Seen:
 
 @dataclass(frozen=True)
 class Joined:
-    """A run, or a part of it, on the rows of gauge 1 at which all was measured: rows_ns (n,), of which those `inside`
-    are of the part, and a few come before and after; the tracks of the gauges and of the robot, which span these rows;
-    u_lag_s and own_u_s (n,) as in `Aligned`; seen: by the name of each instrument."""
+    """Run, or a part of it, on the rows of gauge 1 with complete data.
+
+    rows_ns (n,): `inside` those of the part, with a few before and after. Tracks of gauges and robot span these rows.
+    u_lag_s,
+    own_u_s (n,): as in `Aligned`. seen: by instrument.
+    """
 
     rows_ns: Array
     inside: slice
@@ -181,16 +193,16 @@ class Joined:
 
     @property
     def g_mm(self) -> Array:
-        """The readings (n, k) mm of the gauges."""
+        """Readings (n, k) mm of the gauges."""
         return _columns_at(self.rows_ns, self.gauges)
 
     def q_at(self, rows_ns: Array) -> Array:
-        """The joint angles (m, 6) rad at some of the rows (m,) ns."""
+        """Return joint angles (m, 6) rad at some of the rows (m,) ns."""
         return _columns_at(rows_ns, [self.robot])
 
 
 class NotTogether(FileError):
-    """Gauges and robot were not read at the same time; seen: of each of them, in a part of a run."""
+    """Gauges and robot were not read at the same time; seen: observations of each, in a part of a run."""
 
     def __init__(self, where: str, problem: str, remedy: str, seen: Mapping[str, Seen] | None = None) -> None:
         super().__init__(where, problem, remedy)
@@ -198,12 +210,12 @@ class NotTogether(FileError):
 
 
 def align(path: Path, run: Run, rig: Rig) -> Aligned:
-    """One table of a run. Raises FileError where a stream is missing or has nothing in common with the rest."""
+    """Return the table of a run. Raises FileError if a stream is missing or has no common time with the others."""
     return align_streams(path, run.streams, run.manifest.test, rig)
 
 
 def align_streams(path: Path, streams: Streams, test: TestName, rig: Rig) -> Aligned:
-    """One table of the streams of a test; path: names them in errors. Raises FileError as `align` does."""
+    """Return the table for the streams of a test; path: names them in errors. Raises FileError like `align`."""
     joined = join(path, streams, test, rig)
     rows_ns = joined.rows_ns
     doubts = doubts_of(joined.seen, len(joined.gauges[0].ns))
@@ -212,10 +224,11 @@ def align_streams(path: Path, streams: Streams, test: TestName, rig: Rig) -> Ali
 
 
 def join(path: Path, streams: Streams, test: TestName, rig: Rig, part: tuple[float, float] | None = None) -> Joined:
-    """The streams of a test on the rows of gauge 1, of those alone that came in a part [begin, end) ns of the run where
-    one is asked for. Raises FileError as `align` does, NotTogether where that may be due to the part.
+    """Return the streams of a test on the rows of gauge 1, optionally in a part [begin, end) ns of the run.
 
-    At targets gauge 1 alone measures: whether there is a second, and how it reads, is nothing to them.
+    At targets only gauge 1 is used: a second gauge is irrelevant. Raises FileError like `align`, NotTogether if the
+    part may be
+    the reason.
     """
     tracks, seen = _read(path, streams, test, rig, part)
     if "g1" not in tracks:
@@ -245,7 +258,7 @@ def join(path: Path, streams: Streams, test: TestName, rig: Rig, part: tuple[flo
     robot, of_part = tracks.pop("robot"), slice(int(kept[0]), int(kept[-1]) + 1)
     gauges = tuple(tracks.values())
     u_lag_s = float(np.hypot(max(track.u_s for track in gauges), robot.u_s))
-    own_u_s = np.zeros(len(rows_ns))  # of each row the less certain gauge's and the robot's together
+    own_u_s = np.zeros(len(rows_ns))  # for each row the uncertainties of the less certain gauge and the robot combined
     for track, together in [*((gauge, np.maximum) for gauge in gauges), (robot, np.hypot)]:
         if track.own_u_s.any():
             own_u_s = together(own_u_s, np.interp(rows_ns, track.ns, track.own_u_s))
@@ -255,7 +268,7 @@ def join(path: Path, streams: Streams, test: TestName, rig: Rig, part: tuple[flo
 def _read(
     path: Path, streams: Streams, test: TestName, rig: Rig, part: tuple[float, float] | None
 ) -> tuple[dict[str, Track], dict[str, Seen]]:
-    """Gauges and robot of a run, or those of them that read in a part. Raises FileError."""
+    """Return gauges and robot of a run, or those with readings in a part. Raises FileError."""
     tracks, seen = {}, {}
     for name in [*gauges_of(test, rig), "robot"]:
         try:
@@ -274,12 +287,12 @@ def _read(
 
 
 def gauges_of(test: TestName, rig: Rig) -> list[str]:
-    """The gauges that a test measures with."""
+    """Return the gauges used by a test."""
     return [name for name, _ in rig.gauges] if test in CIRCLES else ["g1"]
 
 
 def doubts_of(seen: Mapping[str, Seen], rows: int) -> list[str]:
-    """What a person should know before trusting a run of so many rows of gauge 1, in words."""
+    """Return doubts about a run with `rows` rows of gauge 1, as text."""
     doubts = [doubt for name, of in seen.items() for doubt in _doubts_of(name, of)]
     gaps = ((name, of.gaps) for name, of in seen.items() if of.gaps and are_many(of.gaps, of.longest_ns, rows))
     return [*doubts, *(f"{_left_out(name, count)} at gaps" for name, count in gaps)]
@@ -306,8 +319,11 @@ def _left_out(name: str, count: int) -> str:
 
 
 def robot_alone(path: Path, run: Run) -> tuple[Array, Array, tuple[str, ...]]:
-    """Times (n,) s since the first and reported angles (n, 6) rad of a recorded run whose gauges need not have read,
-    and doubts in words. Raises FileError where the robot was not recorded."""
+    """Return times (n,) s since the first, reported angles (n, 6) rad, and doubts of a recorded run, regardless of its
+    gauges.
+
+    Raises FileError if the robot was not recorded.
+    """
     track, seen = _robot(path, run.streams, None)
     if len(track.ns) < 2:
         problem = "holds fewer than two readings of robot at known times"
@@ -316,8 +332,9 @@ def robot_alone(path: Path, run: Run) -> tuple[Array, Array, tuple[str, ...]]:
 
 
 def _columns_at(rows_ns: Array, tracks: Sequence[Track]) -> Array:
-    """Values (n, k) of all tracks side by side, on the chords between their rows, at the times of the rows (n,), which
-    increase and which each track spans; in blocks."""
+    """Return values (n, k) of all tracks, interpolated linearly at increasing times (n,) spanned by each track, in
+    blocks.
+    """
     at_rows = np.empty((len(rows_ns), sum(track.values.shape[1] for track in tracks)))
     first = 0
     for track in tracks:
@@ -336,7 +353,7 @@ def _columns_at(rows_ns: Array, tracks: Sequence[Track]) -> Array:
             if len(ns) < 2:
                 at_rows[rows, columns] = values[:1]
                 continue
-            # Where each row of the track lies among the rows says for all rows between which two they are.
+            # The position of each track row among the rows gives the interval of all rows.
             passed = np.searchsorted(at_ns, ns[1:-1], side="left")
             before = np.repeat(np.arange(len(ns) - 1), np.diff(passed, prepend=0, append=len(at_ns)))
             chords = np.diff(values, axis=0)[before]
@@ -347,33 +364,34 @@ def _columns_at(rows_ns: Array, tracks: Sequence[Track]) -> Array:
 
 
 def are_many(gaps: int, longest_ns: float, rows: int) -> bool:
-    """Whether so many of the rows in gaps, the longest of so many ns, are more than what rigd itself makes a gauge
-    wait."""
+    """Return whether the gaps exceed the delays that rigd itself causes: number of rows in gaps, and length of the
+    longest in ns.
+    """
     return longest_ns > MOVES_NS or gaps > _OFTEN * rows
 
 
 def _gauge(
     path: Path, streams: Streams, test: TestName, rig: Rig, name: str, part: tuple[float, float] | None
 ) -> tuple[Track, Seen]:
-    """Readings (n, 1) mm of one gauge, which grow with the distance from the ball however it counts."""
+    """Return readings (n, 1) mm of one gauge, increasing with the distance from the ball."""
     gauge, column = dict(rig.gauges)[name], f"{name}_mm"
     stream = _stream(path, streams, [column], f"gauge {name}", LONGEST_MM)
     if gauge.bus and sum(key.endswith("_mm") for key in stream) > 1:
-        # On a line where each is asked by itself the rows of the others are not of this gauge.
+        # On a line with polled instruments, rows of the others do not belong to this gauge.
         rows = np.isfinite(stream[column])
         stream = {key: values[rows] for key, values in stream.items() if not key.endswith("_mm") or key == column}
     instants, inside = gauge_instants(stream, gauge), _inside(stream, part)
     values = gauge.sign * stream[column][:, None]
     sound = is_reading(values, LONGEST_MM)
     if test in CIRCLES and rig.tests.circle:
-        # With the ball inside the circle no link is ever longer than twice its radius.
+        # With the ball inside the circle, links are never longer than twice its radius.
         sound &= is_reading(values - np.median(values[sound]), 2 * rig.tests.circle.radius_mm)
     track, seen = _track(instants, values, sound, inside)
     return track, replace(seen, doubtful=_count(stream["status"] != 0, inside))
 
 
 def _inside(stream: Columns, part: tuple[float, float] | None) -> Mask | None:
-    """Which rows (n,) of a stream came in a part of the run."""
+    """Return a mask (n,) of a stream's rows in a part of the run."""
     if part is None:
         return None
     came_ns = stream["last_byte_ns"]
@@ -387,7 +405,7 @@ def _count(rows: Mask, inside: Mask | None) -> int:
 
 
 def _robot(path: Path, streams: Streams, part: tuple[float, float] | None) -> tuple[Track, Seen]:
-    """Joint angles (n, 6) rad as reported."""
+    """Return joint angles (n, 6) rad as reported."""
     columns = [f"q{axis}_deg" for axis in range(1, 7)]
     stream = _stream(path, streams, columns, "the robot", LARGEST_DEG)
     q_deg = np.stack([stream[column] for column in columns], axis=1)
@@ -396,7 +414,7 @@ def _robot(path: Path, streams: Streams, part: tuple[float, float] | None) -> tu
 
 
 def timing_doubts(name: str, instants: Instants | Seen) -> list[str]:
-    """What a person should know before trusting the times of an instrument, in words."""
+    """Return doubts about the times of an instrument, as text."""
     doubts = []
     if instants.restarts:
         doubts.append(f"{name}: its clock restarted {instants.restarts} times and is fitted in pieces")
@@ -415,8 +433,9 @@ def timing_doubts(name: str, instants: Instants | Seen) -> list[str]:
 
 
 def _track(instants: Instants, values: Array, sound: Mask, inside: Mask | None) -> tuple[Track, Seen]:
-    """The values in order of time, without rows that hold no reading or whose time is unknown, and one of each instant:
-    of messages that arrived together the last, which the others waited for, and of a clock with coarse steps the first.
+    """Return the values in order of time, without rows lacking a reading or time, and one row per instant.
+
+    Among messages arriving together the last is kept, for which the others waited; for a coarse clock the first.
     """
     usual_s = float(np.median(instants.own_u_s[sound])) if sound.any() else 0.0
     timely = sound & (instants.own_u_s <= max(_STALLED * usual_s, _STALLED_S))
@@ -436,7 +455,7 @@ def _track(instants: Instants, values: Array, sound: Mask, inside: Mask | None) 
         track_inside = None if track_inside is None else track_inside[kept]
     seen = Seen(
         instants.restarts if inside is None else int(inside[list(instants.restarted)].sum()),
-        # Its own uncertainty has a row alone whose stamp is wrong.
+        # Only a row with a wrong stamp has its own uncertainty.
         min(instants.wrong, _count(instants.own_u_s > 0, inside)) if instants.wrong else 0,
         instants.wanders_s,
         instants.held,
@@ -459,8 +478,10 @@ def _stream(path: Path, streams: Streams, columns: Sequence[str], instrument: st
 
 
 def gaps_ns(rows: Array, times: Array, short_ns: float) -> Array:
-    """How far apart (n,) ns the two of `times` (m,) ns are that rows (n,) ns lie between: 0 where no further than
-    usual, or hardly, and where a row is of one of those times. Both increase."""
+    """Return the distance (n,) ns of the two `times` (m,) ns around each row (n,) ns: 0 if usual, or if a row has one
+    of the times.
+    Both increase.
+    """
     apart = np.diff(times)
     wide = np.flatnonzero(apart > max(short_ns, _GAP * np.median(apart)))
     begins, ends = np.searchsorted(rows, times[wide], side="right"), np.searchsorted(rows, times[wide + 1], side="left")

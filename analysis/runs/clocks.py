@@ -1,8 +1,10 @@
-"""When was it measured? Host stamps, wire time and the instrument's own clock made into one time line.
+"""Determine the measurement times from host stamps, transmission times and instrument clocks.
 
-A byte can only arrive late, never early, and a reading that was asked for was taken after the request had gone through
-the line and before its answer set out. So of every bound that the stamps give the tightest is the best, and what
-stays between the bounds is the uncertainty: one part that all readings share, one that each has for itself.
+A byte can only arrive late, and a requested reading was taken after the request was transmitted and before its answer
+was
+sent. So the tightest bound from all stamps is the best, and the remaining interval is the uncertainty: one part common
+to all
+readings, one part of each reading.
 """
 
 from __future__ import annotations
@@ -22,33 +24,37 @@ from rigs.schema.links import tcp_address
 from rigs.schema.probe import Timing
 
 _HIDDEN_S = 1e-3
-"""How much an instrument's own time to answer may vary unseen behind an adapter that holds bytes back."""
+"""Variation of an instrument's answer time that can be hidden by a buffering adapter."""
 
 _HOLDS_NS = 25e6
-"""Adapters hold bytes back for up to 16 ms as they come, and some for the way, …"""
+"""Adapters delay bytes by up to 16 ms plus transmission, …"""
 _HOLDS = 1.5
-"""… or for so many times what nine of ten answers took; what takes longer, a computer held up."""
+"""… or this multiple of the 90 % quantile of the answer times; longer delays are caused by a stalled computer."""
 _HOST_S = 30e-6
-"""A host cannot stamp a byte any better."""
+"""Resolution of a host's stamps."""
 _TIMER_NS = 3e6
-"""What a quicker timer hides, unevenness covers."""
+"""A faster timer is hidden by the general variation."""
 _MOST = (0.05, 0.95)
 _DRIFTING = 0.7
-"""The scatter of messages about a pace: what one does from the last, 1.2 to 1.4 where each is late for itself."""
+"""Limit of the scatter about a pace, relative to successive differences: 1.2 to 1.4 for independent delays."""
 _IN_STEP = 0.9
-"""Mean cosine of arrivals that a timer of whole milliseconds releases, as all adapters have it."""
+"""Mean cosine of arrivals released by a timer of whole milliseconds, as in all adapters."""
 _SAMPLE = 20_000
-"""Messages that are enough to see a timer by."""
+"""Messages sufficient for detecting a timer."""
 _STIRRED = 5
 _STIRRED_NS = 2e6
-"""From so many requests that did not follow the answer before at once, and where they are answered so unevenly, it can
-be seen that an adapter holds bytes back (`daq.protocol.polled` says why)."""
+"""With this many requests not directly after the previous answer, and answer times of this variation, a buffering
+adapter is
+visible (`daq.protocol.polled` gives the reason).
+"""
 
 _LONGER = 1.2
-"""Readings that stay the same for more than so many stated cycles contradict the cycle."""
+"""Readings constant for more than this multiple of the stated cycle contradict the cycle."""
 _SPARSE_NS = 50e6
-"""Where a joint turns back, a play is crossed in some ten milliseconds: five times that shows it to one gauge long
-before the other."""
+"""At a reversal, backlash is crossed in about ten milliseconds: five times that makes it visible to one gauge long
+before the
+other.
+"""
 _SPARSE = (
     "its readings are {:.0f} ms apart, too far to follow a joint that turns back: a band may be too large by what the "
     "other gauge shows earlier; drive the circle slower"
@@ -72,7 +78,7 @@ Columns = Mapping[str, np.ndarray[Any, Any]]
 
 @dataclass(frozen=True)
 class TimingDoubt:
-    """What a person should know of an instrument's times: the form of a sentence, and the ms that it states."""
+    """Doubt about an instrument's times: form of a sentence, and its value in ms."""
 
     form: str
     ms: float = 0.0
@@ -83,14 +89,13 @@ class TimingDoubt:
 
 @dataclass(frozen=True)
 class Instants:
-    """When each sample was taken: ns (n,) on the host's clock.
+    """Times of samples: ns (n,) on the host's clock.
 
-    u_s: the standard uncertainty that all share; own_u_s (n,): what each has beside it. restarted: the rows from which
-    on the instrument's clock is another; wrong: how many of its stamps were left out. held: an adapter holds bytes
-    back.
-    wanders_s: by how much the lateness of its pace changed for good. arrived: the times are those of arrivals, which
-    messages that a network bundles share.
-    doubts: what else a person should know of these times.
+    u_s: common standard uncertainty. own_u_s (n,): individual part. restarted: rows at which the instrument's clock
+    changes.
+    wrong: number of stamps left out. held: whether an adapter buffers bytes. wanders_s: permanent change of the delay
+    of its
+    pace. arrived: whether the times are arrivals, shared by messages bundled in a network. doubts: further doubts.
     """
 
     ns: Array
@@ -105,12 +110,12 @@ class Instants:
 
     @property
     def restarts(self) -> int:
-        """How often the instrument's own clock restarted."""
+        """Number of restarts of the instrument's clock."""
         return len(self.restarted)
 
 
 def gauge_instants(stream: Columns, gauge: Gauge) -> Instants:
-    """When each reading of a gauge was taken, in the middle of what its filter averages."""
+    """Return the time of each gauge reading, in the middle of its filter's averaging interval."""
     stream, doubts = _without_standing_clock(stream)
     timing, device_s = gauge.timing, stream["device_time_s"]
     character_ns = 0 if tcp_address(gauge.port) else gauge.line.character_ns
@@ -129,28 +134,30 @@ def gauge_instants(stream: Columns, gauge: Gauge) -> Instants:
 
 
 def _without_standing_clock(stream: Columns) -> tuple[Columns, tuple[TimingDoubt, ...]]:
-    """A stream without its instrument's clock where that does not advance, and a doubt that says so."""
+    """Remove an instrument clock that does not advance, with a doubt about it."""
     if not stands(stream["device_time_s"]):
         return stream, ()
     return {**stream, "device_time_s": np.full(len(stream["device_time_s"]), np.nan)}, (TimingDoubt(_STANDS),)
 
 
 def _requested(stream: Columns, went_through: Array, set_out: Array, timing: Timing) -> Instants:
-    """When answers were given that set out at set_out (n,) ns, to requests that went through the line before."""
+    """Return the times of answers sent at set_out (n,) ns, to requests transmitted before."""
     set_out = set_out - timing.answer_delay_ms * 1e6
     window = np.maximum(set_out - went_through, 0.0)
     if timing.latched_within_ms is not None:
         window = np.minimum(window, timing.latched_within_ms * 1e6)
-    # An adapter holds bytes back where answers to requests that came out of step took less even times. By the quarters
-    # in the middle: a busy host holds up some of either kind, an adapter most of those out of step.
+    # An adapter buffers bytes if answers to out-of-step requests have less even times. Quartiles are used: a busy host
+    # delays some
+    # of either kind, an adapter most of those out of step.
     idle_before = stream["requested_ns"][1:] > stream["last_byte_ns"][:-1]
     in_step, stirred = window[1:][~idle_before], window[1:][idle_before]
     held = min(len(in_step), len(stirred)) >= _STIRRED and _spread(stirred) > 2 * _spread(in_step) + _STIRRED_NS
     device_s = stream["device_time_s"]
     if not np.isfinite(device_s).all():
         return asked_instants(went_through, window, held)
-    # The instrument's clock runs between two lines: no reading was taken before its request or after its answer. A
-    # gauge that answers with a reading from before the request breaks the first; then the second alone holds.
+    # The instrument's clock lies between two lines: no reading before its request or after its answer. A gauge
+    # answering with a
+    # reading older than the request violates the first; then only the second applies.
     after = through_clock(device_s, set_out)
     before = through_clock(-device_s[::-1], -went_through[::-1])
     width = float(np.median(after.ns + before.ns[::-1]))
@@ -159,7 +166,7 @@ def _requested(stream: Columns, went_through: Array, set_out: Array, timing: Tim
 
 
 def _of_own_cycle(asked: Instants, values: Array, timing: Timing) -> Instants:
-    """The instants of answers to requests, with readings (n, k) mm of a cycle that runs by itself."""
+    """Return the times of readings (n, k) mm from an internal cycle, for answers to requests."""
     cycle_ns = None if timing.cycle_ms is None else timing.cycle_ms * 1e6
     if cycle_ns is None and not repeats(values):
         return asked
@@ -192,10 +199,11 @@ def _spread(window: Array) -> float:
 
 
 def robot_instants(stream: Columns) -> Instants:
-    """When each position was reported.
+    """Return the times of reported positions.
 
-    A controller reports what it latched at some time in the cycle before: one cycle is what stays unknown. One that is
-    asked over a network (registers) read its position between request and answer.
+    A controller reports a value latched during the previous cycle, so a cycle is the uncertainty. A controller polled
+    over a
+    network (registers) was read between request and answer.
     """
     if (stream["requested_ns"] >= 0).all():
         asked_ns = stream["requested_ns"].astype(float)
@@ -203,16 +211,16 @@ def robot_instants(stream: Columns) -> Instants:
     stream, doubts = _without_standing_clock(stream)
     fitted = _by_any_clock(stream["device_time_s"], stream["first_byte_ns"].astype(float))
     arrived = not np.isfinite(stream["device_time_s"]).all()
-    # The usual time from one message to the next; those that a network bundles share the time since the bundle before.
+    # Usual time between messages; bundled ones share the time since the previous bundle.
     at, count = np.unique(fitted.ns, return_counts=True)
     cycle_ns = float(np.median(np.repeat(np.diff(at) / count[1:], count[1:]))) if len(at) > 1 else 0.0
     return replace(_listened(fitted, cycle_ns), arrived=arrived, doubts=doubts)
 
 
 def _streamed(device_s: Array, set_out: Array, character_ns: int) -> Instants:
-    """A reading sent without a request was latched as its answer set out, or up to a character before."""
+    """Return the times of unprompted readings, latched when sent or up to a character before."""
     fitted = _by_any_clock(device_s, set_out)
-    # The timer of an adapter that holds back bytes which come unasked and unevenly: all arrive multiples of it apart.
+    # Timer of an adapter buffering uneven unprompted bytes: arrivals are multiples of it apart.
     late, timer_ns, steps = set_out - fitted.ns, 0.0, np.diff(set_out[:_SAMPLE])
     if len(steps) >= 2 * _STIRRED:
         timers = np.arange(_HOLDS_NS, _TIMER_NS, -1e6)
@@ -221,7 +229,7 @@ def _streamed(device_s: Array, set_out: Array, character_ns: int) -> Instants:
         timer_ns = float(uneven[in_step].max(initial=0.0))
     if np.isfinite(device_s).all() or _keeps_pace(late, timer_ns):
         return _listened(fitted, character_ns)
-    # It is unknown when in the timer's run it came, and how much of the unevenness is the way's.
+    # The arrival within the timer period, and the share of the transmission in the variation, are unknown.
     open_ns = timer_ns or float(np.ptp(np.quantile(np.diff(set_out), _MOST)))
     own_u_s = np.full(len(set_out), _anywhere_in(open_ns))
     u_s = math.hypot(character_ns / math.sqrt(3) / 1e9, _HOST_S)
@@ -229,16 +237,15 @@ def _streamed(device_s: Array, set_out: Array, character_ns: int) -> Instants:
 
 
 def _listened(fitted: FittedClock, before_ns: float) -> Instants:
-    """What is latched at some time in so many ns before the times fitted."""
+    """Return times latched within before_ns before the fitted times."""
     u_s = math.hypot(before_ns / math.sqrt(3) / 1e9, fitted.shared_u_s)
     return Instants(fitted.ns, u_s, fitted.u_s, fitted.restarted, fitted.wrong, wanders_s=fitted.wanders_s)
 
 
 def _keeps_pace(late: Array, timer_ns: float) -> bool:
-    """Whether messages late (n,) ns against a pace are late by the way: each for itself, or by a timer.
+    """Return whether delays late (n,) ns against a pace come from the transmission: independent, or by a timer.
 
-    Those of an uneven pace drift away from any line through them, by little from one to the next; and where no pace
-    was found they are not late at all.
+    An uneven pace drifts away from any line with small successive differences; without a pace there are no delays.
     """
     if len(late) < 2 or not late.any():
         return len(late) < 2
@@ -257,15 +264,14 @@ def _by_any_clock(device_s: Array, host_ns: Array) -> FittedClock:
 
 
 def asked_instants(went_through: Array, window: Array, held: bool) -> Instants:
-    """Between the request and the answer, as the clocks of two computers are compared (NTP): in the middle of windows
-    (n,) ns after the request went through (n,) ns.
+    """Return times in the middle of windows (n,) ns between request and answer, as in NTP clock comparisons.
 
-    Behind an adapter that holds bytes back only the quickest answer of the run shows how long the instrument takes: the
-    time that another takes beyond that is the adapter's.
+    Behind a buffering adapter only the fastest answer shows the instrument's answer time: the excess belongs to the
+    adapter.
     """
-    shortest = float(np.partition(window, 1)[:2].max())  # the very shortest may be a stamp that is wrong
+    shortest = float(np.partition(window, 1)[:2].max())  # the very shortest may have a wrong stamp
     if held:
-        # The computer was held up, before or after the reading.
+        # the computer stalled before or after the reading
         holds_ns = max(_HOLDS_NS, _HOLDS * (float(np.quantile(window, 0.9)) - shortest))
         own_u_s = _anywhere_in(np.maximum(window - shortest - holds_ns, 0.0))
         window = np.minimum(window, shortest)
@@ -275,5 +281,5 @@ def asked_instants(went_through: Array, window: Array, held: bool) -> Instants:
 
 
 def _anywhere_in(window_ns: Any) -> Any:
-    """Standard uncertainty, in s, of the middle of a window when the truth may be anywhere in it."""
+    """Return the standard uncertainty, in s, of the middle of a window with a uniform distribution."""
     return window_ns / math.sqrt(12) / 1e9

@@ -1,4 +1,4 @@
-"""Between tables in memory (rad, mm) and the columns of docs/tables.md (degrees, mm)."""
+"""Convert between tables in memory (rad, mm) and the columns of docs/tables.md (degrees, mm)."""
 
 from __future__ import annotations
 
@@ -22,20 +22,22 @@ from rigs.schema.vocabulary import DRIVEN_AXES, FEWEST_AXES, MOST_AXES, Directio
 
 @dataclass(frozen=True)
 class Rows:
-    """The columns of docs/tables.md as a kind of test asks for them; extra columns are left out."""
+    """Columns of docs/tables.md for a kind of test, without extra columns."""
 
     columns: pa.Table
 
     @cached_property
     def axes(self) -> int:
-        """How many joints the table has: of columns that are none of the arm's, as of a gripper, the cells are kept as
-        text. Fewer than any arm has are those of six, some of which are missing."""
+        """Number of joints in the table; cells of unrelated columns, such as a gripper, stay text. Fewer than the
+        minimum means six
+        joints with missing columns.
+        """
         joints = list(takewhile(self._is_measured, joint_columns(MOST_AXES)))
         return len(joints) if len(joints) >= FEWEST_AXES else DRIVEN_AXES
 
     @cached_property
     def rail(self) -> bool:
-        """Whether the table says where a rail stands: a column of that name that is none is kept as text."""
+        """Whether the table contains rail positions; an unrelated column of that name stays text."""
         return self._is_measured(RAIL)
 
     @property
@@ -60,15 +62,15 @@ class Rows:
         return array_of(self.columns[name])
 
     def words(self, name: str) -> NDArray[np.str_]:
-        """Return a column (n,) of words, which have no unit."""
+        """Return a column (n,) of words."""
         return np.array(self.columns[name].to_pylist(), dtype=np.str_)
 
     def times(self) -> Array:
-        """Return the times (n,) s of a table that may have none, which are zeros then."""
+        """Return times (n,) s, zeros if the table has none."""
         return self.floats("t_s") if self.has(("t_s",)) else np.zeros(self.columns.num_rows)
 
     def with_rail(self, q: Array, name: str = RAIL) -> Array:
-        """Return angles q (n, axes) rad with where the rail stands, in m, by the column of a name, if there is one."""
+        """Return angles q (n, axes) rad with the rail position in m, if the table contains it."""
         return np.column_stack([q, self.floats(name) / RAIL_MM]) if self.rail else q
 
     def _is_measured(self, name: str) -> bool:
@@ -77,9 +79,9 @@ class Rows:
 
 
 def table_from(columns: pa.Table, test: TestName, direction: Direction | None, where: str) -> Table:
-    """A table in memory of the columns of docs/tables.md; extra columns are left out.
+    """Return a table in memory from the columns of docs/tables.md, without extra columns.
 
-    Raises FileError where the columns are not those of the test, hold no rows, or hold what no import lets through.
+    Raises FileError for columns of a different test, for no rows, and for content rejected by imports.
     """
     rows, kind = Rows(columns), kind_named(test)
     missing = [name for name in kind.layout(rows.axes).required if name not in columns.column_names]
@@ -92,39 +94,39 @@ def table_from(columns: pa.Table, test: TestName, direction: Direction | None, w
 
 
 def u_lag_s_of(columns: pa.Table) -> float:
-    """The standard uncertainty in s of the gauges' time against the joints' that all rows of a table share; 0 where it
-    states none."""
+    """Return the common standard uncertainty in s of the gauges' time relative to the joints'; 0 if not stated."""
     stated = "u_lag_s" in columns.column_names and pa.types.is_floating(columns.schema.field("u_lag_s").type)
     return float(Rows(columns).floats("u_lag_s").max(initial=0.0)) if stated else 0.0
 
 
 def columns_of(table: Table) -> pa.Table:
-    """The columns of docs/tables.md, in its order: degrees and mm. A time that is zero throughout is left out."""
+    """Return the columns of docs/tables.md in order: degrees and mm. Times that are all zero are left out."""
     return pa.table({name: pa.array(values) for name, values in table.kind.columns(table).items()})
 
 
 def joint_cells(
     q: Array, *, rail: bool, names: Callable[[int], tuple[str, ...]] = joint_columns, rail_name: str = RAIL
 ) -> dict[str, Array]:
-    """The columns of angles q (n, axes) rad by their names, in degrees, and of a rail behind them in mm."""
+    """Return the columns of angles q (n, axes) rad by name, in degrees, followed by a rail in mm."""
     axes = q.shape[1] - rail
     cells = dict(zip(names(axes), np.degrees(q[:, :axes]).T, strict=True))
     return cells | ({rail_name: RAIL_MM * q[:, axes]} if rail else {})
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# The rules of every table that is read, of any program: numbers of a size that is measured, time in order.
+# Rules for every table from any program: finite plausible numbers, increasing times.
 #
-# Import says the same of a file, with its lines. A run directory is only files, and one that was edited, or made by
-# another program, had a time of nan or 1e300 in it, which stopped the analysis of all runs beside it.
+# Import reports the same with line numbers. A run directory consists of files, and one that was edited, or written by
+# another
+# program, had a time of nan or 1e300, which stopped the analysis of all runs with it.
 
 LARGEST = 1e12
-"""No angle, length or time of a measurement is larger, in any unit that someone may have taken by mistake."""
+"""Limit of angles, lengths and times, in any unit chosen by mistake."""
 _REMEDY = "restore the run from a copy, or correct its table and import it again"
 
 
 def hold_table(table: Table, where: str) -> None:
-    """Raises FileError for the first row that no import lets through; `where` names the table."""
+    """Raise FileError for the first row rejected by imports; `where` names the table."""
     columns = {name: values for name, values in vars(table).items() if isinstance(values, np.ndarray)}
     for field, values in columns.items():
         name = "g1_mm" if field == "g_mm" and values.ndim == 1 else field
@@ -145,7 +147,7 @@ def hold_table(table: Table, where: str) -> None:
 
 
 def _hold_rows(is_good: Mask, name: str, rows: Array, why: str, where: str) -> None:
-    """Raises FileError for the first row (n, k) with a value that is not good (n, k), as nan never is."""
+    """Raise FileError for the first of the rows (n, k) with an invalid value (mask (n, k)), including nan."""
     good = is_good.all(axis=1)
     if not good.all():
         row = int(np.argmin(good))

@@ -1,7 +1,7 @@
-"""The analysed part of a circle run: its whole laps from the start angle, lead-in and lead-out left away.
+"""Whole laps of a circle run from the start angle, without lead-in and lead-out.
 
-What the controller reported goes through the nominal kinematics; that is where the robot believed to be,
-and the circle angle phi is taken from it.
+The circle angle phi is computed from the reported joint angles by nominal kinematics, the position assumed by the
+robot.
 """
 
 from __future__ import annotations
@@ -28,33 +28,38 @@ from rigs.text import as_argument
 
 _RADIUS_OFF_MM = 2.0
 _AWAY_S = 0.1
-"""The tool was away from the circle, and not a row or two of the feedback wrong, if it was so for this long."""
+"""Minimum time away from the circle; shorter deviations are wrong rows of the feedback."""
 _GAP_RAD, _WIDEST_RAD = np.radians(5.0), np.radians(10.0)
 _STEPS = 4.0
-"""A lap may have holes of 5°; of a slow gauge as many of its steps as a row more or less leaves, up to 10°."""
+"""Permitted gaps in a lap: 5°, or for a slow gauge this number of its steps, up to 10°."""
 _TURNS_BACK_RAD = np.radians(20.0)
-"""Less is the noise of the feedback, or a program that finds its start."""
+"""Smaller reversals are feedback noise, or a program locating its start."""
 _SEEN = 4000
-"""Rows by which turning back and standing still are seen."""
+"""Rows for detecting reversals and standstills."""
 _COVER = 40_000
-"""Rows by which holes of a lap are seen, which lie closer than a degree's hundredth."""
+"""Rows for detecting gaps in a lap, closer than a hundredth of a degree."""
 _REPORTS_S = 0.002
-"""No controller reports oftener than each 2 ms (RTDE of the e-Series); gauges may."""
+"""Shortest reporting interval of controllers: 2 ms (RTDE of the e-Series); gauges may be faster."""
 _BLOCK = 4096
-"""Rows whose poses are reckoned at a time, so that a long run needs no memory for all of them."""
+"""Rows per block of poses, to limit the memory of a long run."""
 _HARDLY = 0.01
-"""A run that ends by less than this share before the whole lap holds it; a wider gap would be refused anyway."""
+"""A run that ends by less than this share before the full lap counts as complete; a wider gap would be refused
+anyway.
+"""
 _JUMP_RAD = np.radians(1.0)
 _JUMP_SPEEDS = 3.0
-"""Between two rows a joint moves no further than this many times its greatest speed, and _JUMP_RAD, allow."""
+"""Limit of joint motion between two rows: this multiple of the maximum speed, plus _JUMP_RAD."""
 
 
 @dataclass(frozen=True)
 class Laps:
-    """Whole laps in order of time. t_s (n,), q (n, 6) rad, g_mm (n, k); phi (n,) rad, going on from lap to lap,
-    whatever the robot did between them; notes: what a person should know of how they were cut out; count: how many
-    laps these are; lap_s: mean time of a lap; apart_s: of the beginning of one to that of the next; u_t_s: rms of the
-    rows' own uncertainties of time."""
+    """Whole laps in order of time.
+
+    t_s (n,), q (n, 6) rad, g_mm (n, k). phi (n,) rad: continuous from lap to lap, whatever happened in between. notes:
+    about the
+    selection. count: number of laps. lap_s: mean duration. apart_s: time between the starts of laps. u_t_s: rms of the
+    individual time uncertainties.
+    """
 
     direction: Direction
     frame: CircleFrame
@@ -70,28 +75,31 @@ class Laps:
 
     @property
     def first(self) -> Laps:
-        """The first lap alone."""
+        """Return the first lap."""
         rows = np.abs(self.phi - self.start) < 2 * np.pi
         return replace(self, count=1, **{name: getattr(self, name)[rows] for name in ("t_s", "phi", "q", "g_mm")})
 
     @property
     def without_rows(self) -> Laps:
-        """The same laps with their first row alone, in memory of its own."""
+        """Return the laps with a copy of their first row only."""
         rows = {name: getattr(self, name)[:1].copy() for name in ("t_s", "phi", "q", "g_mm")}
         return replace(self, **rows)
 
     @property
     def start(self) -> float:
-        """Circle angle, rad, at which a lap begins, to the nearest row."""
+        """Circle angle, rad, of the lap start, to the nearest row."""
         return float(self.phi[0])
 
 
 def laps_of(table: CircleTable, rig: Rig, where: str) -> Laps:
-    """All whole laps that a circle table holds in its direction; `where` names the run in errors.
+    """Return all whole laps of a circle table in its direction; `where` names the run in errors.
 
-    They may follow each other or, since few wrists have two turns to give, with ways back between them. Those of a
-    table that is not long are kept as long as the table, of which each part of a diagnosis asks them, others as long as
-    somebody holds them. Raises FileError where the robot did not drive the circle that the rig file says."""
+    Laps may be consecutive, or have returns in between, because few wrists have two spare turns. Laps of short tables
+    are cached
+    with the table, for all parts of a diagnosis, others as long as they are referenced. Raises FileError if the robot
+    did not
+    drive the circle of the rig file.
+    """
     key, cell = id(table), (rig.robot, rig.tests.circle)
     if (kept := _LAPS.get(key)) is not None and kept[0]() is table and kept[1] == cell and (laps := kept[2]()):
         return laps
@@ -109,9 +117,9 @@ def laps_of(table: CircleTable, rig: Rig, where: str) -> Laps:
 
 
 _LAPS: dict[int, tuple[ref[CircleTable], tuple[Robot, Circle | None], Callable[[], Laps | None]]] = {}
-"""The laps of the tables that somebody holds, by the identity of the table, with the arm and the circle they are of."""
+"""Cached laps by the identity of the table, with the arm and circle."""
 _KEPT_ROWS = 50_000
-"""A copy of the rows of a longer table takes more than 5 MB."""
+"""Rows above which a copy needs more than 5 MB."""
 
 
 def _cut_out(table: CircleTable, rig: Rig, where: str) -> Laps:
@@ -131,7 +139,7 @@ def _cut_out(table: CircleTable, rig: Rig, where: str) -> Laps:
         laps = [_lap_from(rows, ahead, _turns_before(ahead, lead))]
     for _, ahead in laps:
         _require_covered(where, ahead, sense, start)
-    # Of a single lap a view is enough: it may be long.
+    # A view is sufficient for a single lap, which may be long.
     inside = laps[0][0] if len(laps) == 1 else np.concatenate([np.arange(rows.start, rows.stop) for rows, _ in laps])
     begins = np.array([table.t_s[rows.start] for rows, _ in laps])
     lap_s = float(np.mean([table.t_s[rows.stop - 1] - table.t_s[rows.start] for rows, _ in laps]))
@@ -145,9 +153,12 @@ def _cut_out(table: CircleTable, rig: Rig, where: str) -> Laps:
 def _ways_along(
     frame: CircleFrame, start: float, table: CircleTable, rig: Rig, where: str
 ) -> list[tuple[slice, Array]]:
-    """Rows of each way along a circle, and how far they lie ahead of its start, rad, in the direction of the table.
-    Raises FileError where the robot drove another circle, DirectionError where it drove the other way round."""
-    # No closer than a controller reports: rows between lie on the way from one to the next.
+    """Return the rows of each motion along a circle, and their angles, rad, after its start in the direction of the
+    table.
+
+    Raises FileError if the robot drove a different circle, DirectionError for the opposite direction.
+    """
+    # No closer than a controller reports: rows in between are interpolated.
     step = max(1, int(_REPORTS_S / max(float(np.median(np.diff(table.t_s[:_SEEN]))), 1e-9)))
     rows_seen = np.append(np.arange(0, len(table.t_s) - 1, step), len(table.t_s) - 1)
     tool = places_along(arm_of(rig.robot), table.q, rows_seen)
@@ -162,10 +173,10 @@ def _ways_along(
     for stretch in stretches:
         rows = _without_leaps(where, table, phi, stretch, rig)
         ahead = SENSE[table.direction] * (phi[rows] - start)
-        # A way begins at the lead-in, so the start lies less than half a turn ahead of it.
+        # A motion begins at the lead-in, so the start is less than half a turn ahead.
         ways += [(slice(rows.start + a, rows.start + b), ahead[a:b]) for a, b in _ways(ahead)]
-    # A robot that drives a lap and then goes the whole way back, so that its wrist unwinds, goes as far in both
-    # directions: there the label decides.
+    # A robot that drives a lap and returns completely, to unwind its wrist, moves equally in both directions: the label
+    # decides.
     forth, back = (sum(max(sign * float(way[-1] - way[0]), 0.0) for _, way in ways) for sign in (1.0, -1.0))
     if back > forth + np.radians(10):
         drove: Direction = "acw" if table.direction == "cw" else "cw"
@@ -176,14 +187,14 @@ def _ways_along(
 
 
 def is_on_circle(tool: Array, frame: CircleFrame) -> Mask:
-    """Whether (n,) the tool at (n, 3) mm is on the circle, as near as a program drives it."""
+    """Return a mask (n,) of tool positions (n, 3) mm on the circle, within the accuracy of a program."""
     from_centre = tool - frame.centre
     radius, height = np.linalg.norm(from_centre, axis=1), from_centre @ frame.n
     return np.asarray(np.maximum(np.abs(radius - frame.radius), np.abs(height)) <= _RADIUS_OFF_MM)
 
 
 def _ways(ahead: Array) -> list[tuple[int, int]]:
-    """Rows (begin, end) of each way that a path of circle angles (n,) goes before it turns back for good."""
+    """Return the rows (begin, end) of each motion between reversals along circle angles (n,)."""
     step = max(1, len(ahead) // _SEEN)
     turns, extreme, sense = [0], 0, 0.0
     for row in range(0, len(ahead), step):
@@ -200,15 +211,17 @@ def _ways(ahead: Array) -> list[tuple[int, int]]:
 
 
 def _turns_before(ahead: Array, lead: float) -> float:
-    """Circle angle, a multiple of whole turns, at which the first lap of a way (n,) begins; its first row stands at the
-    lead-in, or at the start itself."""
+    """Return the circle angle, a multiple of whole turns, at which the first lap of a motion (n,) begins.
+
+    The first row is at the lead-in, or at the start itself.
+    """
     return float(2 * np.pi * np.round((ahead[0] + lead) / (2 * np.pi)))
 
 
 def _lap_from(rows: slice, ahead: Array, begins: float) -> tuple[slice, Array]:
-    """Rows of the lap that begins at a circle angle, and its circle angles from 0.
+    """Return the rows of the lap beginning at a circle angle, and its circle angles from 0.
 
-    In order of time, so that standing, or coming to the start from elsewhere, is not part of it.
+    In order of time, so a standstill or an approach to the start is not included.
     """
     since = ahead - begins
     end = int(np.argmax(since >= 2 * np.pi)) or len(since)
@@ -217,7 +230,7 @@ def _lap_from(rows: slice, ahead: Array, begins: float) -> tuple[slice, Array]:
 
 
 def places_along(arm: Arm, q: Array, rows: Integers) -> Array:
-    """Where the tool is (m, 3) mm in some rows (m,) of joint angles (n, 6) rad."""
+    """Return tool positions (m, 3) mm in some rows (m,) of joint angles (n, 6) rad."""
     places = np.empty((len(rows), 3))
     for begin in range(0, len(rows), _BLOCK):
         places[begin : begin + _BLOCK] = forward(arm, q[rows[begin : begin + _BLOCK]])[:, :3, 3]
@@ -225,9 +238,12 @@ def places_along(arm: Arm, q: Array, rows: Integers) -> Array:
 
 
 def _on_circle(t_s: Array, tool: Array, frame: CircleFrame, seen: Integers) -> list[slice]:
-    """Rows (n,) while the tool, at (m, 3) mm in rows seen (m,), was on the circle, stretch by stretch: not on the way
-    to it or from it, where it may pass any angle. A row or two that jump off belong to their stretch, and are found
-    there."""
+    """Return the rows (n,) of each stay on the circle, for tool positions (m, 3) mm in rows seen (m,).
+
+    Approach and departure, which may have any angle, are excluded. One or two rows off the circle belong to their stay,
+    and are
+    detected later.
+    """
     on = np.flatnonzero(is_on_circle(tool, frame))
     if not len(on):
         return []
@@ -238,9 +254,9 @@ def _on_circle(t_s: Array, tool: Array, frame: CircleFrame, seen: Integers) -> l
 
 
 def _without_leaps(where: str, table: CircleTable, phi: Array, rows: slice, rig: Rig) -> slice:
-    """A stretch without what lies before or after a leap while the robot stood: there it was set to a start.
+    """Return a section without the part before or after a jump at standstill, where the robot was set to a start.
 
-    Raises FileError where a joint jumps further than it can run in the middle of the circle.
+    Raises FileError if a joint jumps by more than its speed permits in the middle of the circle.
     """
     t_s, q = table.t_s[rows], table.q[rows]
     begin, end = 0, len(q)
@@ -260,8 +276,11 @@ def _without_leaps(where: str, table: CircleTable, phi: Array, rows: slice, rig:
 
 
 def leaps_of(t_s: Array, q: Array, rig: Rig) -> list[tuple[int, int, float]]:
-    """Row before, axis and size, rad, of each step between two rows of q (n, 6) rad at t_s (n,) s that no joint can
-    run; axis by axis, since a run may be long."""
+    """Return row before, axis and size, rad, of each step between rows of q (n, 6) rad at t_s (n,) s beyond the joint
+    speeds.
+
+    Computed axis by axis, because a run may be long.
+    """
     leaps = []
     for axis, joint in enumerate(q.T):
         step = np.abs(np.diff(joint))

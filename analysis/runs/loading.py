@@ -1,6 +1,4 @@
-"""A run as it is analysed: its table, its rig, and what a person should know before trusting it; or, whatever its
-gauges read, what the robot reported in it, which is all that is needed to find where it drove.
-"""
+"""Load a run for analysis: table, rig, and doubts; or only the robot's motion, sufficient for locating a circle."""
 
 from __future__ import annotations
 
@@ -45,15 +43,19 @@ ONLY_COMMANDED = (
 )
 """What is assumed of a run without measured angles; kept in its manifest."""
 SIMULATED = "simulated, "
-"""What the source of a simulated table begins with; the seed follows."""
+"""Prefix of the source of a simulated table, followed by the seed."""
 
 
 @dataclass(frozen=True)
 class Measured(Tabular):
-    """A run that was read, with its rig file as it was then (rig) and its readings as one table, in radians and mm;
-    u_lag_s: standard uncertainty of the gauges' time against the robot's, 0 where a table came with its own time;
-    doubts in words; systematic: what calibration certificates leave uncertain; condition: what the robot showed beside
-    its joints. The run is without its streams: the table is made of them, and takes as much memory for a long run."""
+    """Run with its rig file (rig), and its readings as one table, in radians and mm.
+
+    u_lag_s: standard uncertainty of the gauges' time relative to the robot's, 0 for tables with their own time. doubts:
+    as text.
+    systematic: uncertainties from certificates. condition: of the robot. The run is without its streams: the table is
+    derived
+    from them, and needs as much memory for a long run.
+    """
 
     path: Path
     run: Run
@@ -66,13 +68,13 @@ class Measured(Tabular):
 
     @property
     def title(self) -> str:
-        """Test and direction, as `yaw acw`."""
+        """Test and direction, such as `yaw acw`."""
         manifest = self.run.manifest
         return f"{manifest.test} {manifest.direction}" if manifest.direction else manifest.test
 
     @property
     def is_simulated(self) -> bool:
-        """Whether no robot was measured: a simulated table, or a run of an emulated cell."""
+        """Whether no real robot was measured: a simulated table, or a run of an emulated cell."""
         table = self.run.manifest.table
         return self.rig.emulated or (table is not None and table.file.startswith(SIMULATED))
 
@@ -83,24 +85,24 @@ class Measured(Tabular):
         return table is not None and ONLY_COMMANDED in table.assumed
 
     def to_table(self) -> pa.Table:
-        """The columns of docs/tables.md: the imported ones as they came, or those of the aligned table."""
+        """Return the columns of docs/tables.md: the imported ones unchanged, or those of the aligned table."""
         return columns_of(self.table) if self.run.table is None else self.run.table
 
 
 def load_measured(path: Path) -> Measured:
-    """Read a run, recorded or imported, wherever it lies. Raises FileError."""
+    """Load a run, recorded or imported, local or remote. Raises FileError."""
     with fetched(path) as directory:
         return measured_in(directory, path)
 
 
 def measured_in(directory: Path, path: Path) -> Measured:
-    """Read a run whose files are in a directory; path: where they came from. Raises FileError."""
+    """Load a run with its files in a directory; path: their origin. Raises FileError."""
     run = read_run(directory)
     return measured_of(replace(run, path=path), calibrated_beside(rig_of(run), directory))
 
 
 def refuse_copies(runs: Iterable[tuple[Path, str]]) -> None:
-    """Raise FileError where two runs, each with the digest of its readings, hold the same readings.
+    """Raise FileError if two runs, each with the digest of its readings, have equal readings.
 
     A copy used as a repeat would indicate zero noise, and a held-out copy would not be independent.
     """
@@ -112,12 +114,12 @@ def refuse_copies(runs: Iterable[tuple[Path, str]]) -> None:
 
 
 def rig_of(run: Run) -> Rig:
-    """Return the rig of the text in the manifest of a run, without a calibration. Raises RigFileError."""
+    """Return the rig of a run's manifest, without calibration. Raises RigFileError."""
     return parse(run.manifest.rig_text, f"{run.path}, rig file")
 
 
 def measured_of(run: Run, rig: Rig | None = None) -> Measured:
-    """A run that has been read, with the rig of its manifest, or this one, and its table. Raises FileError."""
+    """Return a loaded run with the rig of its manifest, or the given one, and its table. Raises FileError."""
     path = run.path
     rig = rig or rig_of(run)
     if run.table is None:
@@ -144,8 +146,10 @@ def measured_of(run: Run, rig: Rig | None = None) -> Measured:
 
 
 def known_doubts(run: Run, rig: Rig) -> list[str]:
-    """What is doubtful of a run before its readings are looked at, in words. Raises FileError for what is no run, and
-    for one that was made from a replay whose instruments were out of step with one another."""
+    """Return doubts about a run independent of its readings, as text.
+
+    Raises FileError for an invalid run, and for a replay with instruments out of step.
+    """
     seconds = {stream: counted.get("out_of_step", 0) for stream, counted in run.manifest.counters.items()}
     if out_of_step := ", ".join(f"{stream} for {count} s" for stream, count in seconds.items() if count):
         problem = f"was made from a replay out of step ({out_of_step}), so its figures would be wrong"
@@ -166,16 +170,16 @@ def known_doubts(run: Run, rig: Rig) -> list[str]:
 def measured_as(
     run: Run, rig: Rig, table: Table, u_lag_s: float, doubts: Sequence[str], condition: Condition
 ) -> Measured:
-    """A recorded run with the table that was made of its streams, and what the robot showed beside it."""
+    """Return a recorded run with the table made of its streams, and the robot's condition."""
     bare = replace(run, streams={})
     doubts = (*doubts, *condition.doubts)
     return Measured(run.path, bare, rig, table, u_lag_s, doubts, _systematic(rig, table), condition)
 
 
 def _taken_as_corrected(run: Run, rig: Rig) -> list[str]:
-    """What the rig file would correct in readings that were imported, where nothing says whether that was done.
+    """Return the corrections of the rig file possibly missing in imported readings, if the import does not state it.
 
-    Simulated readings are what they mean, and need no correction.
+    Simulated readings need no correction.
     """
     kind, table = kind_named(run.manifest.test), run.manifest.table
     names = kind.gauges
@@ -211,7 +215,7 @@ def _doubts(run: Run) -> list[str]:
     ]
     if manifest.exit_status != "complete":
         doubts.append(f"the recording ended {manifest.exit_status}: {manifest.reason}")
-    # What it was recorded as, in one line; nothing where it has its old words again.
+    # original label in one line; empty if it was restored
     last = {change.field: change for change in manifest.relabelled}
     first = {change.field: change for change in reversed(manifest.relabelled)}
     old_and_new = {name: (first[name].old, last[name].new) for name in last}
@@ -228,8 +232,9 @@ def _doubts(run: Run) -> list[str]:
 
 @dataclass(frozen=True)
 class RobotMotion:
-    """Reported angles q (n, 6) rad at times t_s (n,) s; where: its name in messages; direction: that of its label, if
-    it has one; doubts in words."""
+    """Reported angles q (n, 6) rad at times t_s (n,) s; where: name in messages; direction: of the label, if any;
+    doubts: as text.
+    """
 
     where: str
     t_s: Array
@@ -239,7 +244,7 @@ class RobotMotion:
 
 
 def motion_in(run: Run) -> RobotMotion:
-    """The motion of a run, recorded, imported or simulated. Raises FileError where it holds none."""
+    """Return the motion of a run, recorded, imported or simulated. Raises FileError if there is none."""
     path, direction = run.path, run.manifest.direction
     if run.table is None:
         t_s, q, doubts = robot_alone(path, run)

@@ -1,13 +1,18 @@
-"""The line under points that delay can only lift: through the least delayed, whatever the others do.
+"""Lower envelope of points raised by delays: a line through the least delayed points.
 
-A straight line over a short span; over a long one, where a clock's rate follows the temperature, a broken line of
-windows joined without a step. Both are the line under all points that lies closest to them on average (Olson, A
-Passive Solution to the Sensor Synchronization Problem, IROS 2010, for the straight one).
+Straight over a short span; over a long one, where a clock's rate follows the temperature, a continuous polyline of
+windows.
+Both are the lines below all points with the smallest mean distance (Olson, A Passive Solution to the Sensor
+Synchronization
+Problem, IROS 2010, for the straight one).
 
-The broken one is a linear program of a chain, whose corners bind the two knots beside them alone: its normal equations
-have three diagonals, and one step costs as little for the clock of a day as for that of a minute. A predictor and a
-corrector solve it (Mehrotra, On the implementation of a primal-dual interior point method, 1992); `scipy.optimize`
-takes longer to import than this takes to solve.
+The polyline is a linear program on a chain, in which each corner involves only the two adjacent knots: its normal
+equations
+are tridiagonal, and a step costs as little for the clock of a day as for that of a minute. It is solved by a predictor
+and
+corrector (Mehrotra, On the implementation of a primal-dual interior point method, 1992); importing `scipy.optimize`
+takes
+longer than this solution.
 """
 
 from __future__ import annotations
@@ -17,17 +22,18 @@ import numpy as np
 from analysis.robot.kinematics.arm import Array, Integers
 
 _ENOUGH = 1e-10
-"""Share of the corners' range by which the mean height may lie below the best."""
+"""Permitted distance of the mean height from the optimum, relative to the range of the corners."""
 _ROUNDS = 80
-"""Some 15 are usual."""
+"""About 15 are usual."""
 _SHORT = 0.995
-"""Share of the way to the first bound that a step goes."""
+"""Step length relative to the first bound."""
 
 
 def highest_under(pull: Array, right: Integers, share: Array, corners: Array) -> Array | None:
-    """Heights (k,) that make pull @ heights largest, pull (k,) ≥ 0, where each corner (m,) lies on the line or above.
+    """Return heights (k,) that maximise pull @ heights, pull (k,) ≥ 0, with each corner (m,) on or above the polyline.
 
-    A corner lies between knots right - 1 and right, the share (m,) of the way. None where no such line was reached."""
+    A corner lies between knots right - 1 and right, at the relative position share (m,). None without convergence.
+    """
     size, knots = float(np.abs(corners).max()) or 1.0, len(pull)
     bound, pull = corners / size, pull / pull.sum()
 
@@ -47,7 +53,7 @@ def highest_under(pull: Array, right: Integers, share: Array, corners: Array) ->
         diagonal = _summed(right - 1, (1 - share) ** 2 * stiff, knots) + _summed(right, share**2 * stiff, knots)
         off_diagonal = _summed(right, share * (1 - share) * stiff, knots)[1:]
         aim, target = -space * price, np.zeros(len(bound))
-        for _ in range(2):  # the step to the bounds themselves, then one that keeps in the middle on the way there
+        for _ in range(2):  # predictor step to the bounds, then a corrector step towards the central path
             rise = _solved(diagonal, off_diagonal, unpaid - at_knots(aim / space))
             taken = -at_corners(rise)
             paid = (aim - price * taken) / space
@@ -64,19 +70,21 @@ def highest_under(pull: Array, right: Integers, share: Array, corners: Array) ->
 
 
 def _summed(knot: Integers, weights: Array, knots: int) -> Array:
-    """The weights (m,) of each knot (k,) together."""
+    """Return the sums of weights (m,) per knot (k,)."""
     return np.bincount(knot, weights, knots).astype(np.float64)
 
 
 def _most(values: Array, change: Array) -> float:
-    """How much of a change, at the most all, leaves positive values (m,) positive."""
+    """Return the largest share of a change, at most 1, that keeps positive values (m,) positive."""
     falls = change < 0
     return min(1.0, _SHORT * float((-values[falls] / change[falls]).min(initial=np.inf)))
 
 
 def _solved(diagonal: Array, off_diagonal: Array, target: Array) -> Array:
-    """The solution (k,) of symmetric equations with a diagonal (k,) and what is beside it (k - 1,), by elimination. A
-    knot that nothing binds stays where it is."""
+    """Solve symmetric tridiagonal equations with diagonal (k,) and off-diagonal (k - 1,) by elimination: (k,).
+
+    An unconstrained knot stays unchanged.
+    """
     pivots, values, sides = np.where(diagonal > 0, diagonal, 1.0).tolist(), target.tolist(), off_diagonal.tolist()
     for k, side in enumerate(sides):
         share = side / pivots[k]
@@ -89,26 +97,26 @@ def _solved(diagonal: Array, off_diagonal: Array, target: Array) -> Array:
 
 
 TICK_S = 1e-9
-"""Stamps of the host count nanoseconds: what advances by less cannot be distinguished from what stands."""
+"""Host stamps count nanoseconds: smaller advances are indistinguishable from standstill."""
 WINDOW_S = 120.0
-"""A crystal's rate changes by less than 0.01 ppm/s with the temperature of a hall: 18 µs over half of this."""
+"""A crystal's rate changes by less than 0.01 ppm/s with the temperature of a hall: 18 µs over half of this window."""
 _BLOCK = 8
 _BLOCKS = 400
 _HULL_BLOCK = 64
-"""Points of which at first the lowest alone is looked at."""
+"""Initial block size, of which only the lowest point is examined."""
 _NEIGHBOURS = 9
 _SPREADS = 4.0
 _SHORT_S = 50e-6
 _FEW = 0.002
-"""Points below the line of their neighbours are wrong while they are fewer than this; more of them are the line."""
+"""Largest share of points treated as errors below their neighbours; more of them define the line."""
 
 Mask = np.ndarray[tuple[int], np.dtype[np.bool_]]
 
 
 def floor(x: Array, y: Array, window: float = WINDOW_S) -> tuple[Array, Mask]:
-    """The line (n,) under points y (n,) at increasing x (n,), both in s, and which points were too low to be true.
+    """Return the line (n,) below points y (n,) at increasing x (n,), both in s, and a mask of impossibly low points.
 
-    At least two points. Raises nothing: where points are few none is taken for wrong.
+    Requires two points. Raises nothing: with few points none is treated as wrong.
     """
     low = low_outliers(x, y)
     under = (x[~low], y[~low]) if low.any() else (x, y)
@@ -119,8 +127,7 @@ def floor(x: Array, y: Array, window: float = WINDOW_S) -> tuple[Array, Mask]:
         line += offset
         return line, low
     knots = np.linspace(x[0], x[-1], windows + 1)
-    # A broken line lies under the points of its window where it lies under the corners of their hull: a small linear
-    # program.
+    # A polyline is below the points of its window if it is below the corners of their hull: a small linear program.
     under_x, under_y = under
     edges = np.searchsorted(under_x, knots[1:-1], side="left")
     pieces = list(zip(np.split(under_x, edges), np.split(under_y, edges), strict=True))
@@ -128,7 +135,7 @@ def floor(x: Array, y: Array, window: float = WINDOW_S) -> tuple[Array, Mask]:
     corner_x, corner_y = (np.concatenate(of) for of in zip(*corners, strict=True))
     pull = np.zeros(len(knots))
     for k, (inside, _) in enumerate(pieces):
-        # A point pulls the knots left and right of it, each by its share.
+        # A point pulls the two adjacent knots by its shares.
         share = float((inside - knots[k]).sum() / (knots[k + 1] - knots[k]))
         pull[k : k + 2] += len(inside) - share, share
     offset, rate = lower_line(corner_x, corner_y)
@@ -140,11 +147,12 @@ def floor(x: Array, y: Array, window: float = WINDOW_S) -> tuple[Array, Mask]:
 
 
 def low_outliers(x: Array, y: Array) -> Mask:
-    """Which of y (n,) at increasing x (n,), both in s, lie alone below their neighbours' least: wrong
-    stamps, not short delays.
+    """Return a mask of y (n,) at increasing x (n,), both in s, isolated below the minimum of their neighbours: wrong
+    stamps.
 
-    The least of each block of rows is compared with those around it. No more than one in 500 (or three) is ever
-    taken for wrong: what recurs is a short delay.
+    Block minima are compared with their neighbours. At most one in 500 (or three) is treated as wrong: repeated low
+    points are
+    short delays.
     """
     none = np.zeros(len(x), dtype=bool)
     size = max(_BLOCK, len(x) // _BLOCKS)
@@ -165,7 +173,7 @@ def low_outliers(x: Array, y: Array) -> Mask:
     spread = float(np.quantile(np.abs(level - around), 0.95))
     level = around - _SPREADS * spread - _SHORT_S
     low = none.copy()
-    # No point of a block lies below its least, less the larger of the line's two ends.
+    # Points of a block are not below its minimum, less the larger of the line's two ends.
     above = least - np.maximum(slope * at, slope * x[np.arange(1, blocks + 1) * size - 1])
     for block in np.flatnonzero(above < level).tolist():
         rows = slice(block * size, (block + 1) * size)
@@ -176,9 +184,9 @@ def low_outliers(x: Array, y: Array) -> Mask:
 
 
 def lower_line(x: Array, y: Array) -> tuple[float, float]:
-    """Intercept and slope of the line below all points (n,) that lies closest to them on average.
+    """Return intercept and slope of the line below all points (n,) with the smallest mean distance.
 
-    It is the edge of the lower convex hull above which the mean of x lies.
+    It is the edge of the lower convex hull above the mean of x.
     """
     hx, hy = lower_hull(x, y)
     if len(hx) == 1:
@@ -189,7 +197,7 @@ def lower_line(x: Array, y: Array) -> tuple[float, float]:
 
 
 def lower_hull(x: Array, y: Array) -> tuple[Array, Array]:
-    """The corners (m,) of the lower convex hull of points x, y (n,) in any unit, x increasing."""
+    """Return the corners (m,) of the lower convex hull of points x, y (n,) in any unit, x increasing."""
     blocks = len(x) // _HULL_BLOCK
     if not (x[1:] > x[:-1]).all():
         order = np.lexsort((y, x))
@@ -197,8 +205,9 @@ def lower_hull(x: Array, y: Array) -> tuple[Array, Array]:
         once = np.concatenate([[True], np.diff(x) > 0])
         x, y = x[once], y[once]
     elif blocks >= _NEIGHBOURS:
-        # All corners are among the points of blocks whose least is not above the hull of all blocks' least points,
-        # which is convex and so highest over a block at one of its ends.
+        # All corners are in blocks whose minimum is not above the hull of all block minima, which is convex and
+        # therefore highest at an
+        # end of a block.
         kept = np.zeros(len(x), dtype=bool)
         kept[0] = kept[-1] = kept[blocks * _HULL_BLOCK :] = True
         begins = np.arange(blocks) * _HULL_BLOCK
@@ -208,7 +217,7 @@ def lower_hull(x: Array, y: Array) -> tuple[Array, Array]:
         kept[: blocks * _HULL_BLOCK].reshape(blocks, _HULL_BLOCK)[y[lowest] <= over] = True
         x, y = x[kept], y[kept]
     while len(x) > 2:
-        # A point on or above the line between two others is no corner, whatever else is taken away with it.
+        # A point on or above the line between two others is not a corner, independent of other removed points.
         turn = (x[1:-1] - x[:-2]) * (y[2:] - y[:-2]) - (y[1:-1] - y[:-2]) * (x[2:] - x[:-2])
         corner = np.concatenate([[True], turn > 0, [True]])
         if corner.all():

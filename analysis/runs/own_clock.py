@@ -1,12 +1,15 @@
-"""An instrument's stamps read on the host's time line: by its own clock, or by the steady pace of its messages.
+"""Map an instrument's stamps to host time: by its clock, or by the steady pace of its messages.
 
-(host - instrument) is the clock's offset plus a delay, and a delay can only be too long: the floor of it is the clock.
-Before that the stamps are put in order: a counter that has wrapped goes on, a stamp that is wrong by itself is left
-out, a clock that restarted is fitted in pieces.
+(host - instrument) is the offset of the clock plus a delay, and delays are positive: its lower envelope is the clock.
+First
+the stamps are cleaned: a wrapped counter is continued, single wrong stamps are left out, and a restarted clock is
+fitted in
+pieces.
 
-An instrument that speaks unasked and without a clock speaks at its own steady pace. Message n was sent at
-n periods, and arrived some delay later; with n as its clock the floor of the delays shows when. An adapter that holds
-bytes for 16 ms is seen through that way.
+An instrument that sends unprompted without a clock has a steady pace. Message n was sent at n periods and arrived with
+a
+delay; with n as its clock the lower envelope gives the time. This works through an adapter that buffers bytes for 16
+ms.
 """
 
 from __future__ import annotations
@@ -26,26 +29,27 @@ from analysis.robot.kinematics.arm import Array, Integers
 from analysis.runs.lower_hull import TICK_S, Mask, floor
 
 _LEAP_S = 1.0
-"""No network or serial line holds a message back for so long without losing its link; a busy computer may."""
+"""No network or serial line delays a message this long without losing the link; a busy computer may."""
 _WRAPS_S = (2**32 * 1e-3, 2**32 * 1e-6)
 """Counters of 32 bits, in ms and in µs."""
 
 _LATEST_S = 1e11
-"""No clock shows so much, since whatever year: what has a stamp beyond has no clock."""
+"""Latest valid clock value; a later stamp means that there is no clock."""
 
 
 _BLOCK = 1 << 15
-"""Rows at a time, so that what is computed of them stays in the processor's cache."""
+"""Rows per block, to fit the processor's cache."""
 _AROUND = 8
-"""Stamps before and after one that fell, among which the wrong ones are sought."""
+"""Stamps before and after a decrease, among which the wrong ones are searched."""
 
 
 @dataclass(frozen=True)
 class FittedClock:
-    """Host times (n,) ns of an instrument's stamps; u_s (n,): of those alone that its clock does not give.
+    """Host times (n,) ns of an instrument's stamps; u_s (n,): only for times not given by its clock.
 
-    restarted: the rows from which on the clock is another; wrong: how many stamps were left out. wanders_s: by how much
-    the lateness of an instrument's pace changed for good, and shared_u_s, what that makes uncertain in all of them.
+    restarted: rows at which the clock changes. wrong: number of stamps left out. wanders_s: permanent change of the
+    delay of an
+    instrument's pace; shared_u_s: resulting common uncertainty.
     """
 
     ns: Array
@@ -57,18 +61,20 @@ class FittedClock:
 
     @property
     def restarts(self) -> int:
-        """How often the clock restarted."""
+        """Number of restarts of the clock."""
         return len(self.restarted)
 
 
 def stands(device_s: Array) -> bool:
-    """Whether a clock that shows device_s (n,) does not advance, as far as stamps of the host can resolve it."""
+    """Return whether a clock device_s (n,) does not advance, within the resolution of host stamps."""
     return len(device_s) > 1 and bool(device_s.max() <= device_s.min() + TICK_S)
 
 
 def through_clock(device_s: Array, host_ns: Array) -> FittedClock:
-    """When the host's clock showed what the instrument's showed, device_s (n,); host_ns (n,), the arrivals or any other
-    bound that is never too early. The host's own where the instrument has no clock."""
+    """Return the host times of instrument stamps device_s (n,) s; host_ns (n,): arrivals or other upper bounds.
+
+    The host times themselves for an instrument without a clock.
+    """
     if len(device_s) < 3 or not -_LATEST_S < device_s.min() <= device_s.max() < _LATEST_S:
         return FittedClock(host_ns, np.zeros(len(host_ns)))
     if (device_s[1:] >= device_s[:-1]).all():
@@ -77,7 +83,7 @@ def through_clock(device_s: Array, host_ns: Array) -> FittedClock:
             rows = slice(begin, begin + _BLOCK)
             offset_s = (host_ns[rows] - host_ns[0]) / 1e9 - device_s[rows]
             least, most = min(least, offset_s.min()), max(most, offset_s.max())
-        # It never fell, nor leapt against the host's: most do not, and nothing else is to be looked for.
+        # monotone and continuous: the usual case, without further checks
         if most - least < _LEAP_S:
             return _by_arrival(*_fitted(device_s, host_ns), (), host_ns)
     device_s = unwrapped(device_s, host_ns)
@@ -92,16 +98,15 @@ def through_clock(device_s: Array, host_ns: Array) -> FittedClock:
 
 
 def _among(wrong: Mask, kept: NDArray[Any], filler: float) -> NDArray[Any]:
-    """Values for all rows (n,): those kept, and a filler where the stamp is wrong."""
+    """Return values for all rows (n,): the kept ones, and a filler for wrong stamps."""
     values = np.full(len(wrong), filler, dtype=kept.dtype)
     values[~wrong] = kept
     return values
 
 
 def _starts(device_s: Array, host_ns: Array) -> Integers:
-    """Rows at which the clock restarted: it fell, or its offset from the host's clock is another from then on.
-
-    A host that was held up reads at once what came meanwhile: offsets leap and come back, so the least of them stays.
+    """Return the rows at which the clock restarted: it decreased, or its offset from the host's clock changed
+    permanently.
     """
     offset_s = (host_ns - host_ns[0]) / 1e9 - device_s
     leaps = np.flatnonzero((np.diff(device_s) < 0) | (np.abs(np.diff(offset_s)) > _LEAP_S)) + 1

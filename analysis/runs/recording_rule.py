@@ -1,7 +1,7 @@
-"""The event by which a recorded program can be known again: the rule that would have started its recording.
+"""Derive the rule that would have started the recording of a program from a recorded run.
 
-A signal that came while it was recorded is one. Without, it is where the robot stood and whither it went; angles as the
-controller reported them, so that neither the arm's constants nor the ball's place come into it.
+It is a signal observed during the recording, or otherwise the departure of the robot from a posture; angles are those
+reported by the controller, independent of the arm's constants and the ball.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _FIRST_BLOCK = 64
 
 
 def rule_of(run: Run) -> Rule:
-    """The rule for the program of a recorded run. Raises FileError where the run shows no event that could be known."""
+    """Return the rule for the program of a recorded run. Raises FileError if the run shows no suitable event."""
     manifest, where = run.manifest, str(run.path)
     if "robot" not in run.streams:
         raise FileError(where, "holds a table and no robot stream", "give a run that rigd recorded")
@@ -36,7 +36,7 @@ def rule_of(run: Run) -> Rule:
         problem = f"is a {manifest.test} test, which rigd cannot record"
         raise FileError(where, problem, "give a recorded run of another test")
     robot = run.streams["robot"]
-    # The value that the signal had longest after it changed, where it has one and ever changed.
+    # the value with the longest duration after a change of the signal, if any
     signal = robot[SIGNAL][np.isfinite(robot[SIGNAL])] if SIGNAL in robot else np.empty(0)
     values, counts = np.unique(signal[signal != signal[:1]], return_counts=True)
     when: dict[str, Any]
@@ -44,7 +44,7 @@ def rule_of(run: Run) -> Rule:
         when, still_s = {"signal": int(values[counts.argmax()])}, _LEAST_STILL_S
     else:
         when, still_s = _departure(robot, where)
-    direction = manifest.direction if manifest.test in CIRCLES else None  # of another test it means nothing
+    direction = manifest.direction if manifest.test in CIRCLES else None  # other tests have no direction
     try:
         return Rule.model_validate({"when": when, "test": manifest.test, "direction": direction, "still_s": still_s})
     except ValidationError as error:
@@ -53,11 +53,13 @@ def rule_of(run: Run) -> Rule:
 
 
 def _departure(robot: Mapping[str, np.ndarray[Any, Any]], where: str) -> tuple[dict[str, Any], float]:
-    """From where to where the robot departs, and how long it must stand to have ended, s: twice its longest stand on
-    the way. Raises FileError where it stood still, or moved from the beginning on."""
+    """Return start and target of the departure, and the standstill that ends the run, s: twice the longest on the path.
+
+    Raises FileError if the robot stood still, or moved from the beginning.
+    """
     t_s = (robot["last_byte_ns"] - robot["last_byte_ns"][:1]) / 1e9
     q_deg = np.column_stack([robot[f"q{axis}_deg"] for axis in range(1, 7)])
-    kept = np.unique(t_s // _STEP_S, return_index=True)[1]  # enough to see a stand
+    kept = np.unique(t_s // _STEP_S, return_index=True)[1]  # sufficient to detect a standstill
     t_s, q_deg = t_s[kept], q_deg[kept]
     if not len(t_s) or _leaves(q_deg, _ON_THE_WAY_DEG) == len(t_s):
         raise FileError(where, "the robot stood still", "record its program from before it starts")
@@ -76,8 +78,11 @@ def _departure(robot: Mapping[str, np.ndarray[Any, Any]], where: str) -> tuple[d
 
 
 def _leaves(q_deg: Array, by_deg: float, begin: int = 0) -> int:
-    """Row from `begin` on in which some joint is further than this from where it was there; the number of rows where
-    none is. Blocks of rows double, so that the rows after it cost nothing."""
+    """Return the first row from `begin` on with a joint further than by_deg from its initial position, or the number of
+    rows.
+
+    Block sizes double, so later rows cost nothing.
+    """
     end = begin
     while end < len(q_deg):
         block = q_deg[end : end + max(end - begin, _FIRST_BLOCK)]

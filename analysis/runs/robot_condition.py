@@ -1,15 +1,16 @@
-"""What the robot showed of its condition while it drove: what disturbs a test, how warm its joints were, and
-what their friction took.
+"""Condition of the robot during a run: disturbances, joint temperatures, and friction.
 
-The test is what lies between the robot's first and last motion. A stop, or a pause, may be what ended it, so those
-count from the first motion until the program has ended by itself: who then opens the gate disturbs nothing. Where the
-program is not shown they count until the end of the run. Only what was shown is judged: nan stands for what was not.
+The test lies between the first and last motion of the robot. A stop or pause may have ended it, so these count from the
+first motion until the program has ended by itself, or until the end of the run if the program state is unknown: opening
+the
+gate afterwards is harmless. Only reported values are judged: nan means not reported.
 
-Friction is what the currents of motors show: by how much they jump where a joint turns back. There, all that a motor
-carries goes on smoothly: gravity, inertia, what grows with speed, which is zero there. Friction alone changes its sign.
-So half of the jump is the current that friction takes, and no mass, gear or motor has to be known. It is Coulomb's
-part, of a joint that creeps; what grows with speed is not in it.
-Source of the law: Armstrong-Hélouvry, Dupont and Canudas de Wit, Automatica 30 (1994), 2.1.
+Friction follows from motor currents: their jump at joint reversals. Everything else carried by a motor is continuous:
+gravity, inertia, and viscous friction, which is zero there. Only Coulomb friction changes its sign, so half of the jump
+is
+its current, independent of masses, gears and motors. It applies to a creeping joint. Source of the law:
+Armstrong-Hélouvry,
+Dupont and Canudas de Wit, Automatica 30 (1994), 2.1.
 """
 
 from __future__ import annotations
@@ -38,22 +39,26 @@ from rigs.schema.condition import (
 )
 
 _CREEPS_DEG = 0.05
-"""So near its turning point a joint may stick, and its friction has any value up to Coulomb's. Chosen: encoders of arms
-see it leave after some thousandths of a degree."""
+"""Distance from the reversal within which a joint may stick, with any friction up to Coulomb's. Chosen: encoders show
+its motion
+after some thousandths of a degree.
+"""
 _WAY_DEG = 3.0
-"""How far from its turning point a joint is looked at, at the most, and the least way is a third of it."""
+"""Largest distance from the reversal evaluated; the smallest is a third of it."""
 _WAITS = 0.4
-"""Share of the time on one side that creeping takes of a joint that turns in motion: 0.13 of the longest way to 0.22 of
-the shortest, at an even acceleration. One that waits there brakes and starts again, whose torque jumps too."""
+"""Limit of the share of time spent creeping for a continuous reversal: 0.13 of the longest distance to 0.22 of the
+shortest, at
+constant acceleration. A joint that waits there brakes and restarts, with additional torque jumps.
+"""
 _PIECES = 12
-"""Means of currents to each side, by equal ways: ripple within a piece, which is no noise, is averaged."""
+"""Averages of currents on each side, over equal distances, to remove ripple."""
 _ORDER = 3
-"""Order of the polynomial in time that everything but friction follows."""
+"""Order of the polynomial in time for everything except friction."""
 
 
 @dataclass(frozen=True)
 class Friction:
-    """Current in A that friction takes of a joint's motor, its standard uncertainty, and how often the joint turned."""
+    """Friction current of a joint's motor in A, its standard uncertainty, and the number of reversals."""
 
     current_a: float
     u_a: float
@@ -61,10 +66,9 @@ class Friction:
 
 
 def friction_of(robot: Mapping[str, np.ndarray[Any, Any]], t_s: Array) -> dict[int, Friction]:
-    """The friction of each axis, 1 … 6, that turns back in motion, from the columns (n,) of a run's robot stream at
-    times t_s (n,).
+    """Return the friction of each reversing axis, 1 … 6, from columns (n,) of the robot stream at times t_s (n,) s.
 
-    u holds what the fits leave, or how the turns of a joint differ, whichever is more.
+    u is the larger of the fit uncertainty and the scatter between reversals.
     """
     friction = {}
     for axis, name in enumerate(CURRENTS, 1):
@@ -82,7 +86,7 @@ def friction_of(robot: Mapping[str, np.ndarray[Any, Any]], t_s: Array) -> dict[i
 
 
 def _turns(t_s: Array, q_deg: Array, current_a: Array) -> list[tuple[float, float]]:
-    """Friction, half the jump of the current, and its standard uncertainty in A at each turn of a joint."""
+    """Return friction, half the current jump, and its standard uncertainty in A at each reversal of a joint."""
     places = sorted((k, sign) for sign in (1, -1) for k in peaks(sign * q_deg, _WAY_DEG / 3))
     ends = [0, *(k for k, _ in places), len(q_deg) - 1]
     turns = []
@@ -103,8 +107,10 @@ def _turns(t_s: Array, q_deg: Array, current_a: Array) -> list[tuple[float, floa
 
 
 def _side(t_s: Array, away_deg: Array, current_a: Array, turn: int, end: int) -> Array | None:
-    """Time from the turn, side and mean current (pieces, 3) of what a joint drives towards a turn or from it; None
-    where it stands, or does not drive far enough."""
+    """Return time from the reversal, side and mean current (pieces, 3) of the motion to or from a reversal; None if the
+    joint stands
+    or the motion is too short.
+    """
     step = 1 if end > turn else -1
     rows = np.arange(turn, end + step, step)
     rows = rows[: int(np.argmax(away_deg[rows] > _WAY_DEG)) or len(rows)]
@@ -124,18 +130,17 @@ def _side(t_s: Array, away_deg: Array, current_a: Array, turn: int, end: int) ->
 
 
 _MOVED_DEG = 0.02
-"""A robot that holds its place shows less (as in recording_rule)."""
+"""Joint motion below which a robot stands (as in recording_rule)."""
 _BY_PROGRAM = "its figures are not those of a motion by program, compare them with their like only"
 _SAME_PERCENT = 1.0
-"""Speeds that differ by less are one: controllers show them in whole percent."""
+"""Smaller speed differences are ignored: controllers show whole percent."""
 _PART = 0.1
-"""Share of the run by which the temperature at its begin and at its end is taken."""
+"""Share of the run for the temperatures at its start and end."""
 
 
 @dataclass(frozen=True)
 class Warmth:
-    """A joint's temperature over a run: mean and rise from begin to end in °C, each with its standard uncertainty from
-    how the readings vary."""
+    """Temperature of a joint over a run: mean and rise in °C, each with its standard uncertainty from the scatter."""
 
     mean_c: float
     u_mean_c: float
@@ -145,8 +150,7 @@ class Warmth:
 
 @dataclass(frozen=True)
 class Condition:
-    """What a run shows of the robot beside its joints. doubts in words; warmth, friction: by axis 1 … 6 where they are
-    shown."""
+    """Condition of the robot in a run. doubts: as text. warmth, friction: by axis 1 … 6 if available."""
 
     doubts: tuple[str, ...] = ()
     warmth: Mapping[int, Warmth] | None = None
@@ -157,7 +161,7 @@ NOT_SHOWN = Condition()
 
 
 def condition_of(robot: Mapping[str, np.ndarray[Any, Any]]) -> Condition:
-    """The condition in the columns (n,) of a run's robot stream."""
+    """Return the condition from columns (n,) of a run's robot stream."""
     stamps_ns = robot["last_byte_ns"]
     if len(stamps_ns) < 2:
         return NOT_SHOWN
@@ -165,7 +169,7 @@ def condition_of(robot: Mapping[str, np.ndarray[Any, Any]]) -> Condition:
     q_deg = np.stack([robot[f"q{axis}_deg"] for axis in range(1, 7)], axis=1)
     away, to_come = (np.abs(q_deg - q_deg[row]).max(axis=1) > _MOVED_DEG for row in (0, -1))
     begun = np.maximum.accumulate(away)
-    moving = begun & np.maximum.accumulate(to_come[::-1])[::-1]  # between the first motion and the last
+    moving = begun & np.maximum.accumulate(to_come[::-1])[::-1]  # between first and last motion
     warmth = {}
     for axis, name in enumerate(TEMPERATURES, 1):
         shown = robot.get(name, np.empty(0))
@@ -181,7 +185,7 @@ def condition_of(robot: Mapping[str, np.ndarray[Any, Any]]) -> Condition:
 def _doubts(robot: Mapping[str, np.ndarray[Any, Any]], t_s: Array, moving: Mask, begun: Mask) -> Iterator[str]:
     unknown = np.full(len(t_s), math.nan)
     safety, program, motors, speed = (robot.get(name, unknown) for name in (SAFETY, PROGRAM, MOTORS, SPEED))
-    # The program is over, without a stop, where it has ended by itself after the last motion.
+    # The program ended without a stop if it ended by itself after the last motion.
     by_itself = (program == ProgramState.STOPPED) & ~np.isin(safety, list(STOPPED))
     counts = begun & ~np.maximum.accumulate(begun & ~moving & by_itself)
     for state in sorted(STOPPED):
@@ -202,7 +206,7 @@ def _doubts(robot: Mapping[str, np.ndarray[Any, Any]], t_s: Array, moving: Mask,
     driving = moving & ~np.isin(program, [ProgramState.PAUSED, ProgramState.STOPPED])
     slowed = driving & (speed < FULL_PERCENT)
     if slowed.any():
-        # A lowered speed that is kept is as somebody wanted it, any other a disturbance.
+        # A constant reduced speed is intended; any other is a disturbance.
         low, high = speed[slowed].min(), speed[slowed].max()
         if np.nanmax(speed[driving]) - low < _SAME_PERCENT:
             yield f"robot: its speed was {low:.0f} % throughout; compare only with runs at this speed"
@@ -213,7 +217,7 @@ def _doubts(robot: Mapping[str, np.ndarray[Any, Any]], t_s: Array, moving: Mask,
 
 
 def _when(t_s: Array, lasts: Mask) -> str:
-    """How often, from when and for how long a condition lasted, in words; empty where it never did."""
+    """Describe number, start and duration of a condition; empty if it never occurred."""
     edges = np.diff(lasts.astype(np.int8), prepend=0, append=0)
     begins, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
     if not len(begins):

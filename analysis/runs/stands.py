@@ -1,13 +1,15 @@
-"""Where the robot stood still, and at which target: the readings of each stand without wild ones.
+"""Detect standstills of the robot, assign them to targets, and average their readings without outliers.
 
-A radial or repeatability program stops at each target. While all joints stand, the gauge is averaged; the target is the
-nearest of the rig file's; the side of approach is where the tool was, along the radius, since it last stood there.
-Stands that do not belong to the program's order are not visits: where the robot stood before it began or after its end,
-or waited at a target for something else. They are counted, not used.
+A radial or repeatability program stops at each target. At standstill of all joints the gauge is averaged; the closest
+target
+of the rig file is assigned; the side of approach is the tool's radial position since the last stop there. Standstills
+outside
+the program's order are not visits: before its start, after its end, or additional waits. They are counted but not used.
 
-In a table several readings of one stand count as one, since only a visit after a move shows repeatability: they scatter
-by the instrument alone. Taken for visits, three of them gave an RP of 0.008 mm, and made the fits of a calibration, and
-what is held out of them, three times the same.
+In a table several readings of one standstill count as one, because only a visit after a move shows repeatability:
+otherwise
+only the instrument's scatter is seen. Treated as visits, three of them gave an RP of 0.008 mm, and tripled the data in
+calibration fits and held-out sets.
 """
 
 from __future__ import annotations
@@ -25,24 +27,25 @@ from rigs.errors import FileError
 from rigs.rig import Rig
 
 STANDS_RAD = float(np.radians(0.01))
-"""Joints that move by less within the window stand; an encoder's noise is a tenth of it."""
+"""Joint motion within the window that counts as standstill; encoder noise is a tenth of it."""
 FLICKER_DEG = 0.03
-"""A joint seen live that is at rest flickers by less; the slowest circle moves some joint by more in half a second."""
+"""Noise of a resting joint in a live view; the slowest circle moves a joint by more in half a second."""
 STOOD_RAD = float(np.radians(0.2))
-"""Joints that move by less in a whole run stood still."""
+"""Joint motion in a whole run that counts as standstill."""
 _WINDOW_S = 0.3
 _SETTLED = 0.5
-"""Share of a stand, at its end, that is averaged: the arm has stopped swinging by then."""
+"""Share of a standstill, at its end, that is averaged: arm vibration has decayed by then."""
 _OUTLYING = 6.0
-"""Scaled median deviations beyond which a sample of a stand is an outlier: Hampel's usual three, twice as wary."""
+"""Outlier limit in scaled median deviations: twice Hampel's usual three."""
 _MOST_OUTLYING = 0.1
-"""More of a stand than this share is not an outlier: the arm or the gauge really moved."""
+"""Largest share of outliers in a standstill; more means that arm or gauge really moved."""
 
 
 @dataclass(frozen=True)
 class Stand:
-    """Rows [begin, end) in which all joints stood; mean angles (6,) rad and mean readings (k,) mm of the settled part,
-    without its `outliers`."""
+    """Rows [begin, end) at standstill; mean angles (6,) rad and mean readings (k,) mm of the settled part, without
+    its `outliers`.
+    """
 
     begin: int
     end: int
@@ -53,12 +56,14 @@ class Stand:
 
     @property
     def settled(self) -> slice:
-        """The rows that are averaged."""
+        """Averaged rows."""
         return _settled(self.begin, self.end)
 
 
 def stands_of(t_s: Array, q: Array, g_mm: Array) -> list[Stand]:
-    """The stands of a motion: times t_s (n,) s, reported angles q (n, 6) rad, readings g_mm (n, k) of k gauges."""
+    """Return the standstills of a motion: times t_s (n,) s, reported angles q (n, 6) rad, readings g_mm (n, k) of k
+    gauges.
+    """
     stands = []
     for begin, end in standing(t_s, q, STANDS_RAD, _WINDOW_S):
         settled = _settled(begin, end)
@@ -72,10 +77,10 @@ def _settled(begin: int, end: int) -> slice:
 
 
 def _averaged(values: Array) -> tuple[Array, int]:
-    """Mean (k,) of the readings, or angles, (n, k) of a stand without single wild ones, and how many those were."""
+    """Return the mean (k,) of the readings or angles (n, k) without outliers, and their number."""
     away = np.abs(values - np.median(values, axis=0))
     limit = _OUTLYING * 1.4826 * np.median(away, axis=0)
-    # Readings of a coarse gauge that mostly agree have no median deviation: nothing is called wild there.
+    # If most readings of a coarse gauge are equal, the median deviation is zero: there are no outliers then.
     sound = (away <= limit) | (limit == 0)
     sound |= sound.mean(axis=0) < 1 - _MOST_OUTLYING
     mean: Array = np.where(sound, values, 0.0).sum(axis=0) / sound.sum(axis=0)
@@ -84,15 +89,18 @@ def _averaged(values: Array) -> tuple[Array, int]:
 
 _NEAR_MM = 20.0
 _TURNED_RAD = np.radians(8.0)
-"""A stand further from every target than this is not at a target."""
+"""Rotation from every target beyond which a standstill is not at a target."""
 _FOLLOWED = 0.5
-"""A run follows the program's order where at least this share of its stands at targets fits it."""
+"""Minimum share of standstills at targets that follow the program's order."""
 
 
 @dataclass(frozen=True)
 class Visits:
-    """The stands that follow the order of a program: which (n,) of those at targets, the program's row of each, means
-    t_s (n,) s, q (n, 6) rad and g_mm (n,), and what a person should know."""
+    """Standstills in the order of a program.
+
+    which (n,): indices of the standstills at targets. Program row of each, means t_s (n,) s, q (n, 6) rad and g_mm
+    (n,), notes.
+    """
 
     number: list[int]
     rows: Integers
@@ -110,11 +118,14 @@ def visits_of(
     program: TargetProgram,
     where: str,
 ) -> Visits:
-    """Return the visits among stands at targets, each with its row of the program; places: what each is of, order:
-    those of the program in turn, once: of one pass of it. Raises FileError where no stand is at a target."""
+    """Return the visits among standstills at targets, each with its program row.
+
+    places: target of each. order: targets of the program in sequence. once: length of one pass. Raises FileError if no
+    standstill is at a target.
+    """
     pairs = _longest_common(places, order)
     if len(pairs) > 1 and pairs[-1][1] > 0 and pairs[-1][1] % once == 0:
-        pairs.pop()  # a pass that ends with its first place is not counted: the robot went back
+        pairs.pop()  # a pass ending at its first place is not counted: the robot returned
     fits, doubts = [k for k, _ in pairs], list[str]()
     if len(fits) < _FOLLOWED * len(places):
         fits = list(range(len(places)))
@@ -138,7 +149,7 @@ def visits_of(
 
 
 def _longest_common(places: Sequence[Hashable], order: Sequence[Hashable]) -> list[tuple[int, int]]:
-    """Numbers in both of the longest common subsequence; of equal ones, the one whose places come last."""
+    """Return indices of the longest common subsequence in both sequences; the latest of several."""
     codes = {place: code for code, place in enumerate(dict.fromkeys([*places, *order]))}
     targets = np.array([codes[place] for place in order], dtype=np.int64)
     length = np.zeros((len(places) + 1, len(order) + 1), dtype=np.int32)
@@ -160,7 +171,7 @@ def _longest_common(places: Sequence[Hashable], order: Sequence[Hashable]) -> li
 def at_targets(
     stands: Sequence[Stand], program: TargetProgram, rig: Rig, turned: float = _TURNED_RAD
 ) -> list[tuple[Stand, int]]:
-    """Return the stands that are near a row of the program, turned by less, each with the nearest row."""
+    """Return the standstills close to a program row, rotated by less than the limit, each with the closest row."""
     if not stands:
         return []
     arm = arm_of(rig.robot)
@@ -175,11 +186,13 @@ def at_targets(
 
 
 STANDS_MM = 1.0
-"""Places or readings of one stand that differ by more are no readings of one thing; they are left as they are."""
+"""Largest difference between positions or readings of one standstill; larger ones measure different things and are
+not averaged.
+"""
 
 
 def one_row_a_stand(table: Table) -> Table:
-    """A table with neighbouring rows of one stand averaged; circles, driven, as they are."""
+    """Return a table with adjacent rows of one standstill averaged; circles are unchanged."""
     first = _begins(table)
     if first is None or first.all():
         return table
@@ -187,7 +200,7 @@ def one_row_a_stand(table: Table) -> Table:
     count = np.bincount(stand)
 
     def mean(values: Array) -> Array:
-        """Means (s, …) in the values' unit over each stand."""
+        """Return the means (s, …) over each standstill, in the unit of the values."""
         columns = values.reshape(len(values), -1).T
         means = np.stack([np.bincount(stand, column) / count for column in columns], axis=1)
         return means.reshape(len(count), *values.shape[1:])
@@ -196,13 +209,13 @@ def one_row_a_stand(table: Table) -> Table:
 
 
 def rows_a_stand(table: Table) -> Integers:
-    """How many rows each stand of a table has, (s,); none of a circle, which is driven."""
+    """Return the number of rows of each standstill, (s,); empty for circles."""
     first = _begins(table)
     return np.empty(0, dtype=np.int64) if first is None else np.bincount(np.cumsum(first) - 1)
 
 
 def _begins(table: Table) -> Mask | None:
-    """Which rows (n,) begin a stand; None where no row is a second reading of one."""
+    """Return a mask (n,) of the rows starting a standstill; None if rows are never repeated readings."""
     differs = table.kind.differs(table) if len(table.q) else None
     if differs is None:
         return None

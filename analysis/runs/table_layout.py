@@ -1,4 +1,4 @@
-"""The columns of the tables of docs/tables.md, and what stands in them; which a test has, its kind says."""
+"""Columns of the tables of docs/tables.md and their content; the kind of a test selects its columns."""
 
 from __future__ import annotations
 
@@ -7,35 +7,37 @@ from typing import Literal
 
 
 def joint_columns(axes: int) -> tuple[str, ...]:
-    """Return the names of the columns of so many joints."""
+    """Return the column names of joints."""
     return tuple(f"q{axis}_deg" for axis in range(1, axes + 1))
 
 
 JOINTS = joint_columns(6)
-"""The joints of the tests with a ball link."""
+"""Joints of the ball link tests."""
 COMMANDED = tuple(f"q{axis}_commanded_deg" for axis in range(1, 7))
-"""Joints as they were commanded, beside those of JOINTS."""
+"""Commanded joint angles, in addition to JOINTS."""
 MEASURED = tuple(f"q{axis}_measured_deg" for axis in range(1, 7))
 """Joints as they were measured, next to commanded ones that are used."""
 JointSource = Literal["measured", "commanded"]
 PLACE = ("x_mm", "y_mm", "z_mm")
 TURN = ("rx_deg", "ry_deg", "rz_deg")
 RAIL, RAIL_FROM = "e1_mm", "e1_from_mm"
-"""Where the rail that carries an arm stands, and from where it came there."""
+"""Position of the arm's rail, and its previous position."""
 SOCKET = "socket"
-"""The column of a touch with the name of the socket; any words."""
+"""Column with the socket name of a touch; any text."""
 WORDS = {"direction": ("acw", "cw"), "approach": ("none", "out", "in")}
-"""Columns of words, and the words they know."""
+"""Columns of words, with the permitted words."""
 TIME_U = ("u_t_s", "u_lag_s")
-"""Standard uncertainties of the gauges' time against the joints': of each row by itself, and shared by all rows."""
+"""Standard uncertainties of the gauges' time relative to the joints': individual per row, and common to all rows."""
 COUNTS = ("target", "orientation", "round")
-"""Columns of positive integers. Every other known column holds numbers."""
+"""Columns of positive integers. All other known columns are numbers."""
 
 
 @dataclass(frozen=True)
 class Layout:
-    """Columns that a table needs, and those that it may have, of which each group of those `together` is all there or
-    none; any other is extra and kept as it is."""
+    """Required and optional columns of a table; each group in `together` is present completely or not at all. Other
+    columns are
+    preserved.
+    """
 
     required: tuple[str, ...]
     optional: tuple[str, ...] = ()
@@ -43,10 +45,10 @@ class Layout:
 
     @property
     def known(self) -> tuple[str, ...]:
-        """All columns that mean something here."""
+        """All columns with a meaning."""
         return (*self.required, *self.optional)
 
 
 def came_from_columns(axes: int) -> tuple[str, ...]:
-    """Return the names of the columns that say from which angle each joint came to a posture, in its last move."""
+    """Return the names of the columns with the joint angles before the last move to a posture."""
     return tuple(f"q{axis}_from_deg" for axis in range(1, axes + 1))

@@ -1,7 +1,8 @@
-"""What was measured, in the tables of docs/tables.md: the one form that every evaluation, simulation and fit takes.
+"""Measurements as the tables of docs/tables.md, the common input of evaluation, simulation and fits.
 
-Recorded runs become tables by alignment, imported ones by reading; simulation fills the same tables.
-Angles are radians and lengths mm here; in files (`analysis.runs.csv_tables`) degrees and mm.
+Recorded runs become tables by alignment, imported ones by reading; simulation fills the same tables. Angles are radians
+and
+lengths mm here; in files (`analysis.runs.csv_tables`) degrees and mm.
 """
 
 from __future__ import annotations
@@ -19,8 +20,9 @@ from rigs.schema.vocabulary import CircleTest, Direction, TestName
 
 @dataclass(frozen=True)
 class Table:
-    """What every table has: the test that it is of, reported joints q (n, axes) rad, those of a rail, which
-    carries the arm, in a column more (`rail`)."""
+    """Common part of tables: the test, and reported joints q (n, axes) rad, with a rail position as additional
+    column (`rail`).
+    """
 
     if TYPE_CHECKING:
 
@@ -33,22 +35,23 @@ class Table:
 
     @property
     def kind(self) -> Kind[Self]:
-        """The kind of test that it is of, which answers what depends on it."""
+        """Kind of test, which provides all test-dependent functions."""
         return cast("Kind[Self]", kind_named(self.test))
 
     @property
     def rows(self) -> Integers:
-        """The row of the file (n,) that each reading is, or the first of several that are one."""
+        """File row (n,) of each reading, or the first of several averaged ones."""
         row: Integers | None = getattr(self, "row", None)
         return np.arange(1, len(self.q) + 1) if row is None else row
 
 
 @dataclass(frozen=True)
 class CircleTable(Table):
-    """One circle driven in one direction, lead-in and lead-out included where they were recorded.
+    """One circle driven in one direction, including recorded lead-in and lead-out.
 
-    t_s (n,); q (n, 6) rad as reported; g_mm (n, 2) of g1 and g2; u_t_s (n,): standard uncertainty of each row's time
-    beside what all rows share, None where nothing is known of it.
+    t_s (n,); q (n, 6) rad as reported; g_mm (n, 2) of g1 and g2; u_t_s (n,): individual standard uncertainty of each
+    row's time,
+    None if unknown.
     """
 
     test: CircleTest
@@ -63,8 +66,9 @@ class CircleTable(Table):
 class RadialTable(Table):
     """Readings at targets of a hemisphere, in order of time.
 
-    target, orientation (n,) count from 1; polar, azimuth (n,) rad; q (n, 6) rad; g_mm (n,): |B - TCP| less the
-    link's set length; t_s (n,), zeros where the table has no time.
+    target, orientation (n,): from 1; polar, azimuth (n,) rad; q (n, 6) rad; g_mm (n,): |B - TCP| less the link's
+    nominal length;
+    t_s (n,), zeros if the table has no time.
     """
 
     test: ClassVar[TestName] = "radial"
@@ -81,7 +85,7 @@ class RadialTable(Table):
 class RepeatabilityTable(Table):
     """Readings at targets approached from outside (`out`), from inside (`in`) or from elsewhere (`none`).
 
-    target, round (n,) count from 1; approach (n,) of str; q (n, 6) rad; g_mm (n,); t_s (n,) as in a radial table.
+    target, round (n,): from 1; approach (n,) of str; q (n, 6) rad; g_mm (n,); t_s (n,) as in a radial table.
     """
 
     test: ClassVar[TestName] = "repeatability"
@@ -95,13 +99,14 @@ class RepeatabilityTable(Table):
 
 @dataclass(frozen=True)
 class PoseTable(Table):
-    """Poses of the tool as a tracker saw them, in the tracker's frame.
+    """Tool poses measured by a tracker, in the tracker's frame.
 
-    q (n, axes) rad, of an arm on a rail with a column more, where the rail stands in m (`rail`);
-    xyz_mm (n, 3); rpy (n, 3) rad, fixed-axis roll-pitch-yaw, or None where only places were measured;
-    row (n,): from 1, the row of the file that each is, or the first of several; None where they are 1 … n; came_from
-    (n, axes) rad: where each joint was before its last move, which says on which side of its play it stands, or None
-    where it came from the pose before.
+    q (n, axes) rad, with a rail position in m as additional column (`rail`); xyz_mm (n, 3); rpy (n, 3) rad, fixed-axis
+    roll-pitch-yaw, or None if only positions were measured; row (n,): from 1, file row of each, or the first of
+    several; None for
+    1 … n; came_from (n, axes) rad: joint angles before the last move, which determine the side of backlash, or None if
+    the robot
+    came from the previous pose.
     """
 
     test: ClassVar[TestName] = "pose"
@@ -115,9 +120,9 @@ class PoseTable(Table):
 
 @dataclass(frozen=True)
 class TouchTable(Table):
-    """Touches: the tool's ball seated in sockets that are fixed in the world, in one posture after the other.
+    """Touches: the tool's ball seated in fixed sockets, in successive postures.
 
-    socket (n,) of str; q (n, axes) rad, with a rail as of poses; came_from (n, axes) rad and row (n,) as of poses.
+    socket (n,) of str; q (n, axes) rad, with a rail as for poses; came_from (n, axes) rad and row (n,) as for poses.
     """
 
     test: ClassVar[TestName] = "touch"
@@ -129,7 +134,7 @@ class TouchTable(Table):
 
     @property
     def xyz_mm(self) -> Array:
-        """Where the ball is in its socket (n, 3) mm: in its middle."""
+        """Ball position relative to its socket (n, 3) mm: zero."""
         return np.zeros((len(self.q), 3))
 
 
@@ -138,7 +143,7 @@ P = TypeVar("P", PoseTable, TouchTable)
 
 @dataclass(frozen=True)
 class PathTable(Table):
-    """What a tracker wrote while the tool followed paths: t_s (n,); xyz_mm (n, 3) in the tracker's frame."""
+    """Tracker recording along paths: t_s (n,); xyz_mm (n, 3) in the tracker's frame."""
 
     test: ClassVar[TestName] = "path"
     t_s: Array
@@ -146,7 +151,7 @@ class PathTable(Table):
 
     @property
     def q(self) -> Array:
-        """No joints (n, 0): a tracker reads none, and its clock is not the robot's."""
+        """Empty joints (n, 0): a tracker reads none, and its clock is not the robot's."""
         return np.empty((len(self.t_s), 0))
 
 
@@ -172,8 +177,8 @@ def in_content_order(table: P) -> P:
 TargetTable = RadialTable | RepeatabilityTable
 """Tables of one gauge at targets of a hemisphere."""
 GaugeTable = CircleTable | TargetTable
-"""Tables whose readings are those of gauges, each at its time."""
+"""Tables of gauge readings with times."""
 PlaceTable = PoseTable | TouchTable
-"""Tables whose readings are places, three coordinates a row, each of a posture."""
+"""Tables of positions, three coordinates per row, each with a posture."""
 Evidence = GaugeTable | PlaceTable
-"""Tables of what was read beside joint angles, from which an arm is diagnosed."""
+"""Tables with joint angles, usable for a diagnosis of the arm."""

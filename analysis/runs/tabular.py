@@ -1,7 +1,7 @@
-"""What every result offers to scripts and notebooks: plain dictionaries for JSON, Arrow tables, pandas frames.
+"""Export of results to scripts and notebooks: plain dictionaries for JSON, Arrow tables, pandas frames.
 
-A table is a pyarrow Table, since the store needs pyarrow anyway and pandas, polars and DuckDB read it without a copy.
-pandas is no dependency: only `to_frame` needs it.
+Tables are pyarrow Tables, because the store requires pyarrow, and pandas, polars and DuckDB read them without copying.
+pandas is optional: only `to_frame` needs it.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ if TYPE_CHECKING:
 
 
 class Tabular(ABC):
-    """A result that is also a table; angles in degrees, lengths in mm, each unit in its column's name."""
+    """Result in table form; angles in degrees, lengths in mm, units in the column names."""
 
     @abstractmethod
     def to_table(self) -> pa.Table:
-        """A pyarrow Table."""
+        """Return a pyarrow Table."""
 
     def to_frame(self) -> Any:
-        """The same as a pandas DataFrame. Raises RigError where pandas is not installed."""
+        """Return a pandas DataFrame. Raises RigError if pandas is not installed."""
         try:
             import_module("pandas")
         except ModuleNotFoundError as error:
@@ -39,14 +39,14 @@ class Tabular(ABC):
 
 
 def table_of_rows(columns: Sequence[str], rows: Sequence[Mapping[str, Any]]) -> pa.Table:
-    """A table of rows by column name; without rows it has its columns all the same."""
+    """Build a table from rows by column name, including all columns if empty."""
     import pyarrow as pa  # noqa: PLC0415 - a fifth of a second, which reading a rig file need not wait for
 
     return pa.table({name: [row[name] for row in rows] for name in columns})
 
 
 def for_json(value: Any) -> Any:
-    """The same in plain types, null for NaN or infinity: JSON has neither, and strict readers refuse them."""
+    """Convert to plain types, with null for NaN and infinity, which JSON lacks."""
     match value:
         case Mapping():
             return {str(key): for_json(item) for key, item in value.items()}

@@ -1,12 +1,14 @@
-"""Writing a capture while the daemon runs: every link is recorded, and one thread writes for all of them.
+"""Write a capture of all links while the daemon runs.
 
-Recording a piece only appends it to a list, so no reader waits for this disk. The list is bounded, and pieces that find
-no room are counted in the file itself. A capture that has grown to `LARGEST` bytes, or whose disk fails, ends with a
-line in the log; the daemon goes on.
+Recording a piece appends it to a list, so readers never wait for the disk. The list is bounded, and the file records
+the
+number of pieces dropped. The capture ends with a log message when it reaches `LARGEST` bytes or the disk fails; the
+daemon continues.
 
 While a replayed cell is recorded, rigd also follows the file in which `rig replay` marks each second that was out of
-step; the rig file names it (`replay:`). Each line is a second of a stream that was too far from its time; it becomes a
-fault of that stream, in the run that is being recorded, and no figures are taken from such a run.
+step (`replay:` in the rig file). Each line becomes a fault of that stream in the current run, and such a run is
+excluded
+from evaluation.
 """
 
 from __future__ import annotations
@@ -29,14 +31,14 @@ from rigs.files import read_from
 
 log = logging.getLogger("rigd")
 LARGEST = 9 * MOST_BYTES // 10
-"""Size at which a capture ends: what `rig replay` reads, with room for the last write."""
+"""Size at which a capture ends: the limit of `rig replay`, with a margin for the last write."""
 _ROOM = 200_000
-"""Pieces held for a stalled disk: minutes at 500 Hz."""
+"""Pieces buffered for a stalled disk: several minutes at 500 Hz."""
 _WRITE_S = 0.5
 
 
 class CaptureWriter(clock.Thread):
-    """Writes the capture of one daemon, from its start to `stop`."""
+    """Thread that writes the capture of one daemon, from `start` to `stop`."""
 
     def __init__(self, path: Path, streams: Sequence[Stream]) -> None:
         super().__init__(name="capture", daemon=True)
@@ -50,7 +52,7 @@ class CaptureWriter(clock.Thread):
         self._size = 0
 
     def start(self) -> None:
-        """Create the file, then begin. Raises FileError where it is there already or cannot be made."""
+        """Create the file and start. Raises FileError if the file exists or cannot be created."""
         try:
             self._file = self._path.open("x", encoding="utf-8")
         except OSError as error:
@@ -63,11 +65,11 @@ class CaptureWriter(clock.Thread):
         super().start()
 
     def captured(self, stream: str, link: ByteLink) -> ByteLink:
-        """Return the link, with every piece that passes it recorded."""
+        """Return a link that records all data passing through."""
         return _CapturedLink(self, stream, link)
 
     def add(self, stream: str, mark: Mark, data: bytes) -> None:
-        """Record what happens on a stream now."""
+        """Record an event of a stream with the current time."""
         piece = Piece(clock.now_ns(), stream, mark, data)
         with self._lock:
             if self._open and len(self._pieces) < _ROOM:
@@ -76,14 +78,14 @@ class CaptureWriter(clock.Thread):
                 self._left_out[stream] += 1
 
     def stop(self, within_s: float) -> None:
-        """Write what is left and close the file; if the disk takes longer than this, the capture ends early."""
+        """Write the remaining pieces and close the file, or truncate the capture after `within_s`."""
         self._stop_asked.set()
         self.join(within_s)
         if self.is_alive():
             log.error("capture %s ends early: its disk does not accept the rest", self._path)
 
     def run(self) -> None:
-        """Do the work until `stop`: the body of the thread."""
+        """Work until `stop`."""
         while not self._stop_asked.wait(_WRITE_S):
             self._write()
         self._write()
@@ -121,7 +123,7 @@ class CaptureWriter(clock.Thread):
 
 
 class _CapturedLink:
-    """A link whose bytes are recorded as they pass."""
+    """Link that records the bytes passing through."""
 
     def __init__(self, writer: CaptureWriter, stream: str, link: ByteLink) -> None:
         self._writer, self._stream, self._link = writer, stream, link
@@ -142,31 +144,31 @@ class _CapturedLink:
 
 _LINE = re.compile(r"(\S+) ([+-][0-9.]+)")
 _MOST_BYTES = 1_000_000
-"""Bytes that are read at a time, of a file that grows by some 20 bytes a second and stream."""
+"""Maximum bytes per read; the file grows by about 20 bytes per second and stream."""
 
 
 def out_of_step_line(stream: str, off_ns: float) -> str:
-    """Return a line of the file: the median error of this stream's time over one second."""
+    """Format a line: the median timing error of this stream over one second."""
     return f"{stream} {off_ns / 1e6:+.1f}\n"
 
 
 class ReplayMarks:
-    """Reads what is added to the file, once it has been skipped to its end."""
+    """Reader of the marks appended after `skip`."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
         self._end = 0
-        """Bytes that were read, up to the end of a line."""
+        """Bytes read, up to the end of a line."""
 
     def skip(self) -> None:
-        """Leave out what is there already."""
+        """Skip the existing content."""
         before = -1
         while before < self._end:
             before = self._end
             self._lines()
 
     def read_new(self) -> list[tuple[str, Fault]]:
-        """Return what was added since the last call: names of streams, and the fault of each."""
+        """Return the marks appended since the last call, as stream names and faults."""
         marks = []
         for line in filter(None, map(_LINE.fullmatch, self._lines())):
             detail = f"the replay was {line[2]} ms out of step for a second; replay it on a computer that is less busy"
@@ -174,16 +176,15 @@ class ReplayMarks:
         return marks
 
     def _lines(self) -> list[str]:
-        """Return the complete lines that follow, as many as one call takes; none if the replay, and its file with it,
-        is gone."""
+        """Return the complete new lines, up to the limit of one call; empty if the file is gone."""
         try:
             data, size = read_from(self._path, self._end, _MOST_BYTES)
         except (OSError, FileError):
             return []
-        if size < self._end:  # a replay that starts empties the file
+        if size < self._end:  # a replay empties the file when it starts
             self._end = 0
             return self._lines()
         complete, newline, incomplete = data.rpartition(b"\n")
-        # So many bytes without an end of a line are no line.
+        # Data of this length without a line end is not a mark.
         self._end += len(data) if len(incomplete) == _MOST_BYTES else len(complete + newline)
         return complete.decode(errors="replace").split("\n")

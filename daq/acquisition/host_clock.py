@@ -1,17 +1,18 @@
-"""Watching the clocks: the computer's wall clock that is set, its sleep, a computer that holds rigd up, and how an
-instrument's own clock runs against the host's.
+"""Watch the clocks: steps of the wall clock, suspends, stalls of rigd, and the drift of instrument clocks.
 
-Everything is stamped by the monotonic clock, which neither touches. What does change is what time of day a stamp stands
-for. NTP slews both clocks alike, so wall less monotonic is constant until someone steps the wall clock; the clock that
-goes on while the computer sleeps (CLOCK_BOOTTIME) less monotonic grows by each sleep, and by nothing else.
+All stamps use the monotonic clock, which none of these events affect. Only the mapping from stamps to wall time
+changes.
+NTP slews both clocks together, so wall minus monotonic time is constant until somebody steps the wall clock. The clock
+CLOCK_BOOTTIME minus monotonic time grows by the duration of each suspend and is otherwise constant.
 
-A thread that only sleeps shows whether rigd itself runs: it reports when it slept for too long. A computer that is
-suspended for a moment, that starves its programs, or a process that is stopped holds up every reader at once. Readers
-report their own stalls (`StreamBuffer.beat`); this one says that it was not a single reader.
+A thread that only sleeps measures whether rigd runs at all: it reports each sleep of excessive length. A suspended or
+overloaded computer, or a stopped process, delays all readers simultaneously. Readers report their own stalls
+(`StreamBuffer.beat`); this thread shows whether all of them were affected.
 
-An instrument's clock is watched for metrics only. A message can only come late, so the least (host - device) difference
-of each ten seconds is close to the clocks' true one, and a line through these minima shows the drift. Runs keep raw
-stamps and are fitted again at analysis.
+The clock of an instrument is watched for metrics only. A message can only be late, so the smallest difference (host −
+device) in ten seconds is close to the true offset, and a line through these minima gives the drift. Runs keep raw
+stamps;
+the analysis fits them again.
 """
 
 from __future__ import annotations
@@ -31,14 +32,14 @@ from daq.acquisition.stream_buffer import STALL_NS
 from daq.protocol.conversation import Fault, FaultKind, Sample, Samples
 
 HOST = "host"
-"""The name under which faults of the computer itself are reported, in place of a stream's."""
+"""Stream name for faults of the computer itself."""
 _STEP_NS = 10_000_000
 _TRIES = 10
 
 
 @dataclass(frozen=True)
 class ClockReadings:
-    """The three clocks, ns: true of one instant to within bracket_ns. boot_ns goes on while the computer sleeps."""
+    """Three clocks in ns, read within bracket_ns of each other. boot_ns includes suspends."""
 
     monotonic_ns: int
     wall_ns: int
@@ -47,7 +48,7 @@ class ClockReadings:
 
 
 def read_clocks() -> ClockReadings:
-    """Read the three clocks now: of several tries the one that the scheduler interrupted least."""
+    """Read the three clocks; the least interrupted of several attempts is returned."""
     tries = []
     for _ in range(_TRIES):
         before = clock.now_ns()
@@ -58,13 +59,13 @@ def read_clocks() -> ClockReadings:
 
 
 class HostClockMonitor:
-    """Compares each reading of the clocks with the last one that showed a change."""
+    """Compares clock readings with the last reading that showed a change."""
 
     def __init__(self, first: ClockReadings) -> None:
         self._known = first
 
     def check(self, now: ClockReadings) -> list[Fault]:
-        """Return what has happened to the clocks since then, as faults."""
+        """Return the clock changes since the last check as faults."""
         last = self._known
         slept_ns = (now.boot_ns - last.boot_ns) - (now.monotonic_ns - last.monotonic_ns)
         set_ns = (now.wall_ns - last.wall_ns) - (now.boot_ns - last.boot_ns)
@@ -86,7 +87,7 @@ _SLEEP_S = 0.1
 
 
 class StallWatch(clock.Thread):
-    """Sleeps until `stop`, and keeps a fault for each time it was asleep for longer than `longest_ns`."""
+    """Thread that sleeps until `stop` and records a fault for each sleep longer than `longest_ns`."""
 
     def __init__(self, longest_ns: int = STALL_NS) -> None:
         super().__init__(name="stalls", daemon=True)
@@ -94,16 +95,16 @@ class StallWatch(clock.Thread):
         self._stop_asked = clock.Event()
         self._faults: deque[Fault] = deque()
         self._lock = threading.Lock()
-        """Held while this thread, or the one that takes, says that it is awake: a stall is a fault once."""
+        """Protects the wake-up time, so that a stall becomes one fault only."""
         self._awake_ns = 0
 
     def start(self) -> None:
-        """Begin to sleep."""
+        """Start the thread."""
         self._awake_ns = clock.now_ns()
         super().start()
 
     def run(self) -> None:
-        """Do the work until `stop`: the body of the thread."""
+        """Work until `stop`."""
         while not self._stop_asked.wait(_SLEEP_S):
             self._awake()
 
@@ -113,32 +114,35 @@ class StallWatch(clock.Thread):
             self.note(before_ns, self._awake_ns)
 
     def note(self, before_ns: int, now_ns: int) -> None:
-        """Keep a fault if the thread was asleep for too long between these times."""
+        """Record a fault if the time between both stamps is too long."""
         if now_ns - before_ns > self._longest_ns:
             detail = f"rigd or the computer stood still for {(now_ns - before_ns) / 1e9:.1f} s"
             self._faults.append(Fault(FaultKind.STALLED, now_ns, f"{detail}; what came meanwhile is stamped late"))
 
     def take(self) -> list[Fault]:
-        """Return the faults since the last call, that of a sleep which has just ended among them."""
+        """Return the faults since the last call, including a stall that has just ended."""
         if self.is_alive():
             self._awake()
         return [self._faults.popleft() for _ in range(len(self._faults))]
 
     def stop(self) -> None:
-        """Ask the thread to end."""
+        """Request the end of the thread."""
         self._stop_asked.set()
 
 
 _WINDOW_S = 10.0
 _WINDOWS = 60
 _LEAP_S = 1.0
-"""A difference that leaps by more is a clock that was set or started again."""
+"""A larger jump of the difference means a clock that was set or restarted."""
 
 
 @dataclass(frozen=True)
 class ClockState:
-    """offset_s: host's monotonic less device, the latest minimum. drift_ppm: how much faster the host's runs; None
-    until there are three windows. late_s: the most that a sample of the last window came after its earliest peers."""
+    """State of an instrument's clock.
+
+    offset_s: host monotonic minus device time, the latest minimum. drift_ppm: how much faster the host clock runs; None
+    before three windows. late_s: largest delay of a sample in the last window relative to the earliest ones.
+    """
 
     offset_s: float
     drift_ppm: float | None
@@ -146,7 +150,7 @@ class ClockState:
 
 
 class DriftMonitor:
-    """Follows an instrument's clock by the minima of the last ten minutes."""
+    """Tracks the clock of an instrument by the minima of the last ten minutes."""
 
     def __init__(self) -> None:
         self._minima: deque[tuple[float, float]] = deque(maxlen=_WINDOWS)
@@ -155,7 +159,7 @@ class DriftMonitor:
         self._late_s = math.nan
 
     def feed(self, samples: Sequence[Sample]) -> None:
-        """Take samples in order of arrival; those without a time of their own are ignored."""
+        """Add samples in order of arrival, ignoring those without a device time."""
         block = Samples.of(samples)
         timed = block.chosen(~np.isnan(block.device_time_s))
         hosts_s = timed.first_byte_ns / 1e9
@@ -172,10 +176,10 @@ class DriftMonitor:
             self._least, self._most = min(self._least, offset_s), max(self._most, offset_s)
 
     def state(self) -> ClockState | None:
-        """Return the state as of the last complete window; None before there is one."""
+        """Return the state after the last complete window; None before the first one."""
         if not self._minima:
             return None
         drift_ppm = None
-        if len(self._minima) >= 3:  # two make a line of any two readings
+        if len(self._minima) >= 3:  # two minima fit a line exactly
             drift_ppm = 1e6 * statistics.linear_regression(*zip(*self._minima, strict=True)).slope
         return ClockState(self._minima[-1][1], drift_ppm, self._late_s)

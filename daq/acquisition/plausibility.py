@@ -1,16 +1,20 @@
-"""Readings that are well-formed but implausible, reported while there is still time to do something about it.
+"""Report well-formed but implausible readings while the operator can still react.
 
-The daemon knows no kinematics, so three things only. A gauge that *sticks*: the same number again and again while the
-robot moves, in a test whose gauges touch all along (in the others the robot also moves between two touches). A probe
-that measures is never so still, but a coarse one may be: so nothing is said before `STUCK_S`, `STUCK_READINGS` and
-`STUCK_DEG` of motion, and not before `COARSE_DEG` where no step of the gauge finer than `COARSE_MM` has been seen. A
-gauge that goes *in and out of error*: `TIMES_IN_ERROR` times within `IN_ERROR_S`, as where the lap leaves its range. A
-gauge whose readings are from one to the next a 25.4th or 25.4 times what they were, and stay so: somebody pressed in/mm
-(where a gauge writes its numbers as text, their decimals show it before: `daq.protocol.numerals`). And one that *hung*:
-it showed one number for `HELD_S` while the robot moved `HELD_DEG`, and then jumped by more than it
-moves from reading to reading, so that it showed what had been elsewhere.
+The daemon knows no kinematics, so there are four checks:
 
-Pure: items in, faults out. The readings are kept as they came.
+- A *stuck* gauge repeats a value while the robot moves, in a test with permanent contact. A real probe is never that
+still, but a coarse one may be: a fault requires `STUCK_S`, `STUCK_READINGS` and `STUCK_DEG` of motion, and
+`COARSE_DEG`
+if no step finer than `COARSE_MM` was seen.
+- A gauge that goes *in and out of error* `TIMES_IN_ERROR` times within `IN_ERROR_S`, for example at the end of its
+range.
+- A gauge whose readings change by a factor of 25.4 and stay there: somebody pressed in/mm. (Gauges that send text
+reveal
+this earlier by their decimals: `daq.protocol.numerals`.)
+- A gauge that *hung*: it showed one value for `HELD_S` while the robot moved `HELD_DEG`, then jumped by more than its
+usual step.
+
+Pure: items in, faults out. The readings are not changed.
 """
 
 from __future__ import annotations
@@ -37,18 +41,20 @@ HELD_S = 0.5
 HELD_READINGS = 5
 HELD_DEG = 1.0
 HELD_STEPS = 5.0
-"""Usual steps that the first reading after it lies away: where the error of the robot turns round, it is one."""
+"""Usual steps between a held value and the next reading; at a reversal of the robot's error there is only one."""
 INCH_MM = 25.4
 BEFORE, AFTER = 9, 3
-"""Readings before and after a change of unit that have to bear it out: as many as show how the gauge moves, and more
-after it than one that is wrong alone."""
+"""Readings before and after a change of unit that must confirm it: enough before to show the usual motion, and enough
+after
+to exclude a single wrong reading.
+"""
 _STILL_DEG = 0.1
-"""A robot that holds its place shows less."""
+"""Joint motion below this value counts as standstill."""
 
 
 @dataclass
 class _GaugeState:
-    """What one gauge has shown: its present reading, since when, how often, and where the robot was then."""
+    """State of one gauge: present value, its start time and count, and the robot position at that time."""
 
     reading: float = math.nan
     since_ns: int = 0
@@ -57,16 +63,16 @@ class _GaugeState:
     finest_mm: float = math.inf
     reported: bool = False
     last_ns: int = 0
-    """When it last showed its present reading."""
+    """Time of the latest reading with the present value."""
     steps_mm: deque[float] = field(default_factory=lambda: deque(maxlen=20))
-    """How far it moved of late, where it moved."""
+    """Recent non-zero steps."""
     tail: Samples = NO_SAMPLES
-    """The readings that a change of unit has not been looked for in, and those before them."""
+    """Readings not yet searched for a change of unit, with the preceding ones."""
 
 
 @dataclass
 class PlausibilityCheck:
-    """Checks the streams of one recording. touching: whether its gauges touch the ball all the time."""
+    """Checks the streams of one recording. touching: whether the gauges stay in contact throughout the test."""
 
     touching: bool
     _gauges: dict[str, _GaugeState] = field(default_factory=dict)
@@ -74,14 +80,15 @@ class PlausibilityCheck:
     _travel_deg: float = 0.0
     _errors: dict[str, deque[int]] = field(default_factory=dict)
     _in_error: dict[str, set[int | None]] = field(default_factory=dict)
-    """Columns of each stream whose gauges are in error; None for an error that does not say of which it is, and lasts
-    while messages lack the reading of any."""
+    """Columns per stream with gauges in error; None for an error without a column, which lasts while messages are
+    incomplete.
+    """
 
     def check(self, stream: str, columns: Sequence[str], items: Sequence[Item]) -> list[Fault]:
-        """Take what came on a stream since the last call, in order; return what is doubtful about it."""
+        """Check the new items of a stream and return faults for doubtful readings."""
         samples = samples_of(items)
         if "q1_deg" in columns:
-            if len(samples):  # how far the robot has moved, by the joint that moved most: once a call is often enough
+            if len(samples):  # motion of the fastest joint; once per call is sufficient
                 joints = samples[-1].values[:6]  # a signal may follow
                 moved_deg = max((abs(b - a) for a, b in zip(self._joints, joints, strict=False)), default=math.inf)
                 if moved_deg > _STILL_DEG:
@@ -98,11 +105,11 @@ class PlausibilityCheck:
         return doubts
 
     def _update(self, column: str, gauge: _GaugeState, samples: Samples, place: int) -> list[Fault]:
-        """Take the readings of a gauge; a head in error shows none."""
+        """Process the readings of a gauge; a head in error contributes no readings."""
         good = ~np.isnan(samples.values[:, place]) if len(samples) else np.zeros(0, bool)
         readings_mm, stamps_ns = samples.values[good, place] if good.any() else np.empty(0), samples.last_byte_ns[good]
         steps_mm = np.abs(np.diff(readings_mm, prepend=gauge.reading))
-        (moved,) = np.nonzero(steps_mm != 0)  # nan, the step to the very first reading, is one
+        (moved,) = np.nonzero(steps_mm != 0)  # nan, the step to the very first reading, counts as moved
         if not moved.size:
             gauge.count += len(readings_mm)
             gauge.last_ns = int(stamps_ns[-1]) if len(stamps_ns) else gauge.last_ns
@@ -120,7 +127,7 @@ class PlausibilityCheck:
         return freed
 
     def _held(self, column: str, gauge: _GaugeState, count: int, now_ns: int, jump_mm: float) -> list[Fault]:
-        """What is to be said where a gauge that stood still moves again by so much. count: readings that were equal."""
+        """Return a fault if a gauge resumes after `count` equal readings with a jump of `jump_mm`."""
         seconds, moved_deg = (gauge.last_ns - gauge.since_ns) / 1e9, self._travel_deg - gauge.travel_deg
         if gauge.reported or seconds < HELD_S or count < HELD_READINGS or moved_deg < HELD_DEG:
             return []
@@ -152,7 +159,7 @@ class PlausibilityCheck:
         for item in items:
             if not isinstance(item, Fault):
                 read = np.isfinite(np.atleast_2d(item.values))
-                # What of the rows (n, columns) has to be there before an error is over: one gauge's column, or the
+                # Columns of the rows (n, columns) that must be valid to end an error: the column of one gauge, or the
                 # whole row
                 in_error -= {
                     place
@@ -161,7 +168,7 @@ class PlausibilityCheck:
                 }
             elif item.kind is FaultKind.DEVICE_ERROR and item.column not in in_error:
                 in_error.add(item.column)
-                # Of a gauge, or of an instrument with several
+                # One gauge, or an instrument with several
                 name = stream if item.column is None else _name(columns[item.column])
                 times_ns = self._errors.setdefault(name, deque(maxlen=TIMES_IN_ERROR))
                 times_ns.append(item.at_ns)
@@ -174,7 +181,7 @@ class PlausibilityCheck:
 
 
 def _rescaled(column: str, gauge: _GaugeState, samples: Samples, place: int) -> list[Fault]:
-    """Where the readings of a gauge go on in another unit."""
+    """Return a fault if the unit of the readings changed."""
     read = samples.chosen(~np.isnan(samples.values[:, place])) if len(samples) else samples
     window = Samples.joined([gauge.tail, read])
     gauge.tail = window[-(BEFORE + AFTER - 1) :]
@@ -183,7 +190,7 @@ def _rescaled(column: str, gauge: _GaugeState, samples: Samples, place: int) -> 
     readings_mm = window.values[:, place]
     before_mm, after_mm = readings_mm[BEFORE - 1 : -AFTER], readings_mm[BEFORE : len(readings_mm) - AFTER + 1]
     larger, smaller = np.fmax(abs(before_mm), abs(after_mm)), np.fmin(abs(before_mm), abs(after_mm))
-    (likely,) = np.nonzero(abs(larger - INCH_MM * smaller) < larger / 2)  # few, of which each is looked at
+    (likely,) = np.nonzero(abs(larger - INCH_MM * smaller) < larger / 2)  # few candidates, each of which is examined
     faults = []
     for k in likely:
         if _goes_on_rescaled(readings_mm[k : k + BEFORE], readings_mm[k + BEFORE : k + BEFORE + AFTER]):
@@ -194,7 +201,7 @@ def _rescaled(column: str, gauge: _GaugeState, samples: Samples, place: int) -> 
 
 
 def _goes_on_rescaled(before_mm: NDArray[np.float64], after_mm: NDArray[np.float64]) -> bool:
-    """Whether the readings (BEFORE,) lead to those (AFTER,) by a factor of 25.4, and not otherwise."""
+    """Return whether the readings before (BEFORE,) and after (AFTER,) differ only by a factor of 25.4."""
     step_mm = 2 * float(np.abs(np.diff(before_mm)).max())
     jump_mm = abs(float(after_mm[0] - before_mm[-1]))
     if jump_mm <= 10 * max(step_mm, COARSE_MM):

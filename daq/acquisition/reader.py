@@ -1,13 +1,13 @@
-"""The reader thread of a link: it opens the link, runs the conversation, and opens it again whenever it is lost.
+"""Reader thread of a link: opens the link, runs the conversation, and reopens the link after a loss.
 
-A link that is lost makes one DISCONNECTED fault. Until the next sample it is the same outage, however often the port
-refuses to open: each reason for that is reported once, and the first sample ends it with its length, both as faults
-of count 0. Between two attempts the reader pauses, longer each time up to a bound.
+A lost link produces one DISCONNECTED fault. All failed attempts until the next sample belong to the same outage: each
+reason is reported once, and the first sample reports the duration, both as faults with count 0. The pause between
+attempts grows up to a limit.
 
-Readers stamp promptly beside the other threads of the daemon, of which one at a time runs Python. Two things hold one
-up that has just been woken by its bytes. A thread that computes gives way only when it is asked to, after the
-interpreter's switch interval. And no thread runs while Python's collector visits all objects; those that the daemon
-starts with, its libraries above all, are some hundred thousand and never garbage.
+Readers must stamp promptly although only one thread of the daemon runs Python at a time. Two things can delay a reader
+after its bytes arrive. A computing thread releases the interpreter only when asked, after the switch interval. And no
+thread runs while the garbage collector visits all objects; the several hundred thousand objects created at start-up,
+mostly by libraries, are never garbage and are therefore frozen.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ from rigs.errors import CellError
 _FIRST_PAUSE_S = 0.2
 _LONGEST_PAUSE_S = 5.0
 _BUSY_S = 0.01
-"""A message takes some 30 µs, so this is 300 of them in one read: more than a gauge at 12 kHz brings in 20 ms."""
+"""A message takes about 30 µs, so this equals 300 messages in one read: more than a gauge at 12 kHz sends in 20 ms."""
 
 
 class Reader(clock.Thread):
-    """Reads one stream into its buffer until it is stopped."""
+    """Thread that reads one stream into its buffer until it is stopped."""
 
     def __init__(self, stream: Stream, buffer: StreamBuffer, link: Link, capture: CaptureWriter | None = None) -> None:
         super().__init__(name=f"read {stream.name}", daemon=True)
@@ -43,20 +43,20 @@ class Reader(clock.Thread):
         self._stop_asked = clock.Event()
         self._pause_s = _FIRST_PAUSE_S
         self._lost_ns: int | None = None
-        """When the present outage began; None while the link is up."""
+        """Start of the present outage; None while the link is up."""
         self._used_s = self._looked_s = 0.0
-        """Processor time of this thread when it was last looked at, and when that was."""
+        """Processor time of this thread at the last check, and the time of that check."""
         self._before: Host | None = None
-        """The conversation on the link before it was lost."""
+        """Conversation on the previous link."""
         self._reasons: set[str] = set()
-        """Why the port did not open, as reported in this outage."""
+        """Open errors already reported in this outage."""
 
     def stop(self) -> None:
-        """Ask the thread to end; join it afterwards."""
+        """Request the end of the thread; join it afterwards."""
         self._stop_asked.set()
 
     def run(self) -> None:
-        """Do the work until `stop`: the body of the thread."""
+        """Work until `stop`."""
         while not self._stop_asked.is_set():
             self._buffer.beat()
             if self._link is None:
@@ -101,9 +101,9 @@ class Reader(clock.Thread):
             self._back_off()
 
     def _give_way(self) -> None:
-        """Pause for as long as the last rounds took the processor, if that was long: one thread at a time runs Python.
+        """Pause for as long as the last rounds used the processor, if they used much of it.
 
-        What a stream that floods sends meanwhile waits in the system, and its sender with it where the link is TCP.
+        Meanwhile the data of a flooding stream waits in the operating system, and over TCP also the sender.
         """
         if clock.now_s() - self._looked_s < _BUSY_S:
             return
@@ -131,7 +131,7 @@ class Reader(clock.Thread):
             self._back_off()
 
     def _back_off(self) -> None:
-        """Back off, doubling up to a bound, without missing a heartbeat."""
+        """Wait before the next attempt, doubling up to a limit, with regular heartbeats."""
         until = clock.now_s() + self._pause_s
         while not self._stop_asked.wait(min(0.2, max(0.0, until - clock.now_s()))):
             self._buffer.beat()
@@ -148,12 +148,11 @@ class Reader(clock.Thread):
 
 
 _SWITCH_S = 0.0001
-"""A fiftieth of Python's default, and some ten times what a reader needs before it waits again: so the switches
-themselves cost little."""
+"""A fiftieth of Python's default and ten times a reader's usual work, so the switches themselves cost little."""
 
 
 def keep_stamps_prompt() -> None:
-    """Set this process up for readers; call it once everything is loaded."""
+    """Configure the interpreter for readers; call this once, after all imports."""
     sys.setswitchinterval(_SWITCH_S)
     gc.collect()
     gc.freeze()

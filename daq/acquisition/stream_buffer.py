@@ -1,10 +1,10 @@
-"""The buffer between a reader and the recorder: what one stream has delivered and is not written yet.
+"""Buffer between a reader and the recorder, with the samples not yet written.
 
-The reader only ever appends here; it waits for no disk and no other thread. Room is bounded. Samples that find
-none are counted as dropped, faults as one fault of their kind.
+The reader only appends and never waits for the disk or other threads. The buffer is bounded: excess samples count as
+dropped, excess faults are merged by kind.
 
-The last seconds of every stream are kept as well, whether or not a recording runs: what came before a robot's signal
-was understood belongs to the run that it starts.
+The last seconds of every stream are kept even without a recording, because samples from before the robot's signal was
+recognised belong to the run started by that signal.
 """
 
 from __future__ import annotations
@@ -22,23 +22,20 @@ from daq import clock
 from daq.protocol.conversation import Fault, FaultKind, Item, Sample, Samples, packed
 
 _ROOM = 200_000
-"""Items held for a stalled disk: minutes at 500 Hz, some 100 MB at the worst."""
+"""Items buffered for a stalled disk: minutes at 500 Hz, about 100 MB in the worst case."""
 _FEW = 8
-"""The number of samples up to which objects cost less than arrays."""
+"""Number of samples up to which objects are cheaper than arrays."""
 _RATE_OVER = 200
-"""Deliveries over which the rate is taken."""
+"""Number of deliveries used to measure the rate."""
 _RECENT = 1000
-"""Samples that a live view may still ask for after they were drained: a tenth of a second at 10 kHz."""
+"""Drained samples still available to a live view: a tenth of a second at 10 kHz."""
 STALL_NS = 500_000_000
-"""A reader goes round in 0.3 s at most (`daq.wire.conversation_loop`); a busy computer adds some tenths."""
+"""A reader loop takes 0.3 s at most (`daq.wire.conversation_loop`); a busy computer adds a few tenths."""
 
 
 @dataclass(frozen=True)
 class StreamState:
-    """The state of a stream as it is shown to people.
-
-    last: column → last good value; age_s: column → time since then.
-    """
+    """State of a stream for display. last: last valid value by column. age_s: age of that value by column."""
 
     connected: bool
     rate_hz: float
@@ -47,37 +44,37 @@ class StreamState:
     counters: dict[str, int]
     last_fault: str
     waiting: int
-    """Items that the recorder has not taken yet."""
+    """Items not yet taken by the recorder."""
 
 
 @dataclass
 class StreamBuffer:
-    """Holds the items of one stream; thread-safe: one reader delivers, one recorder drains, any thread may ask."""
+    """Thread-safe buffer of one stream: one reader delivers, one recorder drains, any thread may query."""
 
     name: str
     columns: tuple[str, ...]
     heartbeat_ns: int = 0
-    """When the reader last completed its loop, with or without data; the watchdog depends on it."""
+    """Time of the last completed reader loop, with or without data, for the watchdog."""
     connected: bool = False
     _opening: bool = False
     _lock: threading.Lock = field(default_factory=threading.Lock)
     _items: deque[Item] = field(default_factory=deque)
     _waiting: int = 0
-    """Samples and faults among them."""
+    """Number of waiting samples and faults."""
     _without_room: Counter[FaultKind] = field(default_factory=Counter)
-    """Samples, as dropped, and faults by their kind."""
+    """Overflow: dropped samples, and faults by kind."""
     _counters: Counter[str] = field(default_factory=Counter)
     _last: dict[str, tuple[float, int]] = field(default_factory=dict)
     _arrivals: deque[tuple[int, int]] = field(default_factory=lambda: deque(maxlen=_RATE_OVER))
-    """The last deliveries: stamp of the last sample, and number of samples until then."""
+    """Recent deliveries: stamp of the last sample, and the number of samples up to it."""
     _last_fault: str = ""
     _is_faulty: bool = False
-    """Whether the last fault is the instrument's or its line's, and no reading came since."""
+    """Whether the instrument or its line reported a fault since the last reading."""
     _recent: deque[Sample | Samples] = field(default_factory=deque)
     _recent_size: int = 0
 
     def deliver(self, items: Sequence[Item]) -> None:
-        """Keep items that the reader has received."""
+        """Add items received by the reader."""
         if len(items) > _FEW:
             items = packed(items)
         with self._lock:
@@ -100,13 +97,13 @@ class StreamBuffer:
                 self._arrivals.append((int(last_ns), self._counters["samples"]))
 
     def count(self, faults: Sequence[Fault]) -> None:
-        """Count faults that the recorder found itself and has written into the run; they are not delivered again."""
+        """Count faults found and written by the recorder; they are not delivered a second time."""
         with self._lock:
             for fault in faults:
                 self._note(fault, 1)
 
     def drain(self) -> list[Samples | Fault]:
-        """Return everything since the last call, in order, for the recorder."""
+        """Return all items since the last call, in order, for the recorder."""
         with self._lock:
             taken, self._items = self._items, deque()
             self._waiting = 0
@@ -118,7 +115,7 @@ class StreamBuffer:
         return items
 
     def beat(self) -> None:
-        """Note that the reader is still running, and report how long it stood still if it did."""
+        """Record a heartbeat of the reader, and report the preceding stall, if any."""
         now_ns, before_ns = clock.now_ns(), self.heartbeat_ns
         self.heartbeat_ns = now_ns
         if before_ns and now_ns - before_ns > STALL_NS and not self._opening:
@@ -129,7 +126,7 @@ class StreamBuffer:
 
     @contextmanager
     def opening(self) -> Iterator[None]:
-        """Mark the time in which the reader waits for the system to open a port, which may need name resolution."""
+        """Mark the time spent opening a port, which may need name resolution."""
         self._opening = True
         try:
             yield
@@ -138,11 +135,11 @@ class StreamBuffer:
             self._opening = False
 
     def alive(self, within_s: float) -> bool:
-        """Return whether the reader completed its loop within this time, or is opening its port."""
+        """Return whether the reader completed a loop within this time, or is opening the port."""
         return self._opening or clock.now_ns() - self.heartbeat_ns < within_s * 1e9
 
     def state(self) -> StreamState:
-        """Return the state of the stream as of now."""
+        """Return the present state of the stream."""
         now = clock.now_ns()
         with self._lock:
             rate_hz = 0.0
@@ -160,8 +157,7 @@ class StreamBuffer:
             )
 
     def recent(self, after: int) -> tuple[int, Sequence[Sample]]:
-        """Return the number of the newest sample, counted since the daemon started, and the samples after number
-        `after`, as far as they are still kept."""
+        """Return the number of the newest sample since start-up, and the available samples after number `after`."""
         with self._lock:
             newest, kept = self._counters["samples"], list(self._recent)
         requested, available, taken = newest - after, 0, list[Item]()
@@ -174,7 +170,7 @@ class StreamBuffer:
         if isinstance(item, Fault):
             self._counters[item.kind] += item.count
             is_stall = item.kind is FaultKind.STALLED
-            if not (is_stall and self._is_faulty):  # a short stall does not hide why the instrument gives no readings
+            if not (is_stall and self._is_faulty):  # a short stall must not hide the fault of the instrument
                 self._last_fault, self._is_faulty = item.detail, not is_stall
             return
         self._is_faulty = False
@@ -196,8 +192,8 @@ class StreamBuffer:
 
 
 def size_of(item: Item) -> int:
-    """Return how many samples or faults an item is."""
-    # By its type: to ask whether a sample is a sequence takes a tenth of what a poll takes.
+    """Return the number of samples or faults in an item."""
+    # By type: an isinstance check for Sequence costs a tenth of a poll.
     return len(item) if type(item) is Samples else 1
 
 
@@ -215,23 +211,23 @@ KEPT_NS = 5_000_000_000
 
 
 class PretriggerBuffer:
-    """Holds the items of the last five seconds and of the rounds since then: some thousands for each stream."""
+    """Items of the last five seconds, some thousands per stream."""
 
     def __init__(self, streams: Iterable[str]) -> None:
         self._items: dict[str, deque[Samples | Fault]] = {name: deque() for name in streams}
 
     def add(self, stream: str, items: Sequence[Item]) -> None:
-        """Keep items that have come on a stream."""
+        """Add items of a stream."""
         self._items[stream].extend(packed(items))
 
     def trim(self) -> None:
-        """Drop what is five seconds older than the newest item; once a round, so that a long round stays whole."""
+        """Drop items older than five seconds before the newest; called once per round to keep long rounds complete."""
         for kept in self._items.values():
             while kept and _newest_ns(kept[0]) < _newest_ns(kept[-1]) - KEPT_NS:
                 kept.popleft()
 
     def since(self, stream: str, since_ns: int) -> list[Samples | Fault]:
-        """Return what came from `since_ns` on, in order."""
+        """Return the items from `since_ns` on, in order."""
         cut = (
             item.chosen(item.first_byte_ns >= since_ns) if isinstance(item, Samples) else item
             for item in self._items[stream]

@@ -1,4 +1,4 @@
-"""The streams of a rig: one for each link, with the columns that its samples fill."""
+"""Streams of a rig: one per link, with the columns of the samples."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from rigs.schema.links import Line, ModemLines
 ROBOT = "robot"
 JOINTS = tuple(f"q{axis}_deg" for axis in range(1, 7))
 NO_LINE = Line(baud=9600, bits=8, parity="N", stop=1)
-"""Settings where none are needed: robots are reached over the network, but one that prints lines to a serial port."""
+"""Default line settings, for robots connected by network or printing lines to a serial port."""
 _PATIENCE = 3
-"""Silent time-outs after which a TCP connection counts as lost."""
+"""Number of silent time-outs after which a TCP connection counts as lost."""
 
 
 @dataclass(frozen=True)
 class Stream:
-    """One link: its name, its port, the columns of its samples, and the conversation that runs on it.
+    """One link: name, port, sample columns and conversation.
 
-    dead_s, listens, modem: see `daq.wire.links.open_link`, which is what opens it unless `opening` is another.
+    dead_s, listens, modem: see `daq.wire.links.open_link`, the default for opening the link.
     """
 
     name: str
@@ -45,7 +45,7 @@ class Stream:
 
 
 def gauge_groups(rig: Rig) -> list[tuple[str, ...]]:
-    """Return the names of the gauges, with those on one port grouped together."""
+    """Return the names of the gauges, grouped by port."""
     by_port: dict[str, list[str]] = {}
     for name, gauge in rig.gauges.recorded.items():
         by_port.setdefault(gauge.port, []).append(name)
@@ -53,7 +53,7 @@ def gauge_groups(rig: Rig) -> list[tuple[str, ...]]:
 
 
 def streams_of(rig: Rig) -> list[Stream]:
-    """Return all streams of a rig, the robot last. Raises CellError for one without instruments."""
+    """Return all streams of a rig, the robot last. Raises CellError if the rig has no instruments."""
     if isinstance(rig.feedback, NoFeedback):
         problem = "has no gauges and no feedback, so there is nothing to read"
         remedy = "add feedback to its rig file, and gauges for circles; poses of a tracker are imported: rig import"
@@ -70,8 +70,8 @@ def streams_of(rig: Rig) -> list[Stream]:
 
 
 def robot_stream(robot: Feedback) -> Stream:
-    """Return the stream of a robot. Raises CellError where a package that its interface needs is not installed."""
-    feedback.load(robot)  # now, and not while other streams are read
+    """Return the stream of a robot. Raises CellError if the interface needs a package that is not installed."""
+    feedback.load(robot)  # now, before other streams are read
     columns, host = (*JOINTS, *columns_beside_joints(robot)), partial(feedback.host, robot)
     line = robot.line if isinstance(robot, LineFeed) else NO_LINE
     return Stream(ROBOT, columns, robot.port, line, host, _dead_s(robot.timeout_s), robot.listens)

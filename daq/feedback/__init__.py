@@ -1,8 +1,9 @@
-"""Robot feedback: one interface a file, named as `interface` names it in the rig file.
+"""Robot feedback interfaces, one per file; the file name is the `interface` in the rig file.
 
-Each file offers `host(feedback)`, the conversation that listens (values q1_deg … q6_deg, always all six in that order,
-then those of `rigs.schema.feedback.columns_beside_joints`: the signal, the condition of the robot), and
-`device(feedback, read)`, the controller's side, where `read(now_ns)` gives the same.
+Each file offers `host(feedback)`, the listening conversation (values q1_deg … q6_deg, always all six in this order,
+then
+those of `rigs.schema.feedback.columns_beside_joints`: signal and condition of the robot), and `device(feedback, read)`,
+the controller side, where `read(now_ns)` returns the same values.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ Read = Callable[[int], Sequence[float]]
 
 
 def load(feedback: Feedback) -> Any:
-    """Return the file of an interface. Raises CellError where a package that it needs is not installed."""
+    """Import the file of an interface. Raises CellError if a required package is not installed."""
     try:
         return import_module(driver_of(feedback, __name__))
     except ModuleNotFoundError as missing:
@@ -32,15 +33,15 @@ def load(feedback: Feedback) -> Any:
 
 
 def host(feedback: Feedback) -> Host:
-    """Return our side of the conversation."""
+    """Return the host side."""
     conversation: Host = load(feedback).host(feedback)
     return conversation
 
 
 def device(feedback: Feedback, read: Read) -> Device:
-    """Return the controller's side of the conversation.
+    """Return the controller side.
 
-    What `read` leaves out at its end is shown as by a robot that drives undisturbed.
+    Values omitted at the end of `read` are shown as for a robot in normal operation.
     """
     usual = [({SIGNAL: 0.0} | UNDISTURBED)[name] for name in columns_beside_joints(feedback)]
 

@@ -1,14 +1,18 @@
-"""ABB Externally Guided Motion, position stream (ABB's public egm.proto): a Protocol Buffers message a datagram.
+"""ABB Externally Guided Motion, position stream (ABB's public egm.proto): one Protocol Buffers message per datagram.
 
-The controller sends `EgmRobot` while its program streams (EGMStreamStart), up to 250 times a second, and expects no
-answer: nothing is ever sent to it. Taken from the message are header {1 seqno, 3 mtype}, feedBack {1 joints: the
-measured angles, 4 time: s and µs since 1970}, and of the condition 4 motorState and 8 rapidExecState, each {1 state};
-without `time` the clock is the header's {2 tm}, 32 bits of ms, which wraps after 49 days. A run keeps either as it
-came, and the analysis fits it in pieces.
+The controller sends `EgmRobot` while the program streams (EGMStreamStart), up to 250 times a second, and expects no
+answer; nothing is ever sent to it. The fields used are header {1 seqno, 3 mtype}, feedBack {1 joints: measured angles,
+4
+time: s and µs since 1970}, and for the condition 4 motorState and 8 rapidExecState, each {1 state}. If `time` is
+absent,
+the clock is the header's {2 tm}, 32 bits of ms, which wraps after 49 days. A run stores either clock unchanged, and the
+analysis fits it piecewise.
 
-Of Protocol Buffers (public encoding guide) stands here what reading a few fields takes. A message is a list of fields,
-each a key (number and wire type, as a varint) and a value. A field may come in any order and unknown ones must be
-passed over. Groups (wire types 3 and 4) are long gone from the language.
+The Protocol Buffers decoder (public encoding guide) covers a few field types. A message is a list of fields, each with
+a
+key (number and wire type, as a varint) and a value. Fields may come in any order, and unknown fields are skipped.
+Groups
+(wire types 3 and 4) are obsolete.
 """
 
 from __future__ import annotations
@@ -29,11 +33,11 @@ _SIZE = {FIXED64: 8, FIXED32: 4}
 _LONGEST_VARINT = 10
 
 Field = tuple[int, int, int | bytes]
-"""Number, wire type, and a varint's value or else the bytes."""
+"""Number, wire type, and value: an integer for a varint, otherwise bytes."""
 
 
 def fields(data: bytes) -> list[Field] | None:
-    """Return the fields of a message in their order; None if the bytes are not a message."""
+    """Return the fields of a message in order; None for an invalid message."""
     message: list[Field] = []
     at = 0
     while at < len(data):
@@ -56,7 +60,7 @@ def fields(data: bytes) -> list[Field] | None:
 
 
 def _varint(data: bytes, at: int) -> tuple[int, int]:
-    """Value and where it ends; an end beyond the data for one that is cut off or too long."""
+    """Return value and end position; the end is beyond the data for a truncated or overlong varint."""
     value = 0
     for index, byte in enumerate(data[at : at + _LONGEST_VARINT]):
         value |= (byte & 0x7F) << 7 * index
@@ -72,7 +76,7 @@ def number_in(message: Sequence[Field], number: int) -> int:
 
 
 def message_in(message: Sequence[Field], number: int) -> list[Field] | None:
-    """Return a message within a message, empty if it is missing; None if its bytes are not a message."""
+    """Return a nested message, empty if missing; None if invalid."""
     parts = [value for key, wire_type, value in message if key == number and wire_type == BYTES]
     return fields(b"".join(part for part in parts if isinstance(part, bytes)))
 
@@ -96,19 +100,19 @@ def integer(number: int, value: int) -> bytes:
 
 
 def nested(number: int, content: bytes) -> bytes:
-    """Encode a message, or bytes, as a field."""
+    """Encode a nested message or bytes as a field."""
     return varint(number << 3 | BYTES) + varint(len(content)) + content
 
 
 def doubles(number: int, values: Sequence[float]) -> bytes:
-    """Encode a repeated double as proto2 does: each value as a field of its own."""
+    """Encode a repeated double in proto2 style, each value as a separate field."""
     key = varint(number << 3 | FIXED64)
     return b"".join(key + struct.pack("<d", value) for value in values)
 
 
 RATE_HZ = 250.0
 _DATA = 2
-"""The type of message that a controller sends; others are what a sensor sends to one."""
+"""Message type sent by a controller; the other types are sent to controllers."""
 _MOTORS, _RAPID = 4, 8
 _STATE_OF_MOTORS = {1: 1.0, 2: 0.0}
 """MOTORS_ON, MOTORS_OFF."""
@@ -117,13 +121,13 @@ _STATE_OF_RAPID = {1: ProgramState.STOPPED, 2: ProgramState.RUNNING}
 
 
 def host(feedback: ABBEGM) -> Host:
-    """Return our side of the conversation."""
+    """Return the host side."""
     check = "check that the RAPID program streams (EGMStreamStart), and that the controller sends to this address"
     return Streamed(Positions(_decode, check, Order()), feedback.timeout_s)
 
 
 def device(feedback: ABBEGM, read: Read) -> Device:
-    """Return the controller's side of the conversation."""
+    """Return the controller side."""
     return _EGMController(read, RATE_HZ)
 
 
@@ -144,15 +148,15 @@ def _decode(data: bytes) -> Position | Refused:
 
 
 def _state_in(message: Sequence[Field], number: int, meanings: Mapping[int, float]) -> float:
-    """What a state of the message means; nan where it is missing or undefined."""
+    """Return the meaning of a state field; nan if missing or undefined."""
     return float(meanings.get(number_in(message_in(message, number) or [], 1), math.nan))
 
 
 class _EGMController(SteadyDevice):
-    """The controller while it streams."""
+    """Streaming controller."""
 
     EPOCH_S = 1_700_000_000
-    """Its clock when it begins."""
+    """Initial time of the controller's clock."""
 
     def _message(self, instant_ns: int) -> bytes:
         passed_us = round((instant_ns - self._connected_ns) / 1000)

@@ -1,23 +1,24 @@
-"""FANUC Stream Motion (J519), its status packets only, versions 1 to 4 (see the interface's origin).
+"""FANUC Stream Motion (J519), status packets only, versions 1 to 4 (sources: origin of the interface).
 
-The controller is asked which version it has (type 7, *get capability*), and then to send its status: by a start packet
-of 8 bytes, type 0 up to version 2 and 200 from 3 on. From then on it sends a packet each cycle of 8 ms (some 4 or 2),
-to where the request came from, big-endian:
+The controller is asked for its version (type 7, *get capability*), then for its status: by a start packet of 8 bytes,
+type 0 up to version 2 and 200 from 3 on. It then sends a packet every cycle of 8 ms (some models 4 or 2 ms) to the
+source of the request, big-endian:
 
 - versions 1 and 2, type 0, 132 bytes: type, version, number; status, io type; io index, mask, value; time stamp;
-  9 × pose, 9 × joints, 9 × currents;
+9 × pose, 9 × joints, 9 × currents;
 - version 3, type 202, 388 bytes: type, version, number; four bytes of status; time stamp; the same 27 numbers; safety
-  scale; 256 bytes of inputs and outputs;
+scale; 256 bytes of inputs and outputs;
 - version 4, type 204, 416 bytes: as version 3, with forces, moments and sensor before the inputs and outputs.
 
-The requests are sent again while nothing comes: until it was answered, the question for the version in turn with the
-start of version 1, since an old controller does not know the question. They are all that is ever sent: no motion, no
-program needed.
+Requests are repeated during silence: until the first answer, the version request alternates with the start packet of
+version 1, because old controllers do not know the version request. Nothing else is ever sent: no motion, no program
+needed.
 
-Of the condition: bit 2 of the first byte of status is SYSRDY, servo power; from version 3 on the second has an error in
-bit 0 and the emergency stop in bit 2, and the third is the contact stop: 2 STOP, 4 ESCP (to be moved out of contact).
+Condition: bit 2 of the first status byte is SYSRDY, servo power. From version 3 on, the second byte has an error in bit
+0
+and the emergency stop in bit 2, and the third is the contact stop: 2 STOP, 4 ESCP (to be moved out of contact).
 
-The stamp is 32 bits of ms; it wraps after 49 days, and the analysis fits it in pieces.
+The stamp has 32 bits of ms; it wraps after 49 days, and the analysis fits it piecewise.
 """
 
 from __future__ import annotations
@@ -39,11 +40,13 @@ from rigs.schema.feedback import FANUCStreamMotion
 RATE_HZ = 125.0
 NEWEST = 4
 _ASKED_AS = 3
-"""The version that FANUC's own driver names in its question."""
+"""Version named in the request of FANUC's driver."""
 _REQUEST = struct.Struct(">II")
 _CAPABILITY = struct.Struct(">7I")
-"""Type, version, number of the question; sampling rate in ms, steps before a motion, version, whether poses are of the
-tool. The last of them is a single byte in the answer of some controllers."""
+"""Type, version and number of the request; sampling rate in ms, steps before a motion, version, tool pose flag. The
+last
+field is a single byte in the answer of some controllers.
+"""
 _SHORT_CAPABILITY = _CAPABILITY.size - 3
 _ASK_CAPABILITY = 7
 _STATUS = {
@@ -51,11 +54,11 @@ _STATUS = {
     202: struct.Struct(">IIIBBBBI27ff256s"),
     204: struct.Struct(">IIIBBBBI27f7fI256s"),
 }
-"""The layouts of a status, by its type."""
+"""Status layouts by type."""
 _STAMP = {0: 8, 202: 7, 204: 7}
-"""Places of the time stamp in them; the numbers follow."""
+"""Index of the time stamp in the layouts; the numbers follow."""
 _BYTES_OF_STATE = 3
-"""Place of the first of them."""
+"""Index of the first status byte."""
 _SYSRDY, _ERROR, _E_STOP = 4, 1, 4
 _CONTACT = {2: SafetyState.PROTECTIVE_STOP, 4: SafetyState.RECOVERY}
 STOP = _REQUEST.pack(2, 1)
@@ -63,22 +66,22 @@ ASK_VERSION = _CAPABILITY.pack(_ASK_CAPABILITY, _ASKED_AS, 1, 0, 0, 0, 0)
 
 
 def start_packet(version: int) -> bytes:
-    """Return what asks a controller of this version to send its status."""
+    """Return the packet that starts the status stream for a version."""
     return _REQUEST.pack(0 if version < 3 else 200, version)
 
 
 def status_type(version: int) -> int:
-    """Return the type of status that this version has."""
+    """Return the status type for a version."""
     return 0 if version < 3 else 202 if version == 3 else 204
 
 
 def host(feedback: FANUCStreamMotion) -> Host:
-    """Return our side of the conversation."""
+    """Return the host side."""
     return Streamed(_StreamMotionClient(feedback), feedback.timeout_s)
 
 
 def device(feedback: FANUCStreamMotion, read: Read) -> Device:
-    """Return the controller's side of the conversation."""
+    """Return the controller side."""
     return _StreamMotionController(feedback.version or _ASKED_AS, read)
 
 
@@ -101,12 +104,12 @@ def _decode(currents: bool, data: bytes) -> Position | Refused:
 
 
 def _nine(values: Sequence[float]) -> list[float]:
-    """A number for each of the nine axes of a status."""
+    """Return numbers for the nine axes of a status."""
     return [*values, *[0.0] * (9 - len(values))]
 
 
 class _StreamMotionClient:
-    """Asks for the version, where the rig file does not state it, and then for the status."""
+    """Requests the version, unless given in the rig file, and then the status."""
 
     check = (
         "check the address, the cable and that option J519 is there; another client may have the stream; or state "
@@ -118,12 +121,12 @@ class _StreamMotionClient:
         self.frames = self._positions.frames
         self._version = feedback.version
         self._answered = False
-        """Whether the controller has stated its version."""
+        """Whether the controller has stated the version."""
         self._asked = False
-        """Whether the question for it was the last that was sent."""
+        """Whether the version request was sent last."""
 
     def start(self) -> bytes:
-        """Return what is to be sent while nothing comes."""
+        """Return the packet to send during silence."""
         if self._version is not None:
             return start_packet(self._version)
         self._asked = self._answered or not self._asked
@@ -145,7 +148,7 @@ class _StreamMotionClient:
 
 
 class _StreamMotionController(SteadyDevice):
-    """The controller: the status each cycle, from the request on until it is asked to stop."""
+    """The controller: sends the status every cycle, from the request until the stop packet."""
 
     STAMP_START_MS = 86_400_000
     SAMPLING_MS = 8

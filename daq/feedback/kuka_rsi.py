@@ -1,14 +1,16 @@
-"""KUKA Robot Sensor Interface (RSI Ethernet): XML datagrams (public code; what is believed only is in its origin).
+"""KUKA Robot Sensor Interface (RSI Ethernet): XML datagrams (public code; assumptions are listed in the origin).
 
-The controller opens by sending: `<Rob Type="KUKA"> … <AIPos A1= … A6=/> … <IPOC>n</IPOC></Rob>` each cycle, to the
-address that its Ethernet configuration names, from a port that is another each time its program starts. It wants
-an answer in the same cycle, with the same IPOC, and stops its program after some that are late or missing. The
-answer here holds no correction, which is one of zero; where the configuration says ONLYSEND, it is left out.
-A datagram whose IPOC can be read is answered, whatever else is wrong with it: the robot shall not stop for it.
+The controller sends `<Rob Type="KUKA"> … <AIPos A1= … A6=/> … <IPOC>n</IPOC></Rob>` every cycle to the address in the
+Ethernet configuration, from a new port after each program start. It requires an answer with the same IPOC in the same
+cycle, and stops the program after several late or missing answers. The answer contains no correction, which equals a
+correction of zero; with ONLYSEND in the configuration it is omitted. Every datagram with a readable IPOC is answered,
+even
+if the rest is invalid: the robot must not stop because of it.
 
-Which other elements come is configuration. So only the two that are needed are looked for, and those that the rig file
-names for the robot's condition, by expressions that know no entities, no DTD and no nesting: there is nothing in a text
-that could grow. A part of the condition that is not there, or is no number, is nan.
+The other elements depend on the configuration. Only the two needed elements, and those of the rig file for the robot's
+condition, are searched, by expressions without entities, DTD or nesting: no text can expand. Missing or non-numeric
+parts
+of the condition are nan.
 """
 
 from __future__ import annotations
@@ -32,16 +34,16 @@ _JOINTS = re.compile(rb"<AIPos\b([^<>]*)>")
 _JOINT = re.compile(rb"\bA([1-6])\s*=\s*\"\s*([^\"<>&\s]{1,40})\s*\"")
 _DELAY = re.compile(rb"<Delay\s+D\s*=\s*\"(\d{1,9})\"")
 _IPOC_WRAP = 2**63
-"""It counts on as long as a controller is on: no number of 18 digits comes near."""
+"""Wrap of the counter, which increases while the controller is on and never approaches 18 digits."""
 
 
 def host(feedback: KUKARSI) -> Host:
-    """Return our side of the conversation."""
+    """Return the host side."""
     return Streamed(_RSIDialect(feedback), feedback.timeout_s)
 
 
 def device(feedback: KUKARSI, read: Read) -> Device:
-    """Return the controller's side of the conversation."""
+    """Return the controller side."""
     return _RSIController(feedback, read)
 
 
@@ -73,11 +75,11 @@ def _decode(tags: Sequence[re.Pattern[bytes]], data: bytes) -> Position | Refuse
 
 
 class _RSIDialect(Positions):
-    """Positions that are answered."""
+    """Positions with answers."""
 
     def __init__(self, feedback: KUKARSI) -> None:
         check = "check that the program with RSI_ON runs, and that the controller sends to this address"
-        # An expression for each part of the condition: an element, or an attribute of one
+        # Expressions for the parts of the condition: an element or an attribute
         expressions = []
         for tag in feedback.condition.values():
             element, _, attribute = (re.escape(part).encode() for part in tag.partition("."))
@@ -97,7 +99,7 @@ class _RSIDialect(Positions):
             return reaction
         ipoc = _IPOC.search(message.data)
         answer = _answer(self._sentype, ipoc[1].decode("ascii")) if ipoc else b""
-        # The controller counts our answers that did not come in their cycle.
+        # The controller counts answers missing in their cycle.
         counted, late = _DELAY.search(message.data), list[Fault]()
         before, self._delays = self._delays, int(counted[1]) if counted else 0
         if self._delays > before:
@@ -107,7 +109,7 @@ class _RSIDialect(Positions):
 
 
 class _RSIController(SteadyDevice):
-    """The controller with its program running: a datagram a cycle, and a count of the answers that are not there."""
+    """Controller with a running program: a datagram per cycle, and a count of missing answers."""
 
     IPOC_START = 4_208_000
 
@@ -116,7 +118,7 @@ class _RSIController(SteadyDevice):
         self._feedback = feedback
         self._ticked_ns = 0
         self._awaited: dict[int, int] = {}
-        """IPOC and time of what was sent and is not answered yet."""
+        """IPOC and time of unanswered datagrams."""
         self._delays = 0
 
     def received(self, data: bytes, now_ns: int) -> Step:

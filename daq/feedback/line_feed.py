@@ -1,15 +1,15 @@
-"""A line a sample, as a user's program on the controller prints it: KAREL, or any that can open a
-socket.
+"""Text lines printed by a user program on the controller, one sample per line: KAREL or any program with sockets.
 
-Which fields, in what units and with what between them is configuration (what the program prints; nothing of
-it is a standard). A line that has not exactly these fields, each a number, is GARBLED. Nothing is ever
-sent. On a serial port we may join in the middle of a line, whose rest could pass for a good one: it is left
-out. A datagram holds whole lines; one that the network has delayed shows by its clock, and is left out (LATE).
-`signal` is the number of the program, 0 say for none; such a field, or one of the robot's condition, that is left
-empty is nan: not known at the time.
+Fields, units and separators are configuration, since there is no standard. A line that differs from the configured
+fields
+is GARBLED. Nothing is ever sent. On a serial port the first line may be incomplete and still look valid: it is
+discarded.
+A datagram contains complete lines; delayed datagrams are recognised by their clock and ignored (LATE). `signal` is a
+program number, for example 0 for none. Empty fields for the signal or the condition are nan: unknown at that time.
 
-The emulated controller prints `RATE_HZ` lines a second: about what a KAREL task that reads the joints and
-writes a socket in a loop keeps up with (believed, not confirmed); the host assumes no rate.
+The emulated controller prints `RATE_HZ` lines a second, an estimate for a KAREL task that reads the joints and writes
+to
+a socket in a loop (not confirmed); the host assumes no rate.
 """
 
 from __future__ import annotations
@@ -28,25 +28,25 @@ from rigs.schema.links import tcp_address, udp_address
 
 RATE_HZ = 100.0
 _BEHIND_S = 1.0
-"""A network holds a datagram back by less than this. Further back, the program was started again."""
+"""Networks delay datagrams less than this; a larger backward step means a restarted program."""
 _LEFT_OUT = {"_": 0.0} | dict.fromkeys((SIGNAL, *CONDITION), math.nan)
-"""What stands for a field that is skipped, or that a program leaves empty."""
+"""Values of skipped or empty fields."""
 _CLOCK_S = {"t_s": 1.0, "t_ms": 1e-3, "t_us": 1e-6}
 _CLOCK_FORMAT = {"t_s": ".3f", "t_ms": ".0f", "t_us": ".0f"}
 
 
 def host(feedback: LineFeed) -> Host:
-    """Return our side of the conversation."""
+    """Return the host side."""
     return Streamed(_LineFeedDialect(feedback), feedback.timeout_s)
 
 
 def device(feedback: LineFeed, read: Read) -> Device:
-    """Return the controller's side of the conversation."""
+    """Return the controller side."""
     return _Program(feedback, read)
 
 
 class _LineFeedDialect:
-    """Lines, taken apart by the configured fields."""
+    """Lines with the configured fields."""
 
     def __init__(self, feedback: LineFeed) -> None:
         calls = f", and that it calls {feedback.port}" if feedback.listens else ""
@@ -58,7 +58,7 @@ class _LineFeedDialect:
         )
         self._fields = feedback.fields
         self._beside = columns_beside_joints(feedback)
-        # Blanks as separator: a run of them counts as one.
+        # Repeated blanks count as a single separator.
         self._separator = None if feedback.separator.isspace() else feedback.separator
 
     def start(self) -> bytes:
@@ -107,7 +107,7 @@ def _garbled(message: Message, why: str) -> Reaction:
 
 
 class _Program(SteadyDevice):
-    """The program on the controller; its clock is zero when the link opens."""
+    """Program on the controller, with a clock starting at zero when the link opens."""
 
     IS_STREAM = True
 

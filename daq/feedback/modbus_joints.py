@@ -1,7 +1,7 @@
-"""Joint angles in Modbus registers: the block is read over TCP as often as `rate_hz` allows.
+"""Joint angles in Modbus registers, read over TCP at up to `rate_hz`.
 
-Which registers hold what is configuration; the map of a controller is not known here. It has no clock: the instant is
-that of the answer, as good as the network and no better.
+The register map is configuration, not known here. There is no controller clock: the time is that of the answer, as
+accurate as the network.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _DEG_PER_UNIT = {"deg": 1.0, "rad": math.degrees(1)}
 
 
 def host(feedback: ModbusJoints) -> Host:
-    """Return our side of the conversation."""
+    """Return the host side."""
 
     def reading(registers: Registers, message: Message, requested_ns: int) -> Sample | Fault:
         at_ns = message.last_byte_ns
@@ -40,10 +40,10 @@ def host(feedback: ModbusJoints) -> Host:
 
 
 def device(feedback: ModbusJoints, read: Read) -> Device:
-    """Return the controller's side of the conversation."""
+    """Return the controller side."""
 
     def shown(now_ns: int) -> list[int] | None:
-        """All registers; None where an angle does not fit into its own."""
+        """Return all registers; None if an angle does not fit its register."""
         registers = [0] * feedback.count
         for joint, angle_deg in zip(feedback.joints, read(now_ns), strict=True):
             raw = (angle_deg / _DEG_PER_UNIT[feedback.units] - joint.offset) / joint.scale

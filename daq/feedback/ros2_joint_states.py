@@ -1,12 +1,13 @@
-"""ROS 2 joint states by a rosbridge server: JSON on a WebSocket (rosbridge v2.0; its origin has what is in doubt).
+"""ROS 2 joint states from a rosbridge server: JSON over WebSocket (rosbridge v2.0; open questions are in the origin).
 
-The host subscribes to the topic, and sends nothing else, ever. Each `sensor_msgs/msg/JointState` has the names of its
-joints, positions in radians in the order of the names, and the stamp of its header, s and ns, which is kept as the
-controller's clock; a stamp of zero is one that the driver leaves empty. Several nodes may publish on one topic: a
-message without any of the six joints belongs to another (a hand), and is left out once one with all of them has come.
-A message that is no later than the one before was published twice, or by a second node, and is left out (LATE).
+The host subscribes to the topic and sends nothing else. Each `sensor_msgs/msg/JointState` has joint names, positions in
+radians in the same order, and the header stamp (s and ns), used as the controller clock; a zero stamp means that the
+driver leaves it empty. Several nodes may publish on a topic: a message without any of the six joints belongs to a
+different device (a hand), and is ignored after the first complete message. A message not later than the previous one
+was
+published twice or by a second node, and is ignored (LATE).
 
-pydantic takes a message apart, since what it refuses it names.
+pydantic validates the messages, because it names the invalid field.
 """
 
 from __future__ import annotations
@@ -27,20 +28,20 @@ from daq.protocol.websocket import LIMIT, WebSocketDevice, WebSocketHost
 from rigs.schema.feedback import ROS2JointStates
 
 RATE_HZ = 100.0
-"""The rate of the emulated driver (100 Hz is what ros2_control updates at by default); the host assumes none."""
+"""Rate of the emulated driver (the default update rate of ros2_control); the host assumes none."""
 _TYPE = "sensor_msgs/msg/JointState"
 _BEHIND_S = 1.0
-"""Further back, the clock was set or the simulation restarted."""
+"""A larger backward step means a changed clock or a restarted simulation."""
 
 
 class _Part(BaseModel):
-    """Part of a message, in which a number as a text, or true for 1, is refused."""
+    """Part of a message; text in place of numbers, or true in place of 1, is refused."""
 
     model_config = ConfigDict(strict=True)
 
 
 class _Stamp(_Part):
-    """builtin_interfaces/msg/Time, whose fields are int32 and uint32; no clock of a robot is before 1970."""
+    """builtin_interfaces/msg/Time with int32 and uint32; robot clocks are never before 1970."""
 
     sec: int = Field(ge=0, lt=2**31)
     nanosec: int = Field(ge=0, lt=2**32)
@@ -54,7 +55,7 @@ class _JointState(_Part):
     header: _Header
     name: list[str]
     position: list[float | None]
-    """null is what rosbridge makes of nan and infinity."""
+    """rosbridge writes nan and infinity as null."""
 
 
 class _Published(_Part):
@@ -73,18 +74,18 @@ _MESSAGE: TypeAdapter[_Published | _Status] = TypeAdapter(Annotated[_Published |
 
 
 def host(feedback: ROS2JointStates) -> Host:
-    """Return our side of the conversation."""
+    """Return the host side."""
     address = feedback.port.removeprefix("tcp://")
     return WebSocketHost(Streamed(_JointStates(feedback), feedback.timeout_s), address, feedback.timeout_s)
 
 
 def device(feedback: ROS2JointStates, read: Read) -> Device:
-    """Return the server's side of the conversation, and the driver's behind it."""
+    """Return the side of server and driver."""
     return WebSocketDevice(_Bridge(feedback, read))
 
 
 class _JointStates:
-    """Messages on the topic."""
+    """Messages of the topic."""
 
     def __init__(self, feedback: ROS2JointStates) -> None:
         self.frames = Datagrams(LIMIT)
@@ -144,10 +145,10 @@ def _fault(message: Message, kind: FaultKind, detail: str) -> Reaction:
 
 
 class _Bridge(SteadyDevice):
-    """A rosbridge server, and behind it a driver that publishes a hand's joint as well, all in an order of its own."""
+    """rosbridge server with a driver that also publishes a hand joint, in a different order."""
 
     EPOCH_S = 1_700_000_000
-    """Its clock when it begins."""
+    """Initial time of the driver's clock."""
 
     def __init__(self, feedback: ROS2JointStates, read: Read) -> None:
         super().__init__(read)

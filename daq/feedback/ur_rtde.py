@@ -1,28 +1,31 @@
-"""Universal Robots Real-Time Data Exchange, protocol version 2, read only (UR's documents and client,
-confirmed but for the layout of `M`, which is believed only).
+"""Universal Robots Real-Time Data Exchange, protocol version 2, read only (UR's documents and client, confirmed; only
+the
+layout of `M` is an assumption).
 
-The host asks for the version (`V`), for the recipe `timestamp, actual_q` at a rate (`O`), with the signal where the rig
-file names one (`actual_digital_output_bits`, UINT64, or `output_int_register_n`, INT32), with the condition of the
-robot and with the currents of its motors where the rig file wants them, and for the start (`S`); each is answered; then
-data (`U`) come at that rate, or at the controller's own where that is lower, until the link closes. A field of these
-that the answer to the recipe calls NOT_FOUND costs that field alone: the recipe is asked for again without. Every
-packet is kept: the controller may skip some under load, which only its own clock shows (Fault SKIPPED). `M` carries the
-controller's texts in version 2: length, text, length, source, level 0 exception … 3 information. `v` asks for the
-controller's version, four UINT32; the maker's client does so first. A packet of any other type is left out; several
-with nothing between them are a stream out of step.
+The host requests the version (`V`), the recipe `timestamp, actual_q` at a rate (`O`) and the start (`S`), each with an
+answer. The recipe also contains the signal of the rig file (`actual_digital_output_bits`, UINT64, or
+`output_int_register_n`, INT32), and the condition of the robot and the motor currents if configured. Data packets (`U`)
+follow at the requested rate, or at the lower rate of the controller, until the link closes. If the answer to the recipe
+marks an optional field NOT_FOUND, the recipe is repeated without the field. Every packet is kept: a loaded controller
+may
+skip packets, visible only in its clock (fault SKIPPED). `M` carries text messages of the controller in version 2:
+length,
+text, length, source, level 0 exception … 3 information. `v` requests the controller version, four UINT32; the maker's
+client does so first. Packets of other types are ignored; several in a row mean a stream out of step.
 
-A binary stream that is out of step cannot be picked up again without taking data for headers, a refused
-request will not be granted later on this link, and a silent controller is one that is gone (it streams at
-standstill too, and TCP alone would never notice): in all three the conversation asks for a new link
-(`Step.hang_up`).
+In three cases the conversation requests a new link (`Step.hang_up`): a binary stream out of step cannot be
+resynchronised
+safely, a refused request will not be granted later, and a silent controller is gone (it also streams at standstill, and
+TCP would not notice).
 
-Packets are big-endian, `>HB`: size with header, type. A recipe is a list of fields, each with its type; a packet of
-data has the recipe's number and then the fields in their order.
+Packets are big-endian, `>HB`: size including the header, type. A recipe is a list of typed fields; a data packet has
+the
+recipe number and then the fields in order.
 
-The condition: `runtime_state` (RuntimeState of UR's clients), `safety_status` or, on older software, `safety_mode`
-(SafetyMode and SafetyStatus of UR's clients, which agree up to 9), `speed_scaling` times `target_speed_fraction` (as
-UR's ROS driver reckons the speed: what the controller slows a motion down to, and the slider), `payload` in kg and
-`joint_temperatures` in °C. Beside it `actual_current`, the currents of the joints' motors in A.
+The condition consists of `runtime_state` (RuntimeState of UR's clients), `safety_status` or, in older software,
+`safety_mode` (SafetyMode and SafetyStatus of UR's clients, identical up to 9), `speed_scaling` times
+`target_speed_fraction` (as in UR's ROS driver: slow-down by the controller, and the slider), `payload` in kg and
+`joint_temperatures` in °C. `actual_current` contains the motor currents in A.
 """
 
 from __future__ import annotations
@@ -45,10 +48,10 @@ from rigs.schema.feedback import URRTDE, RTDESignal, condition_columns
 
 Numbers = Sequence[float]
 VERSION = struct.pack(">H", 2)
-"""The payload that asks for this version of the protocol."""
+"""Payload of the version request."""
 _HEADER = struct.Struct(">HB")
 _LONGEST = 520
-"""No packet of our recipes is longer; a text is 516 at most."""
+"""No packet of our recipes is longer; texts have at most 516 bytes."""
 _FORMATS = {"DOUBLE": (1, "d"), "VECTOR6D": (6, "6d"), "UINT64": (1, "Q"), "UINT32": (1, "I"), "INT32": (1, "i")}
 _SAFETY_FIELD = "safety_status"
 CONDITION_TYPES = {
@@ -59,11 +62,11 @@ CONDITION_TYPES = {
     "payload": "DOUBLE",
     "joint_temperatures": "VECTOR6D",
 }
-"""The fields of the condition. Any may be unknown to the software of a controller."""
+"""Condition fields, all optional depending on the controller software."""
 CURRENT_TYPES = {"actual_current": "VECTOR6D"}
-"""The field of the motors' currents, in A."""
+"""Field of the motor currents, in A."""
 OLDER = {_SAFETY_FIELD: "safety_mode"}
-"""What a field was before; of the same type and codes."""
+"""Earlier name of a field with the same type and codes."""
 _PROGRAM = {
     0: ProgramState.STOPPED,  # stopping
     1: ProgramState.STOPPED,
@@ -86,18 +89,18 @@ _SAFETY = {
     13: SafetyState.SAFEGUARD_STOP,  # by the three-position enabling device
 }
 _UNKNOWN = -1
-"""A code that neither has."""
+"""Unused code."""
 _SHOWN_PROGRAM = {ProgramState.STOPPED: 1, ProgramState.RUNNING: 2, ProgramState.PAUSED: 4}
 _SHOWN_SAFETY = {state: code for code, state in reversed(_SAFETY.items())}
 
 
 def packet(kind: bytes, payload: bytes = b"") -> bytes:
-    """Return a packet of a type with its header."""
+    """Return a packet with its header."""
     return _HEADER.pack(_HEADER.size + len(payload), kind[0]) + payload
 
 
 def packets() -> Sized:
-    """Return what cuts the stream of either side into packets, header included."""
+    """Return a framer for packets of either side, header included."""
     return Sized(_HEADER.size, _length)
 
 
@@ -108,32 +111,32 @@ def _length(head: bytes) -> int | None:
 
 @dataclass(frozen=True)
 class Recipe:
-    """Fields in their order, each with its type."""
+    """Typed fields in order."""
 
     types: Mapping[str, str]
 
     @cached_property
     def layout(self) -> struct.Struct:
-        """The recipe's number, then the fields."""
+        """Layout: recipe number, then the fields."""
         return struct.Struct(">B" + "".join(_FORMATS[kind][1] for kind in self.types.values()))
 
     def without(self, lacking: Collection[str]) -> Recipe:
-        """Return the recipe without these fields, or with what they were before."""
+        """Return the recipe with the missing fields removed or replaced by their earlier names."""
         named = [(OLDER.get(name) if name in lacking else name, kind) for name, kind in self.types.items()]
         return Recipe({name: kind for name, kind in named if name})
 
     def read(self, payload: bytes) -> dict[str, Numbers]:
-        """Return the numbers of each field in a packet of data of this recipe's size."""
+        """Decode a data packet of the recipe's size into numbers by field."""
         numbers = islice(self.layout.unpack(payload), 1, None)
         return {name: tuple(islice(numbers, _FORMATS[kind][0])) for name, kind in self.types.items()}
 
     def written(self, number: int, fields: Mapping[str, Numbers]) -> bytes:
-        """Return a packet of data with these numbers."""
+        """Encode numbers by field as a data packet."""
         return packet(b"U", self.layout.pack(number, *(value for name in self.types for value in fields[name])))
 
 
 def condition_of(fields: Mapping[str, Numbers]) -> tuple[float, ...]:
-    """Return the columns of the condition; nan where the field is missing, or its code is not known."""
+    """Return the columns of the condition; nan for missing fields and unknown codes."""
     (program,) = fields.get("runtime_state", (_UNKNOWN,))
     (safety,) = fields.get(_SAFETY_FIELD) or fields.get(OLDER[_SAFETY_FIELD], (_UNKNOWN,))
     (limited,), (slider,) = fields.get("speed_scaling", (math.nan,)), fields.get("target_speed_fraction", (math.nan,))
@@ -147,13 +150,13 @@ def condition_of(fields: Mapping[str, Numbers]) -> tuple[float, ...]:
 
 
 def currents_of(fields: Mapping[str, Numbers]) -> tuple[float, ...]:
-    """Return the columns of the currents; nan where the field is missing."""
+    """Return the columns of the currents; nan if the field is missing."""
     (name,) = CURRENT_TYPES
     return tuple(map(plausible, fields.get(name, (math.nan,) * 6)))
 
 
 def fields_of(shown: Mapping[str, float]) -> dict[str, Numbers]:
-    """Return the fields by which a controller shows a condition and currents, where both are known."""
+    """Return the fields for a condition and currents."""
     fields: dict[str, Numbers] = {}
     if PROGRAM in shown:
         safety = _SHOWN_SAFETY[SafetyState(int(shown[SAFETY]))]
@@ -173,20 +176,20 @@ def fields_of(shown: Mapping[str, float]) -> dict[str, Numbers]:
 
 
 _MOST_UNKNOWN = 3
-"""Packets of a type that is not known in a row: a stream out of step soon has more."""
+"""Unknown packets in a row that mean a stream out of step."""
 _DISPENSABLE = {*CONDITION_TYPES, *OLDER.values(), *CURRENT_TYPES}
-"""Fields without which a run is recorded all the same."""
+"""Optional fields."""
 _MAX_CLOCK_S = 1e9
-"""No controller has been on for 30 years: a later stamp is invalid."""
+"""Latest valid stamp: no controller has been on for 30 years."""
 
 
 def host(feedback: URRTDE) -> Host:
-    """Return our side of the conversation."""
+    """Return the host side."""
     return Streamed(_RTDEClient(feedback), feedback.timeout_s)
 
 
 def device(feedback: URRTDE, read: Read) -> Device:
-    """Return the controller's side of the conversation."""
+    """Return the controller side."""
     return _RTDEController(feedback, read)
 
 
@@ -204,14 +207,14 @@ def _signal_field(place: RTDESignal) -> str:
 
 
 def _signal(place: RTDESignal, raw: int) -> float:
-    """The number that a field's value stands for."""
+    """Return the signal contained in a field value."""
     if place.int_register is not None:
         return float(raw)
     return float(sum((raw >> output & 1) << bit for bit, output in enumerate(place.outputs)))
 
 
 class _RTDEClient:
-    """The handshake, then the data."""
+    """Handshake, then data."""
 
     check = "check that the controller is on and RTDE is not disabled under Settings › Security › Services"
 
@@ -224,9 +227,9 @@ class _RTDEClient:
         self._recipe = _recipe(feedback)
         self._awaited = b"V"
         self._number = 0
-        """The number that the controller gave the recipe."""
+        """Recipe number assigned by the controller."""
         self._unknown = 0
-        """Packets of no known type since the last one of a known."""
+        """Unknown packets since the last known one."""
         self._steps = SteadySteps(feedback.rate_hz)
 
     def start(self) -> bytes:
@@ -252,7 +255,7 @@ class _RTDEClient:
         return meaning(payload, message) if meaning else self._accepted(kind, payload, message)
 
     def _accepted(self, kind: bytes, payload: bytes, message: Message) -> Reaction:
-        """The answer to the version or to the start."""
+        """Handle the answer to the version or start request."""
         if payload not in {b"\0", b"\1"}:
             return _out_of_step(message)
         if payload == b"\0":
@@ -307,7 +310,7 @@ class _RTDEClient:
         return Reaction((*self._steps.missing(clock_s, message.last_byte_ns), sample))
 
     def _text(self, payload: bytes, message: Message) -> Reaction:
-        """A text of the controller; information is left out."""
+        """Handle a controller text; information is ignored."""
         text, remainder = _counted(payload)
         source, level = _counted(remainder)
         if len(level) != 1:
@@ -320,7 +323,7 @@ class _RTDEClient:
 
 
 def _counted(data: bytes) -> tuple[bytes, bytes]:
-    """A text preceded by its length, and what follows it."""
+    """Split a text with length prefix from the remaining data."""
     end = 1 + data[0] if data else 0
     return data[1:end], data[end:]
 
@@ -335,12 +338,12 @@ def _refused(detail: str, message: Message) -> Reaction:
 
 
 class _RTDEController(SteadyDevice):
-    """The robot: the fields asked for at the rate asked for, one packet a period however late a tick."""
+    """The robot: requested fields at the requested rate, one packet per period even after late ticks."""
 
     CLOCK_START_S = 1000.0
-    """Its clock when the link opens: controllers count from when they were switched on."""
+    """Initial time of the clock: controllers count from power-on."""
     SOFTWARE = (5, 11, 0, 0)
-    """Its version: major, minor, bugfix, build."""
+    """Software version: major, minor, bugfix, build."""
     MIN_RATE_HZ, MAX_RATE_HZ = 0.01, 500.0
     IS_STREAM = True
 
@@ -378,8 +381,8 @@ class _RTDEController(SteadyDevice):
         return b""
 
     def _set_up(self, payload: bytes) -> bytes:
-        """The answer to a recipe: its number, 0 for none, and the types of its fields."""
-        # SDU's ur_rtde ends its list with a comma, and real controllers serve it.
+        """Return the answer to a recipe: number, 0 for none, and field types."""
+        # SDU's ur_rtde ends the list with a comma, accepted by real controllers.
         names = payload[8:].decode("ascii", "replace").removesuffix(",").split(",")
         (rate_hz,) = struct.unpack(">d", payload[:8]) if len(payload) >= 8 else (math.nan,)
         types = [self._known.get(name, "NOT_FOUND") for name in names]
@@ -395,7 +398,7 @@ class _RTDEController(SteadyDevice):
         fields: dict[str, Numbers] = {"timestamp": (clock_s,), "actual_q": tuple(map(math.radians, shown[:6]))}
         if self._place:
             raw = signal = int(shown[6])
-            if self._place.int_register is None:  # outputs that are not named are off
+            if self._place.int_register is None:  # unnamed outputs are off
                 raw = sum((signal >> bit & 1) << output for bit, output in enumerate(self._place.outputs))
             fields[_signal_field(self._place)] = (raw,)
         if self._condition:

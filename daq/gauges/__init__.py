@@ -1,8 +1,9 @@
-"""The gauges: one protocol a file, named as `interface` names it in the rig file.
+"""Gauge protocols, one per file; the file name is the `interface` in the rig file.
 
-Each file offers `host(gauges)`, the conversation that asks the gauges sharing one link for their readings
-(values in mm, one a gauge, in order), and `device(gauges, read)`, the instrument's side of it, where
-`read(now_ns)` gives what each gauge measures at that time in mm; nan means that its head shows an error.
+Each file offers `host(gauges)`, the conversation that reads the gauges on a shared link (mm, one value per gauge, in
+order), and `device(gauges, read)`, the instrument side, where `read(now_ns)` returns the measured values in mm; nan
+means
+a head in error.
 """
 
 from __future__ import annotations
@@ -18,12 +19,12 @@ Read = Callable[[int], Sequence[float]]
 
 
 def host(gauges: Sequence[Gauge]) -> Host:
-    """Return our side of the conversation on the link that these gauges share."""
+    """Return the host side of the link shared by these gauges."""
     conversation: Host = import_module(driver_of(gauges[0], __name__)).host(gauges)
     return conversation
 
 
 def device(gauges: Sequence[Gauge], read: Read) -> Device:
-    """Return the instrument's side of the conversation on the link that these gauges share."""
+    """Return the instrument side of the link shared by these gauges."""
     conversation: Device = import_module(driver_of(gauges[0], __name__)).device(gauges, read)
     return conversation

@@ -1,7 +1,7 @@
-"""CDI and Starrett IQ indicators: `R` is answered by fifteen characters, `±########, MM` and CR LF.
+"""CDI and Starrett IQ indicators: the answer to `R` is fifteen characters, `±########, MM` and CR LF.
 
-One of the eight is the point, and blanks may stand among them. The unit, MM or IN, comes with each reading.
-`NOT FOUND`, `NO ACCESS`, `OUT OF BOUNDS` and `NON NUMERIC` refuse a command (makers' pages, confirmed).
+One of the eight is the decimal point; blanks are possible. Each reading contains the unit, MM or IN. `NOT FOUND`,
+`NO ACCESS`, `OUT OF BOUNDS` and `NON NUMERIC` are error answers (makers' pages, confirmed).
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ _DECIMALS = {"mm": 4, "inch": 5}
 
 
 def host(gauges: Sequence[CDIIQ]) -> Host:
-    """Return our side of the conversation; a cable carries one gauge."""
+    """Return the host side; a cable carries one gauge."""
     return Polled(TextDialect(gauges, b"R\r", Lines(_END), _read), gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[CDIIQ], read: Read) -> Device:
-    """Return the indicator's side of the conversation."""
+    """Return the indicator side."""
     units = gauges[0].units
 
     def answer(command: bytes, show: Show) -> bytes:

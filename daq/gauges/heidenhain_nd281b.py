@@ -1,10 +1,12 @@
-"""Heidenhain ND 281 B: STX asks, and the value latched within 1 ms comes within 50 ms: some 14 readings/s at 9600.
+"""Heidenhain ND 281 B: STX requests a value, latched within 1 ms and sent within 50 ms; about 14 readings/s at 9600
+baud.
 
-Sign, number with leading blanks (10 characters), blank, unit (blank mm, `"` inch, `?` fault), sorting (`<` `=` `>`
-`?`), series of measurements (S minimum, A actual, G maximum, D difference), CR LF (maker's manual p. 39-42,
-confirmed; that the sign comes on top of the 10 is read from its figure). The length is held to, so that no lost
-digit passes. Only the actual value is taken: in a series the display may show another, which is not a position. ENQ,
-answered by the error text, is not used: STX reports a fault at once.
+Format: sign, number with leading blanks (10 characters), blank, unit (blank mm, `"` inch, `?` fault), sorting (`<` `=`
+`>` `?`), series of measurements (S minimum, A actual, G maximum, D difference), CR LF (maker's manual p. 39-42,
+confirmed; the sign in addition to the 10 characters is read from its figure). The length is checked, so that no digit
+can
+be lost. Only the actual value is accepted: in a series the display may show a value that is not a position. ENQ,
+answered by the error text, is not used: STX reports a fault immediately.
 """
 
 from __future__ import annotations
@@ -30,12 +32,12 @@ _DECIMALS = {"mm": 4, "inch": 5}
 
 
 def host(gauges: Sequence[HeidenhainND281B]) -> Host:
-    """Return our side of the conversation; a cable carries one gauge."""
+    """Return the host side; a cable carries one gauge."""
     return Polled(TextDialect(gauges, _STX, Lines(_END), _read), gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[HeidenhainND281B], read: Read) -> Device:
-    """Return the instrument's side of the conversation."""
+    """Return the instrument side."""
     units = gauges[0].units
 
     def answer(command: bytes, show: Show) -> bytes:

@@ -1,11 +1,13 @@
-"""Heidenhain ND 287: `ESC A0100` asks for what its display shows: STX, 10 to 13 characters, CR LF.
+"""Heidenhain ND 287: `ESC A0100` requests the display content: STX, 10 to 13 characters, CR LF.
 
-Commands and NAK for one that it does not know: maker's manual p. 102-108 (confirmed). The display is asked rather
-than the position, `ESC A0200`, which its sisters (ND 281 B, ND 720) send without the decimal point. It shows its
-dialogs and errors in the same place, and no unit. The unit is in its status bar, `ESC A0800`, which is asked for
-before the first reading and every `STATUS_EVERY` questions: STX, a digit for each of operating mode, input, scale
-factor, compensation, stopwatch, unit (0 mm, 1 inch, 2 to 4 angles), datum and soft-key page, CR LF (public driver).
-A display whose answer has another form is read all the same. Public drivers ignore NULs before an answer.
+Commands, and NAK for unknown ones: maker's manual p. 102-108 (confirmed). The display is read instead of the position,
+`ESC A0200`, which related models (ND 281 B, ND 720) send without the decimal point. Dialogs and errors appear in the
+same
+place, and the unit does not. The unit is in the status bar, `ESC A0800`, read before the first reading and every
+`STATUS_EVERY` requests: STX, a digit for each of operating mode, input, scale factor, compensation, stopwatch, unit (0
+mm, 1 inch, 2 to 4 angles), datum and soft-key page, CR LF (public driver). A display with a status answer in a
+different
+format is read nevertheless. Public drivers ignore NULs before an answer.
 """
 
 from __future__ import annotations
@@ -32,17 +34,19 @@ _STATUS_REPLY = re.compile(rb"\x02[ -~]*|\x15")
 _UNITS = {"mm": b"0", "inch": b"1"}
 _DECIMALS = {"mm": 4, "inch": 5}
 STATUS_EVERY = 50
-"""Questions of which one is for the status bar. Chosen: a unit changed on its keypad is noticed within seconds, for
-one reading in fifty."""
+"""Requests per status request. Chosen: a unit changed on the keypad is noticed within seconds, at the cost of 2 % of
+the
+readings.
+"""
 
 
 def host(gauges: Sequence[HeidenhainND287]) -> Host:
-    """Return our side of the conversation; a cable carries one gauge."""
+    """Return the host side; a cable carries one gauge."""
     return Polled(_Dialect(gauges), gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[HeidenhainND287], read: Read) -> Device:
-    """Return the instrument's side of the conversation; its display shows a head in error."""
+    """Return the instrument side; the display shows a head in error."""
     units = gauges[0].units
     decimals = _DECIMALS[units]
     fixed = {
@@ -67,7 +71,7 @@ def device(gauges: Sequence[HeidenhainND287], read: Read) -> Device:
 
 
 class _Dialect(TextDialect[HeidenhainND287]):
-    """The display's dialect: its status bar is asked for now and then, and again and again while it forbids reading."""
+    """Display dialect with periodic status requests, repeated while the status forbids reading."""
 
     def __init__(self, gauges: Sequence[HeidenhainND287]) -> None:
         self._replies = _Replies(_END)
@@ -97,9 +101,9 @@ class _Dialect(TextDialect[HeidenhainND287]):
 
 
 class _Replies(Lines):
-    """Lines, of which NAK is one by itself, and which NULs may precede.
+    """Lines, with NAK as a line by itself and optional leading NULs.
 
-    A NUL within a line is a character of wrong parity (`daq.wire.serial_port`), without which the number is another.
+    A NUL within a line is a character of wrong parity (`daq.wire.serial_port`), without which the number is different.
     """
 
     def feed(self, data: bytes, now_ns: int) -> Sequence[Message | Fault]:

@@ -1,10 +1,12 @@
-"""Magnescale LT20A and LT30: `R` asks for all channels; channel 1 is A, 2 is B.
+"""Magnescale LT20A and LT30: `R` requests all channels; channel 1 is A, 2 is B.
 
-`A+12.3456`, with more before the sign where the counter is set so: its mode (N current, P peak to peak, I minimum, A
-maximum), the unit (M mm, I inch), the comparator (U, G, L, E). `A+F…` is an overflow, `AE` an alarm (LT20A/LT30
-manual p. 100-101, confirmed). A two-channel counter puts B after A and a blank, or on a line of its own if so set,
-which looks like a late answer: set it to the blank. `R` and CR LF are those of the sister series LT10A (its
-manual p. 43), and the line settings are not known: weak.
+`A+12.3456`, optionally with letters before the sign: mode (N current, P peak to peak, I minimum, A maximum), unit (M
+mm,
+I inch), comparator (U, G, L, E). `A+F…` is an overflow, `AE` an alarm (LT20A/LT30 manual p. 100-101, confirmed). A
+two-channel counter sends B after A and a blank, or in a separate line if so configured, which looks like a late answer:
+configure the blank. `R` and CR LF are taken from the related LT10A (its manual p. 43), and the line settings are
+unknown:
+weak.
 """
 
 from __future__ import annotations
@@ -33,12 +35,12 @@ _CHECK = f"{CHECK}, and that its delimiter is CR LF"
 
 
 def host(gauges: Sequence[MagnescaleLT]) -> Host:
-    """Return our side of the conversation."""
+    """Return the host side."""
     return Polled(TextDialect(gauges, _REQUEST + _END, Lines(_END), _read, _CHECK), gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[MagnescaleLT], read: Read) -> Device:
-    """Return the counter's side of the conversation; a channel without a gauge here reads zero."""
+    """Return the counter side; a channel without a gauge reads zero."""
 
     def answer(command: bytes, show: Show) -> bytes:
         if command != _REQUEST:
@@ -51,7 +53,7 @@ def device(gauges: Sequence[MagnescaleLT], read: Read) -> Device:
 
 
 def _read(data: bytes, gauge: MagnescaleLT) -> Reading:
-    # A blank may also belong to an alarm's text, so a channel ends only where the next one begins.
+    # A blank may also belong to the text of an alarm, so a channel ends where the next one begins.
     fields = re.split(rb" (?=[AB][NPIAE+-])", data)
     if not all(field[:1] in {b"A", b"B"} and _VALUE.fullmatch(field[1:]) for field in fields):
         return garbled(data)
@@ -65,7 +67,7 @@ def _read(data: bytes, gauge: MagnescaleLT) -> Reading:
 
 
 def value_of(field: bytes, gauge: Probe) -> Reading:
-    """Return the reading that follows a channel's name in the reply of a Magnescale counter."""
+    """Return the reading after a channel's name in the reply of a Magnescale counter."""
     match = _VALUE.fullmatch(field)
     if not match:
         return garbled(field)
@@ -80,7 +82,9 @@ def value_of(field: bytes, gauge: Probe) -> Reading:
 
 
 def written(value: float) -> bytes:
-    """Return a number as these counters write it, sign and seven characters, or an overflow or alarm without one."""
+    """Format a number in the counter's notation: sign and seven characters, or an overflow or alarm without a
+    number.
+    """
     if not math.isfinite(value):
         return b"E"
     return f"{value:+08.4f}".encode() if abs(value) < 99.99995 else b"+F0.0000"

@@ -1,7 +1,7 @@
-"""Mahr Millimar C1202: `M1?` asks for one feature, `?` for all three, in one answer joined with `;`.
+"""Mahr Millimar C1202: `M1?` requests one feature, `?` all three, in one answer joined with `;`.
 
-`1 ±XXX.XX unit`, after it up to two of `<` `=` `>` where tolerances are on, and `ERR6` for a feature that is
-deactivated (maker's manual p. 82, confirmed). `channel` is the feature. The unit comes with each reading.
+`1 ±XXX.XX unit`, followed by up to two of `<` `=` `>` if tolerances are active, and `ERR6` for an inactive feature
+(maker's manual p. 82, confirmed). `channel` is the feature. Each reading contains the unit.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ _FORMAT = {"mm": "+09.4f", "um": "+07.2f", "inch": "+09.5f"}
 
 
 def host(gauges: Sequence[MahrC1202]) -> Host:
-    """Return our side of the conversation."""
+    """Return the host side."""
     request = b"?" if len(gauges) > 1 else b"M%d?" % gauges[0].channel
     return Polled(TextDialect(gauges, request + _END, Lines(_END), _read), gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[MahrC1202], read: Read) -> Device:
-    """Return the instrument's side of the conversation; features without a gauge here are deactivated."""
+    """Return the instrument side; features without a gauge are inactive."""
 
     def answer(command: bytes, show: Show) -> bytes:
         if command in {b"ID?", b"DES?"}:

@@ -1,9 +1,9 @@
-"""Mahr Millimar C1208, C1216, C1240, in one of the protocols set in their menu.
+"""Mahr Millimar C1208, C1216, C1240, in one of the protocols selectable in their menu.
 
-OPTORSD, and OPTORSS: `?` is answered by `xxx.xxx<unit>`; M1240: `M` by `M1, xxx.xxx` without a unit (maker's manual
-p. 67-70, confirmed; baud not given there). Each `x` is a digit of its display, and a sign stands before them only
-where there is one. While its menu is open or it measures its master it says nothing at all, so that silence has one
-more cause than elsewhere.
+OPTORSD and OPTORSS: the answer to `?` is `xxx.xxx<unit>`; M1240: the answer to `M` is `M1, xxx.xxx` without a unit
+(maker's manual p. 67-70, confirmed; baud not given). Each `x` is a digit of the display, with a sign only if shown.
+While
+the menu is open or the master is being measured the instrument is silent, an additional cause of silence.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ _CHECK = f"close its menu and end any master measurement, during which it is sil
 
 
 def host(gauges: Sequence[MahrC1208]) -> Host:
-    """Return our side of the conversation; a cable carries one gauge."""
+    """Return the host side; a cable carries one gauge."""
     protocol = gauges[0].protocol
     dialect = TextDialect(gauges, _REQUEST[protocol] + b"\r", Lines(_END[protocol]), _read, _CHECK)
     return Polled(dialect, gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[MahrC1208], read: Read) -> Device:
-    """Return the instrument's side of the conversation; a head in error is one whose menu is open."""
+    """Return the instrument side; a head in error is represented by an open menu."""
     (gauge,) = gauges
 
     def answer(command: bytes, show: Show) -> bytes:
@@ -56,5 +56,5 @@ def _read(data: bytes, gauge: MahrC1208) -> Reading:
     match = _REPLY[gauge.protocol].fullmatch(data)
     if not match:
         return garbled(data)
-    number = match[1] if match[1][:1] in b"+- " else b" " + match[1]  # the place of a sign, which is left out
+    number = match[1] if match[1][:1] in b"+- " else b" " + match[1]  # position of the omitted sign
     return mm(number, gauge) if gauge.protocol == "m1240" else in_mm(number, match[2], gauge)

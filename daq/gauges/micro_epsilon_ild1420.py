@@ -1,14 +1,17 @@
-"""Micro-Epsilon optoNCDT 1420 on RS-422: it streams, three bytes a value, with no sign of who asked or when.
+"""Micro-Epsilon optoNCDT 1420 on RS-422: a stream of three bytes per value without a request or timestamp.
 
-The two top bits distinguish the bytes: 00 low, 01 middle, 10 high, six bits of value in each; 11 is the high byte of
-a further value in the same block (maker's manual p. 84). A distance x counts from the start of the measuring range,
-d = (102/65520 x - 1)/100 range, and is within it for x of 643 … 64877 (p. 65). That codes from 262075 on are errors
-is believed, not confirmed. `OUTPUT RS422` sets it going (p. 108), and its answer, ASCII, falls among the values.
+The two top bits identify the bytes: 00 low, 01 middle, 10 high, each with six bits of the value; 11 is the high byte of
+a
+further value in the same block (maker's manual p. 84). A distance x counts from the start of the measuring range, d =
+(102/65520 x - 1)/100 range, and is in range for x of 643 … 64877 (p. 65). Codes from 262075 on are assumed to be
+errors,
+not confirmed. `OUTPUT RS422` starts the stream (p. 108), and its ASCII answer appears between the values.
 
-So a stream is picked up behind a high byte, and a byte out of place costs all up to the next one: ASCII has none,
-and can neither be taken for a value nor complete one. Where blocks hold more than the distance it is unknown
-which value that is, so a value is taken only if the one before it stood alone. Mastering (its zero) shifts the formula
-and must be off.
+The stream is synchronised after a high byte, and a misplaced byte costs the data up to the next one: ASCII has none, so
+it
+can neither be taken for a value nor complete one. If a block contains more than the distance, the meaning of the values
+is unknown, so a value is accepted only if the previous one was alone in its block. Mastering (zero setting) shifts the
+formula and must be off.
 """
 
 from __future__ import annotations
@@ -37,19 +40,19 @@ _MORE = Trouble("the sensor sends more than the distance; select the distance al
 
 
 def host(gauges: Sequence[MicroEpsilonILD1420]) -> Host:
-    """Return our side of the conversation; a line carries one sensor."""
+    """Return the host side; a line carries one sensor."""
     (gauge,) = gauges
     return QuicklyStreamed(_ILD1420Dialect(gauge), gauge.timeout_s)
 
 
 def device(gauges: Sequence[MicroEpsilonILD1420], read: Read) -> Device:
-    """Return the sensor's side of the conversation."""
+    """Return the sensor side."""
     (gauge,) = gauges
     return _Sensor(gauge, read)
 
 
 class _Values:
-    """Cuts the stream into its values, and reports a byte out of place once."""
+    """Splits the stream into values, and reports a misplaced byte once."""
 
     def __init__(self) -> None:
         self._bytes = bytearray()
@@ -65,7 +68,7 @@ class _Values:
         self._lost = True
 
     def take_begun(self) -> list[Arrival] | None:
-        """Return the bytes of a value that has begun, which are then no longer held; None while the stream is lost."""
+        """Remove and return the bytes of an unfinished value; None while the stream is out of step."""
         if self._lost:
             return None
         begun = [(bytes(self._bytes), self._first_ns)] if self._bytes else []
@@ -94,7 +97,7 @@ class _Values:
 
 
 class _ILD1420Dialect:
-    """`OUTPUT RS422`, and again after a silence."""
+    """Sends `OUTPUT RS422`, and repeats it after a silence."""
 
     check = "check the cable, that the sensor is on, the line's settings, and that it is not set to its web interface"
 
@@ -102,7 +105,7 @@ class _ILD1420Dialect:
         self.frames = _Values()
         self._gauge = gauge
         self._alone = True
-        """The last message was the first value of a block, and so far its only one."""
+        """Whether the last message is so far the only value of its block."""
 
     def start(self) -> bytes:
         return _START
@@ -154,12 +157,12 @@ class _ILD1420Dialect:
 
 
 def _mm(x: float | NDArray[np.int64], gauge: MicroEpsilonILD1420) -> Any:
-    """Return the distance of a code, or of several, less the gauge's zero."""
+    """Return the distance of one or several codes, relative to the gauge's zero."""
     return (102 / 65520 * x - 1) / 100 * gauge.range_mm - gauge.zero_mm
 
 
 class _Sensor(SteadyDevice):
-    """The instrument, at a measuring rate of 1 kHz."""
+    """The sensor, at a measuring rate of 1 kHz."""
 
     IS_STREAM = True
 
@@ -182,5 +185,5 @@ class _Sensor(SteadyDevice):
         x = (distance_mm / self._gauge.range_mm * 100 + 1) * 65520 / 102
         good = math.isfinite(x) and 0 <= round(x) <= 65520
         code = round(x) if good else _NO_PEAK
-        self.sent -= not good  # an error is no reading
+        self.sent -= not good  # an error is not a reading
         return bytes(tag << 6 | code >> 6 * tag & 0x3F for tag in (_LOW, _MIDDLE, _HIGH))

@@ -1,7 +1,7 @@
-"""Mitutoyo gauges on a USB virtual COM port (0fe7:4001): `1` is answered by `01A`, a sign and a number.
+"""Mitutoyo gauges on a USB virtual COM port (0fe7:4001): the answer to `1` is `01A`, a sign and a number.
 
-A reply that begins with `9` is an error (public code, confirmed; what its numbers mean is not). Nothing shows the
-unit, so `units` must be that of the gauge's display. `V` asks who it is.
+A reply starting with `9` is an error (public code, confirmed; the meaning of its numbers is not). The unit is not
+transmitted, so `units` must be that of the gauge's display. `V` requests the identification.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ _LONGEST = 9
 
 
 def host(gauges: Sequence[Probe]) -> Host:
-    """Return our side of the conversation; a cable carries one gauge."""
+    """Return the host side; a cable carries one gauge."""
     return Polled(TextDialect(gauges, b"1" + _END, Lines(_END), read_reply), gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[Probe], read: Read) -> Device:
-    """Return the gauge's side of the conversation."""
+    """Return the gauge side."""
 
     def answer(command: bytes, show: Show) -> bytes:
         if command == b"V":
@@ -45,7 +45,7 @@ def device(gauges: Sequence[Probe], read: Read) -> Device:
 
 
 def read_reply(data: bytes, gauge: Probe) -> Reading:
-    """Return the reading of a reply, in mm."""
+    """Return the reading of a reply in mm."""
     match = _REPLY.fullmatch(data)
     if match:
         return mm(match[1], gauge)

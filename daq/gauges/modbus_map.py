@@ -1,6 +1,6 @@
-"""Any Modbus gauge by its register map: one read of the whole block for each reading, RTU or TCP.
+"""Any Modbus gauge by its register map: one read of the whole block per reading, RTU or TCP.
 
-Several gauges on one line or behind one gateway are asked in turn (`daq.protocol.bus`).
+Several gauges on a line or behind a gateway are polled in turn (`daq.protocol.bus`).
 """
 
 from __future__ import annotations
@@ -29,16 +29,16 @@ from rigs.schema.modbus import ModbusMap, Order
 from rigs.schema.probe import MM_PER_UNIT
 
 _BELIEVED = 20
-"""A third of the numbers in a wrong order are lengths all the same; so many in a row are not by chance.
+"""Plausible lengths in a row that confirm the byte order; a third of the numbers in a wrong order are also lengths.
 
-While the probe moves slowly they are not by chance either: there have to be as many as there were others, too.
+For a slowly moving probe these are not independent: at least as many are needed as there were implausible ones.
 """
 _FINE_MM = 1e-6
-"""A smaller number other than 0 is hardly the reading of a gauge: it suggests no order, and is doubted if it stays."""
+"""A smaller number other than 0 is hardly a reading: it confirms no order, and is doubted if it persists."""
 
 
 def host(gauges: Sequence[ModbusMap]) -> Host:
-    """Return our side of the conversation, with one gauge or with several in turn."""
+    """Return the host side, for one gauge or several in turn."""
 
     def exchange(gauge: ModbusMap, wire: Wire, shared: bool) -> Polled:
         return Polled(dialect(gauge, wire), gauge.timeout_s, gauge.rate_hz, shared=shared)
@@ -47,29 +47,29 @@ def host(gauges: Sequence[ModbusMap]) -> Host:
 
 
 def device(gauges: Sequence[ModbusMap], read: Read) -> Device:
-    """Return the side of the gauges on one line."""
+    """Return the device side of the gauges on a line."""
     return RegisterDevice([(gauge, held(gauge, read, place)) for place, gauge in enumerate(gauges)])
 
 
 def dialect(gauge: ModbusMap, wire: Wire) -> RegisterDialect:
-    """Return the dialect that reads this block."""
+    """Return the dialect for this block."""
     return RegisterDialect(gauge, _Readings(gauge), wire)
 
 
 def held(gauge: ModbusMap, read: Read, place: int = 0) -> Held:
-    """Return what the instrument's block holds, as a function of time. place: of its reading among those read."""
+    """Return the content of the instrument's block as a function of time. place: index of its reading."""
     return lambda now_ns: _registers(gauge, read(now_ns)[place], now_ns)
 
 
 class _Readings:
-    """What the answers of one gauge mean, in their order."""
+    """Interprets the answers of one gauge in order."""
 
     def __init__(self, gauge: ModbusMap) -> None:
         self._gauge = gauge
         self._mistrusted = 0
-        """How many lengths have to come yet before the next one is believed."""
+        """Number of plausible lengths still needed for confirmation."""
         self._fine = True
-        """Whether the last number was below _FINE_MM; the first may not be so either."""
+        """Whether the last number was below _FINE_MM; the first one must not be either."""
 
     def __call__(self, registers: Registers, message: Message, requested_ns: int) -> Sample | Fault:
         gauge, at_ns = self._gauge, message.last_byte_ns
@@ -96,10 +96,11 @@ class _Readings:
         return Sample((value_mm,), requested_ns, message.first_byte_ns, at_ns, message.size, clock_s, code)
 
     def _refusal(self, value_mm: float, registers: Registers) -> tuple[FaultKind, str] | None:
-        """Return why the number is not believed: by itself, or as one below a nanometre that is not the only one.
+        """Return the reason for rejecting the number: alone, or as a repeated value below a nanometre.
 
-        A swapped number of a probe at rest may be as small as that again and again. A rounding error may be, too, but
-        hardly one that is a length in another order.
+        A swapped number of a resting probe may repeatedly be that small. A rounding error may be too, but is hardly a
+        length in a
+        different order.
         """
         fine_before, self._fine = self._fine, 0 < abs(value_mm) < _FINE_MM
         refused = refusal(value_mm, self._gauge)
@@ -120,7 +121,7 @@ def _mm(raw: float, gauge: ModbusMap) -> float:
 
 
 def _in_other_orders(registers: Registers, gauge: ModbusMap) -> list[str]:
-    """Return what the value would be in the other orders, where that is a length."""
+    """Return the values in the other orders, if they are lengths."""
     readings = []
     for word_order, byte_order in product(get_args(Order), repeat=2):
         orders: dict[str, Order] = {"word_order": word_order, "byte_order": byte_order}
@@ -142,7 +143,7 @@ def _clock_s(gauge: ModbusMap, registers: Registers) -> float:
 
 
 def _registers(gauge: ModbusMap, reading_mm: float, now_ns: int) -> list[int] | None:
-    """All registers; None where there is not a reading and no status register to say so."""
+    """Return all registers; None without a reading and without a status register."""
     raw = (reading_mm / MM_PER_UNIT[gauge.units] - gauge.value.offset) / gauge.value.scale
     good = fits(raw, gauge.value)
     if not good and gauge.status is None:

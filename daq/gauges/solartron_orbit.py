@@ -1,10 +1,10 @@
-"""Solartron Orbit ACS: a reading and its status, each a parameter, read one after the other.
+"""Solartron Orbit ACS: a reading and its status, two parameters read one after the other.
 
-A parameter is a float32 in the two registers from its address + 8000 on, and may only be read whole and by itself; the
-status says whether the reading is one: 0 good, 18 under and 19 over range, 246 wrong probe, 247 none (manual p. 32,
-48-54, confirmed). So each sample takes two requests; its stamps are those of the first. Parameter numbers are in the
-maker's parameter map and stand in the rig file; function, word order, that the status is a float32 like any other
-parameter, and the line settings are not confirmed.
+A parameter is a float32 in the two registers from its address + 8000 on, and must be read completely and singly. The
+status validates the reading: 0 good, 18 under and 19 over range, 246 wrong probe, 247 none (manual p. 32, 48-54,
+confirmed). So each sample takes two requests, with the stamps of the first. The parameter numbers are in the maker's
+parameter map and in the rig file; function, word order, the float32 type of the status, and the line settings are not
+confirmed.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from rigs.schema.modbus import ModbusMap, SolartronOrbit, ValueRegister
 
 _FLOATS = 8000
 _SHARED = ("port", "offset_mm", "units", "line", "framing", "unit", "function", "word_order", "byte_order", "timeout_s")
-"""What a gauge says of both its blocks."""
+"""Settings shared by both blocks of a gauge."""
 _NO_PROBE = 247.0
 _STATUS = {
     18: "under range; move the probe into its range",
@@ -36,7 +36,7 @@ _STATUS = {
 
 
 def host(gauges: Sequence[SolartronOrbit]) -> Host:
-    """Return our side of the conversation, with one probe or with several in turn."""
+    """Return the host side, for one probe or several in turn."""
 
     def exchange(gauge: SolartronOrbit, wire: Wire, shared: bool) -> Polled:
         return Polled(_OrbitDialect(gauge, wire), gauge.timeout_s, shared=shared)
@@ -45,7 +45,7 @@ def host(gauges: Sequence[SolartronOrbit]) -> Host:
 
 
 def device(gauges: Sequence[SolartronOrbit], read: Read) -> Device:
-    """Return the side of the units on one line."""
+    """Return the device side of the units on a line."""
 
     def value(now_ns: int) -> Sequence[float]:
         return [0.0 if math.isnan(value) else value for value in read(now_ns)]
@@ -62,7 +62,7 @@ def device(gauges: Sequence[SolartronOrbit], read: Read) -> Device:
 
 
 def _block(gauge: SolartronOrbit, parameter: int) -> ModbusMap:
-    """One parameter as a register map."""
+    """Return one parameter as a register map."""
     address = _FLOATS + parameter
     return ModbusMap(
         interface="modbus_map",
@@ -74,12 +74,12 @@ def _block(gauge: SolartronOrbit, parameter: int) -> ModbusMap:
 
 
 def _status_block(gauge: SolartronOrbit) -> ModbusMap:
-    """The status, a plain number: as mm it is passed on unchanged."""
+    """Return the status as a register map; a plain number, so mm leaves it unchanged."""
     return _block(gauge, gauge.status_parameter).model_copy(update={"units": "mm"})
 
 
 class _OrbitDialect:
-    """The reading, then its status."""
+    """Reads the value, then its status."""
 
     reset = b""
 
@@ -90,9 +90,9 @@ class _OrbitDialect:
         self.frames = wire.frames
         self.check, self.babble = self._value.check, self._value.babble
         self._held: Sample | None = None
-        """The reading that the next request is to confirm."""
+        """Reading awaiting confirmation."""
         self._asked: Sample | None = None
-        """The reading that the last request was to confirm; None where it was for a reading."""
+        """Reading to be confirmed by the last request; None if that was for a reading."""
 
     def request(self) -> bytes:
         self._asked, self._held = self._held, None

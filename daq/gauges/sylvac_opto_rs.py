@@ -1,15 +1,16 @@
-"""Sylvac Opto-RS, simplex or duplex cable: a reading for each `?`, or reading after reading after `OUT1`.
+"""Sylvac Opto-RS, simplex or duplex cable: a reading for each `?`, or continuous readings after `OUT1`.
 
-Commands and replies end in CR: `?`, `ID?`, `UNI?`, `SET?`, `MOD?`, `OUT1`, `OUT0`. A reading is a sign
-(`+`, `-` or a blank), digits, a point, digits, and in tolerance mode one of `<` `=` `>`; errors are `ERR0`
-… `ERR3`; `SY…` comes at power-on, when a cable has forgotten `OUT1` (maker's manuals, confirmed). What
-`ID?`, `UNI?`, `SET?` and `MOD?` answer, and that `OUT0` and `OUT1` are not answered, is believed only: the
-host uses none of it.
+Commands and replies end in CR: `?`, `ID?`, `UNI?`, `SET?`, `MOD?`, `OUT1`, `OUT0`. A reading is a sign (`+`, `-` or a
+blank), digits, a point, digits, and in tolerance mode one of `<` `=` `>`; errors are `ERR0` … `ERR3`; `SY…` is sent at
+power-on, after which a cable has forgotten `OUT1` (maker's manuals, confirmed). The answers to `ID?`, `UNI?`, `SET?`
+and
+`MOD?`, and the absence of answers to `OUT0` and `OUT1`, are assumptions; the host uses none of them.
 
-The cable takes its power from the port: a duplex one needs DTR on and RTS off, a simplex one both on. A simplex one
-hears no command, and sends a reading when DTR goes off (the same manuals, confirmed).
+The cable is powered by the port: a duplex cable needs DTR on and RTS off, a simplex cable both on. A simplex cable
+receives
+no commands and sends a reading when DTR goes off (same manuals, confirmed).
 
-The sign must be there: a reading that lost its first byte would otherwise pass with the wrong sign.
+The sign is mandatory: without it a lost first byte would change the sign.
 """
 
 from __future__ import annotations
@@ -49,26 +50,28 @@ _ERRORS = {
     b"ERR3": "value out of range; move the probe into its range",
 }
 _BY_LINE = b"?"
-"""The request of a simplex cable, for which its line stands."""
+"""Request of a simplex cable, represented by a pulse of DTR."""
 _OFF_NS = 120_000_000
-"""DTR off for at least 110 ms asks a simplex cable for a reading (Sylvac Opto instruments, user manual p. 12-13)."""
+"""DTR off for at least 110 ms requests a reading from a simplex cable (Sylvac Opto instruments, user manual p.
+12-13).
+"""
 _DECIMALS = {"mm": 4, "um": 1, "inch": 5}
 
 
 def host(gauges: Sequence[SylvacOptoRS]) -> Host:
-    """Return our side of the conversation; a cable carries one gauge."""
+    """Return the host side; a cable carries one gauge."""
     (gauge,) = gauges
     if gauge.mode == "continuous":
         return streamed.Streamed(_Continuous(gauge), gauge.timeout_s)
     if gauge.cable == "simplex":
         dialect = TextDialect(gauges, _BY_LINE, Lines(_END), _read)
         return AskedByLine(polled.Polled(dialect, gauge.timeout_s, shared=True), _OFF_NS)
-    # A cable may have been left in continuous mode.
+    # A cable may still be in continuous mode.
     return polled.Polled(TextDialect(gauges, b"?\r", Lines(_END), _read, reset=b"OUT0\r"), gauge.timeout_s)
 
 
 def device(gauges: Sequence[SylvacOptoRS], read: Read) -> Device:
-    """Return the cable's side of the conversation."""
+    """Return the cable side."""
     (gauge,) = gauges
     return _Cable(gauge, read)
 
@@ -87,7 +90,7 @@ def _read(data: bytes, gauge: SylvacOptoRS) -> Reading:
 
 
 class _Continuous:
-    """`OUT1`, and again whenever the cable may have forgotten it."""
+    """Sends `OUT1`, and repeats it whenever the cable may have forgotten it."""
 
     check = CHECK
 
@@ -111,7 +114,7 @@ class _Continuous:
 
 
 class _Cable(TextDevice):
-    """The instrument; in continuous mode it speaks whenever the line is free, so it asks to be woken now."""
+    """The instrument; in continuous mode it sends whenever the line is free, so it requests an immediate wake-up."""
 
     def __init__(self, gauge: SylvacOptoRS, read: Read) -> None:
         super().__init__([gauge], read, Lines(_END), self._reply)

@@ -1,7 +1,7 @@
 """TESA TT80 and TT90: a reading for each `?`, `±xxxx.xx` in mm and `±xxx.xxx` in µm (maker's manual p. 94).
 
-Nothing else shows the unit, so a reading written as the other unit's is refused. `ERR23` is confirmed, what it
-means is not. The host uses `?` alone; what `ID?`, `UNI?`, `RNG?` and `VER?` answer is believed only.
+The format is the only sign of the unit, so a reading in the format of the other unit is refused. `ERR23` is confirmed,
+its meaning is not. The host only uses `?`; the answers to `ID?`, `UNI?`, `RNG?` and `VER?` are assumptions.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ _FORMAT = {"mm": "+08.2f", "um": "+08.3f"}
 
 
 def host(gauges: Sequence[TesaTT]) -> Host:
-    """Return our side of the conversation; a cable carries one gauge."""
+    """Return the host side; a cable carries one gauge."""
     return Polled(TextDialect(gauges, b"?\r", Lines(_END), _read), gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[TesaTT], read: Read) -> Device:
-    """Return the instrument's side of the conversation."""
+    """Return the instrument side."""
     units = gauges[0].units
     texts = {b"ID?": b"TESA TT80", b"UNI?": units.upper().encode(), b"RNG?": b"2", b"VER?": b"1.0"}
 

@@ -1,1 +1,1 @@
-"""What all protocols are made of: the conversation and its items, framing, asking, listening. No operating system."""
+"""Building blocks of all protocols: conversations and items, framing, polling, listening. No operating system."""

@@ -1,14 +1,14 @@
-"""Several instruments on one line, or behind one gateway, that are asked in turn.
+"""Several instruments on a shared line or behind a gateway, polled in turn.
 
-Each has its own exchange of requests and answers (`daq.protocol.polled`), with its own time-out, rate and faults; here
-is decided whose turn it is. The line goes to the one that has waited longest since it may ask, so instruments of one
-rate are asked equally often. An answer names its instrument, so the next one is asked as soon as the time-out of a
-silent one has passed. The silent one rests for its time-out, and after `PATIENCE` silences in a row twice as long each
-time, up to `LONGEST_REST_NS`: what it costs the others is one time-out in each of these.
+Each instrument has an exchange of requests and answers (`daq.protocol.polled`) with individual time-out, rate and
+faults; the bus decides the order. The turn goes to the instrument waiting longest since it was due, so instruments of
+equal rate are polled equally often. Answers name the instrument, so the next request is sent as soon as the time-out of
+a silent instrument has passed. A silent instrument pauses for its time-out, and after `PATIENCE` time-outs in a row for
+twice as long each time, up to `LONGEST_REST_NS`: it costs the other instruments one time-out in each pause.
 
-Between two exchanges the line rests for `gap_ns`, by which the instruments know where a frame begins, and for
-`QUIET_NS` after anything that could not be read, lest the rest of it meet the next request. What comes while no
-instrument is asked belongs to none of them, and is reported.
+Between two exchanges the line is idle for `gap_ns`, so that instruments recognise the start of a frame, and for
+`QUIET_NS` after unreadable data, so that the remainder does not collide with the next request. Data received between
+exchanges belongs to no instrument and is reported.
 """
 
 from __future__ import annotations
@@ -23,18 +23,20 @@ from daq.protocol.polled import Polled, Stirring
 
 PATIENCE = 3
 LONGEST_REST_NS = 2_000_000_000
-"""A gauge that was plugged in again is missed by its owner after some seconds."""
+"""Longest pause; somebody who reconnects a gauge expects readings within seconds."""
 QUIET_NS = 20_000_000
-"""An adapter may hold the end of a message for 16 ms."""
+"""An adapter may delay the end of a message by 16 ms."""
 _MOST_QUIET_NS = 200_000_000
-"""For a line that another host keeps busy."""
+"""Limit for a line kept busy by a second host."""
 
 
 @dataclass
 class Member:
-    """One instrument on the line. name: for a person; exchange: with it; timeout_ns: how long its answer may take.
+    """Instrument on the line.
 
-    wake_ns: when it may ask again, or is given up. turns: how often it was asked; silences: time-outs in a row.
+    name: for display. exchange: requests and answers. timeout_ns: limit for an answer. wake_ns: time of the next
+    request or
+    of the time-out. turns: number of requests. silences: time-outs in a row.
     """
 
     name: str
@@ -46,20 +48,23 @@ class Member:
 
 
 class Bus:
-    """The host's side of a line with several instruments; each sample has the value of one, the others are nan."""
+    """Host side of a line with several instruments; each sample has the value of one instrument, the others are nan."""
 
     def __init__(
         self, members: Sequence[Member], frames: Framer, stray: Callable[[Message], Fault], gap_ns: int
     ) -> None:
-        """frames: which all members use; stray: gives the fault for a message that answers no request."""
+        """Create the host side of a line.
+
+        frames: framer used by all members. stray: creates the fault for a message without a request.
+        """
         self._members = members
         self._frames = frames
         self._stray = stray
         self.gap_ns = gap_ns
-        """The rest between two exchanges."""
+        """Idle time between two exchanges."""
         self._asked: Member | None = None
         self._free_ns = self._idle_ns = 0
-        """When the line may be used again, and since when no request is on it."""
+        """Time at which the line is available, and time since which no request is pending."""
         self._stirring = Stirring()
         self._bursts = Bursts()
 
@@ -90,11 +95,11 @@ class Bus:
         items: list[Item] = [*self._bursts.end()]
         for member in self._members:
             items += self._items_of(member, member.exchange.lost(now_ns))
-            self._frames.clear()  # what has begun is counted once
+            self._frames.clear()  # an unfinished message is counted once
         return tuple(items)
 
     def _after(self, member: Member, step: Step, now_ns: int) -> Step:
-        """What follows a step of the member that was asked: nothing more until its turn is over."""
+        """Process a step of the polled member; nothing is added before the end of its turn."""
         items = self._items_of(member, step.items)
         member.wake_ns = now_ns if step.wake_ns is None else step.wake_ns
         if member.exchange.asking:
@@ -112,7 +117,7 @@ class Bus:
         return self._next(items, now_ns)
 
     def _next(self, items: Sequence[Item], now_ns: int) -> Step:
-        """Let the member ask whose turn it is, if the line is free."""
+        """Let the next member send its request if the line is free."""
         first = min(self._members, key=lambda member: (member.wake_ns, member.turns))
         due_ns = max(first.wake_ns, self._free_ns)
         if due_ns > now_ns:
@@ -125,7 +130,7 @@ class Bus:
         return Step(step.send, (*items, *self._items_of(first, step.items)), first.wake_ns)
 
     def _items_of(self, member: Member, items: Sequence[Item]) -> list[Item]:
-        """A member's items as those of the line: its value in its own column, its faults under its name and column."""
+        """Map the items of a member to the line: the value to its column, faults to its name and column."""
         place, placed = self._members.index(member), list[Item]()
         for item in items:
             if isinstance(item, Fault):

@@ -1,16 +1,16 @@
-"""What every protocol is: bytes and time in, bytes to send, samples and faults out.
+"""Interface of every protocol: bytes and time in; bytes to send, samples and faults out.
 
-A conversation touches no operating system: no port, no socket, no clock. Its caller owns the
-link and the clock, and calls `connected` once, then `received` for bytes as they come or `tick` when
-`wake_ns` has passed without any. The host's side and the device's side of a protocol are both
-conversations; a device's side sends and emits no items.
+A conversation touches no port, socket or clock. The caller owns the link and the clock, calls `connected` once, then
+`received` for incoming bytes, or `tick` when `wake_ns` has passed without data. Host side and device side of a protocol
+are both conversations; a device side sends bytes and emits no items.
 
-A fault is an item in the stream and never an exception: a bad peer must not end an acquisition.
-Times are integer nanoseconds on the host's monotonic clock.
+A fault is an item in the stream, never an exception: a faulty peer must not end an acquisition. Times are integer
+nanoseconds of the host's monotonic clock.
 
-A fault that keeps coming is reported once a second instead of a thousand times. The first is reported at once. Those
-that follow without a message free of it in between are counted, and reported as one when they end or a second has
-passed. What has its own count or its own pace (SILENT, LATE, SKIPPED) passes unchanged.
+Repeated faults are reported once a second. The first fault is reported immediately. Subsequent ones without a valid
+message in between are counted, and reported as one fault after a second or when they end. Kinds with a separate count
+or
+rate (SILENT, LATE, SKIPPED) pass unchanged.
 """
 
 from __future__ import annotations
@@ -27,55 +27,55 @@ import numpy as np
 from numpy.typing import NDArray
 
 NO_TIME = -1
-"""A stamp that does not exist: the request of a device that streams by itself."""
+"""Missing stamp: the request of a device that streams unprompted."""
 
 
 class FaultKind(StrEnum):
-    """What can go wrong on a link."""
+    """Kinds of link faults."""
 
     GARBLED = "garbled"
-    """Bytes that are not a message of this protocol; ignored."""
+    """Bytes that do not form a message of this protocol; ignored."""
     MISSHAPEN = "misshapen"
-    """A number that is not written as those before it: a character is lost, doubled or false; left out."""
+    """Number with a different format than the previous ones: a character is lost, doubled or wrong; left out."""
     UNIT_CHANGED = "unit_changed"
-    """The gauge writes another number of decimals, or readings a 25.4th or 25.4-fold: in/mm was pressed."""
+    """Change in the number of decimals, or of the readings by a factor of 25.4: in/mm was pressed."""
     LINE = "line"
-    """Characters that the port itself calls lost or damaged: overruns, wrong framing, wrong parity."""
+    """Characters reported by the port as lost or damaged: overrun, framing or parity errors."""
     DEVICE_ERROR = "device_error"
-    """The device answered with its own error code."""
+    """The device answered with an error code."""
     MISSING = "missing"
-    """A good message that lacks the channel or field asked for."""
+    """A valid message without the requested channel or field."""
     SILENT = "silent"
-    """No answer within the time allowed."""
+    """No answer within the time-out."""
     LATE = "late"
-    """Something came after its turn and is ignored: an answer to a request that was already given up, or a datagram
-    that came twice or after a later one."""
+    """Data after its time, ignored: an answer to an abandoned request, or a datagram repeated or out of order."""
     SKIPPED = "skipped"
-    """The device's own clock or counter shows that messages are missing."""
+    """The device's clock or counter shows missing messages."""
     STRANGER = "stranger"
-    """Something of a third party, which is ignored: a datagram of another sender, a request of another master."""
+    """Data of a third party, ignored: a datagram of a different sender, a request of a second master."""
     DISCONNECTED = "disconnected"
-    """The link is gone or refuses to open."""
+    """The link is lost or cannot be opened."""
     DOUBTFUL = "doubtful"
-    """Readings that are well-formed but implausible; they are kept."""
+    """Well-formed but implausible readings; kept."""
     DROPPED = "dropped"
     """Samples lost on the host because a buffer was full."""
     OUT_OF_STEP = "out_of_step"
-    """A replay was not in step with its capture; counted in seconds."""
+    """A replay was out of step with its capture; counted in seconds."""
     STALLED = "stalled"
-    """The host, rigd or one reader stood still: what came meanwhile was read late, and its stamps are late as well."""
+    """The host, rigd or a reader stalled: data was read and stamped late."""
     CLOCK = "clock"
-    """The host's wall clock was set, or the host slept; reported for the host itself and not for a stream."""
+    """The host's wall clock was set, or the host slept; reported for the host instead of a stream."""
 
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """One message that carries a reading.
+    """One message with a reading.
 
-    values: in the order of the conversation's columns, in file units (mm, degrees); nan where the
-    message did not carry it. size: bytes of the message, from which its wire time follows.
-    device_time_s: the device's own clock, nan without one. status: 0 good, else the device's own code
-    for a reading that it calls doubtful.
+    values: in the order of the columns, in file units (mm, degrees); nan for a value absent from the message. size:
+    bytes of
+    the message, for the transmission time. device_time_s: time of the device's clock, or nan. status: 0 for good,
+    otherwise
+    the device's code for a doubtful reading.
     """
 
     values: tuple[float, ...]
@@ -89,10 +89,11 @@ class Sample:
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """Something that went wrong, in words that help a person; `count` messages were affected.
+    """Description of a problem with advice; `count` messages were affected.
 
-    A count of 0 adds details to what was counted before. column: place among the conversation's columns of the gauge
-    that it concerns, where each gauge is asked by itself; it is not stored.
+    A count of 0 adds details to an earlier fault. column: index of the affected gauge among the columns if gauges are
+    polled
+    separately; not stored.
     """
 
     kind: FaultKind
@@ -104,7 +105,7 @@ class Fault:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Samples(Sequence[Sample]):
-    """Many samples in order, as arrays, which cost next to nothing by the thousand.
+    """Block of samples as arrays, for efficiency.
 
     values: (n, columns); every other field: (n,).
     """
@@ -119,7 +120,7 @@ class Samples(Sequence[Sample]):
 
     @classmethod
     def of(cls, samples: Sequence[Sample]) -> Samples:
-        """Return these samples as a block."""
+        """Combine samples into a block."""
         if isinstance(samples, cls):
             return samples
         if not samples:
@@ -129,14 +130,14 @@ class Samples(Sequence[Sample]):
 
     @classmethod
     def joined(cls, blocks: Sequence[Samples]) -> Samples:
-        """Return all samples of these blocks, in order."""
+        """Concatenate blocks."""
         full = [block for block in blocks if len(block)]
         if len(full) < 2:
             return full[0] if full else NO_SAMPLES
         return cls(*(np.concatenate(parts) for parts in zip(*map(_FIELDS, full), strict=True)))
 
     def chosen(self, which: slice | NDArray[np.bool_]) -> Samples:
-        """Return some of the samples, stamps in ns as they are: those of a slice, or where the mask (n,) is true."""
+        """Return the samples of a slice or mask (n,); stamps in ns."""
         return Samples(*(column[which] for column in _FIELDS(self)))
 
     def __len__(self) -> int:
@@ -158,18 +159,18 @@ class Samples(Sequence[Sample]):
 
 
 _FIELDS: attrgetter[tuple[Any, ...]] = attrgetter(*(field.name for field in fields(Sample)))
-"""The fields of a sample, and those of a block, which have the same names, in order."""
+"""Getter of all fields, in the order shared by samples and blocks."""
 _KINDS = (np.float64, np.int64, np.int64, np.int64, np.int64, np.float64, np.int64)
 _NONE: list[Any] = [np.empty(0, kind) for kind in _KINDS[1:]]
 NO_SAMPLES = Samples(np.empty((0, 0)), *_NONE)
 
 Item = Sample | Samples | Fault
 Arrival = tuple[bytes, int]
-"""Bytes that came at once, and when."""
+"""Bytes received together, and their stamp."""
 
 
 def packed(items: Sequence[Item]) -> list[Samples | Fault]:
-    """Return the items in their order, with single samples that follow one another as a block."""
+    """Combine adjacent single samples into blocks, preserving the order of all items."""
     blocks: list[Samples | Fault] = []
     for kind, group in groupby(items, type):
         alike: list[Any] = list(group)
@@ -179,10 +180,11 @@ def packed(items: Sequence[Item]) -> list[Samples | Fault]:
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """What a conversation wants done: send these bytes, pass on these items, wake it by then.
+    """Actions requested by a conversation: bytes to send, items to pass on, wake-up time.
 
-    hang_up: no more can come of this link (a stream out of step, a refusal); close it and open a new one. dtr: how this
-    modem line is to be from now on; None leaves it.
+    hang_up: the link is of no further use (stream out of step, refusal) and should be reopened. dtr: new state of the
+    modem
+    line DTR; None leaves it unchanged.
     """
 
     send: bytes = b""
@@ -193,45 +195,45 @@ class Step:
 
 
 class Conversation(Protocol):
-    """One side of one protocol on one link, from connect to disconnect; a new link takes a new one."""
+    """One side of a protocol on one link, from connect to disconnect; a new link needs a new conversation."""
 
     def connected(self, now_ns: int) -> Step:
-        """The link has just opened."""
+        """Handle a newly opened link."""
 
     def received(self, data: bytes, now_ns: int) -> Step:
-        """These bytes came, the last of them at `now_ns`."""
+        """Handle received bytes; the last byte arrived at `now_ns`."""
 
     def tick(self, now_ns: int) -> Step:
-        """`wake_ns` has passed and no bytes came."""
+        """Handle the time-out at `wake_ns` without data."""
 
 
 @runtime_checkable
 class Gathering(Protocol):
-    """A conversation that only listens, to so many messages that several are better read at once.
+    """Conversation that only listens, to so many messages that batch processing is better.
 
-    What it makes of arrivals is what it would make of them one by one.
+    The result is the same as for single arrivals.
     """
 
     gather_ns: int
-    """For how long arrivals may be gathered from the first of them on; each has its own stamp."""
+    """Longest time to gather arrivals, each with a stamp, from the first one on."""
 
     def received_all(self, arrivals: Sequence[Arrival]) -> Step:
-        """These bytes came, in order."""
+        """Handle arrivals in order."""
 
 
 class Host(Conversation, Protocol):
-    """Our side of a conversation: what it emits is all that is known of the link."""
+    """Host side of a conversation; its items are all that is known of the link."""
 
     def lost(self, now_ns: int) -> tuple[Item, ...]:
-        """Return what is still to be reported when the link is gone: faults that were counted and held back."""
+        """Return the pending counted faults after the loss of the link."""
 
 
 class Device(Conversation, Protocol):
-    """The device's side of a conversation: it sends bytes and emits no items."""
+    """Device side of a conversation: sends bytes and emits no items."""
 
     @property
     def sent(self) -> int:
-        """The number of readings or packets sent so far."""
+        """Number of readings or packets sent."""
 
 
 _REPEATING = {
@@ -243,7 +245,7 @@ _REPEATING = {
     FaultKind.STRANGER,
 }
 _SAME = {FaultKind.GARBLED, FaultKind.MISSHAPEN}
-"""Kinds whose text quotes the message: they are the same whatever it was."""
+"""Kinds with the message quoted in the text: equal kinds count as equal faults."""
 _TELL_NS = 1_000_000_000
 
 
@@ -252,10 +254,10 @@ class Bursts:
 
     def __init__(self) -> None:
         self._open: dict[tuple[FaultKind, str], Fault] = {}
-        """Open faults by what makes two of them the same; the count is of those not reported yet."""
+        """Open faults by identity, with the count not yet reported."""
 
     def merge(self, items: Sequence[Item], now_ns: int) -> list[Item]:
-        """Return the items of one message, with repeated faults held back and those that are due added."""
+        """Return the items of one message without repeated faults, plus the merged faults that are due."""
         if not self._open and not has_fault(items):
             return list(items)
         coming = {_sameness(item) for item in items if isinstance(item, Fault)}
@@ -274,7 +276,7 @@ class Bursts:
         return merged
 
     def end(self) -> list[Item]:
-        """Return the faults that are still held back."""
+        """Return the pending faults."""
         return [fault for key in list(self._open) for fault in self._close(key)]
 
     def _close(self, key: tuple[FaultKind, str]) -> list[Item]:
@@ -283,7 +285,7 @@ class Bursts:
 
 
 def has_fault(items: Sequence[Item]) -> bool:
-    """Return whether a fault is among the items; asked of each message, so without the cost of a generator."""
+    """Return whether `items` contains a fault. A loop, because the generator of `any` costs more per message."""
     return Fault in map(type, items)
 
 

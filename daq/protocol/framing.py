@@ -1,9 +1,10 @@
-"""Cutting a stream of bytes into messages, each with the arrival times of its first and its last byte.
+"""Split a byte stream into messages with the arrival times of their first and last byte.
 
-A framer is fed the pieces as they come and gives the messages they complete, whatever the pieces' cut.
-`Lines` ends a message at a delimiter; `Sized` reads its length from its first bytes. Neither keeps more
-than `LIMIT` bytes, however long a peer babbles without ending a message: the rest is discarded and reported as
-one GARBLED fault.
+A framer accepts pieces in any division and returns the completed messages. `Lines` ends a message at a delimiter;
+`Sized`
+takes the length from the first bytes. Both keep at most `LIMIT` bytes of an endless message; the excess is discarded
+and
+reported as one GARBLED fault.
 """
 
 from __future__ import annotations
@@ -16,12 +17,12 @@ from typing import Protocol
 from daq.protocol.conversation import Fault, FaultKind
 
 LIMIT = 1024
-"""Twice the longest message known here, an RTDE text of 516 bytes."""
+"""Twice the longest known message, an RTDE text of 516 bytes."""
 
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """One message: its bytes without the delimiter, its whole size, and when it came."""
+    """One message: bytes without the delimiter, full size, and arrival times."""
 
     data: bytes
     size: int
@@ -30,21 +31,21 @@ class Message:
 
 
 class Framer(Protocol):
-    """What cuts a stream into messages."""
+    """Splits a stream into messages."""
 
     def feed(self, data: bytes, now_ns: int) -> Sequence[Message | Fault]:
-        """Return the messages that these bytes complete, and a fault where they cannot be cut."""
+        """Return the completed messages, and faults for data without a valid frame."""
 
     def clear(self) -> None:
-        """Drop a message that has begun; the next byte begins a new one."""
+        """Discard an unfinished message; the next byte starts a new message."""
 
     @property
     def pending(self) -> bool:
-        """Whether a message has begun and not ended."""
+        """Whether a message is unfinished."""
 
 
 class Pieces:
-    """Bytes waiting, and when each piece of them came."""
+    """Buffered bytes with the arrival time of each piece."""
 
     def __init__(self) -> None:
         self.data = bytearray()
@@ -56,7 +57,7 @@ class Pieces:
             self._arrivals.append((len(data), now_ns))
 
     def take(self, size: int, trailer: int = 0) -> Message:
-        """Take the first `size` bytes as a message, whose last `trailer` bytes are not content."""
+        """Remove the first `size` bytes as a message; its last `trailer` bytes are not content."""
         content = bytes(self.data[: size - trailer])
         del self.data[:size]
         first_ns = last_ns = self._arrivals[0][1]
@@ -74,10 +75,11 @@ class Pieces:
 
 
 class Lines:
-    """Messages that end in a delimiter; with `joined_midway` the bytes up to the first one are not a message.
+    """Messages with a delimiter at the end; with `joined_midway` the bytes before the first delimiter are discarded.
 
-    echo: what was sent, which some instruments and adapters send back before their answer; it is passed over. So is a
-    line feed after a carriage return that is the delimiter: some gauges can be set to either.
+    echo: sent data that some instruments and adapters return before the answer; it is skipped. A line feed after a
+    carriage
+    return as the delimiter is also skipped, because some gauges can send either.
     """
 
     echo = b""
@@ -113,7 +115,7 @@ class Lines:
                 messages.append(self._endless(now_ns))
             self._skipping = True
         if self._skipping and (surplus := len(pieces.data) - ending + 1) > 0:
-            pieces.take(surplus)  # what stays may be the beginning of a delimiter
+            pieces.take(surplus)  # the remainder may be the start of a delimiter
         return messages
 
     def _pass_line_feeds(self) -> None:
@@ -126,10 +128,10 @@ class Lines:
 
 
 class Sized:
-    """Messages whose length follows from their first `header` bytes.
+    """Messages whose length follows from the first `header` bytes.
 
-    `length` gives it, or None for bytes that begin no message. A stream without delimiters cannot be picked
-    up again from its content: from there on everything is discarded until `clear`.
+    `length` returns the length, or None for bytes that cannot start a message. A stream without delimiters cannot be
+    resynchronised from its content: all further data is discarded until `clear`.
     """
 
     def __init__(self, header: int, length: Callable[[bytes], int | None]) -> None:
@@ -150,7 +152,8 @@ class Sized:
         if self._lost:
             return []
         if not self._pieces.data and len(data) >= self._header and self._length(data[: self._header]) == len(data):
-            return [Message(data, len(data), now_ns, now_ns)]  # an answer, nearly always, without the work of cutting
+            # nearly always a complete answer, without the cost of splitting
+            return [Message(data, len(data), now_ns, now_ns)]
         self._pieces.add(data, now_ns)
         messages: list[Message | Fault] = []
         while size := self._next_size(self._pieces.data):
@@ -163,7 +166,9 @@ class Sized:
         return messages
 
     def _next_size(self, pending: bytearray) -> int | None:
-        """The size of the message that is whole; 0 where more has to come first, None where no message begins so."""
+        """Return the size of the complete message; 0 if more data is needed, None if the bytes cannot start a
+        message.
+        """
         if len(pending) < self._header:
             return 0
         size = self._length(bytes(pending[: self._header]))

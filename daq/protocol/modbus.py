@@ -1,25 +1,27 @@
-"""Modbus register reads on the wire, RTU, ASCII and TCP: pymodbus encodes and decodes, the framing is ours.
+"""Modbus register reads: RTU, ASCII and TCP. pymodbus encodes and decodes; the framing is our own.
 
-pymodbus' own framers, fed a stream, swallow all they hold on a checksum error, hunt through junk for
-something that looks like a frame, and raise. So they are only ever handed exact frames, whose length is
-known beforehand: TCP gives its length, ASCII ends in CR LF, and RTU is cut by `RtuReplies`.
+The framers of pymodbus, when fed a stream, discard everything on a checksum error, search junk for possible frames, and
+raise exceptions. Here they only receive exact frames of known length: TCP gives the length, ASCII ends in CR LF, and
+`RtuReplies` splits RTU.
 
-Modbus itself knows registers of 16 bits alone, the higher byte first. How a longer number, of up to 64 bits, lies in
-them is up to the instrument, and both orders are met: `word_order` is that of the registers of a value, `byte_order`
-that of the bytes of each register.
+Modbus only defines registers of 16 bits, high byte first. The layout of longer numbers, up to 64 bits, depends on the
+instrument and both orders occur: `word_order` is the order of the registers of a value, `byte_order` the order of the
+bytes in a register.
 
-Late answers carry no number, so after a time-out something of another length is requested. An instrument answers in
-order. So once a probe has its answer, whatever was asked before is answered or lost, and the next request's answer is
-its own, however late the instrument is. Until then an answer of a reading's length is late. Probes in a row ask for
-different lengths, which come round again after `LENGTHS` of them.
+Late answers carry no number, so a request of a different length follows a time-out, as a probe. An instrument answers
+in
+order: once a probe is answered, all earlier requests are answered or lost, and the next answer belongs to the next
+request, however slow the instrument is. Until then an answer with the length of a reading counts as late. Probes in a
+row
+have different lengths, which repeat after `LENGTHS` probes.
 
-Some instrument may answer nothing but its usual request. Until one probe has been answered, only `TRIES` are made,
-and one more for each reading that was answered in time. A request made after that is `doubtful`, since its answer may
-belong to an earlier one.
+Some instruments may answer only their usual request. Until a probe was answered, only `TRIES` probes are made, plus one
+for each reading answered in time. A later request is `doubtful`, because its answer may belong to an earlier one.
 
-RTU frames end with silence, which a pure protocol cannot see and adapters do not keep. So on either side a frame is
-known by its length, which its first bytes give, and by its checksum. A host hears more than the answers to it: its own
-request where the adapter echoes, and those of another host on the line.
+RTU frames end with silence, which a pure protocol cannot observe and adapters do not preserve. Both sides therefore
+recognise a frame by the length in its first bytes and by its checksum. A host also receives other frames: the echo of
+its
+request from some adapters, and requests of a second host.
 """
 
 from __future__ import annotations
@@ -57,27 +59,27 @@ _WORDS = {
     for count in (1, 2, 4)
 }
 _LARGEST: dict[Number, float] = {"float16": 65504.0, "float32": (2 - 2**-23) * 2.0**127, "float64": math.inf}
-"""The largest number of each floating type (IEEE 754)."""
+"""Largest finite value of each floating type (IEEE 754)."""
 
 
 class Layout(Protocol):
-    """Where a block begins, and how the numbers lie in it."""
+    """Start address of a block, and the layout of numbers."""
 
     @property
     def address(self) -> int:
-        """The first register."""
+        """Address of the first register."""
 
     @property
     def word_order(self) -> Order:
-        """The order of the registers of a value."""
+        """Order of the registers of a value."""
 
     @property
     def byte_order(self) -> Order:
-        """The order of the bytes of a register."""
+        """Order of the bytes of a register."""
 
 
 def unpack(registers: Sequence[int], register: Register, layout: Layout) -> float:
-    """Return one value of the block."""
+    """Return one value of a block."""
     number = _NUMBER[register.type]
     start = register.address - layout.address
     words = registers[start : start + number.size // 2]
@@ -87,7 +89,7 @@ def unpack(registers: Sequence[int], register: Register, layout: Layout) -> floa
 
 
 def pack(registers: list[int], register: Register, layout: Layout, value: float) -> None:
-    """Put one value into the block."""
+    """Store one value in a block."""
     start = register.address - layout.address
     data = _NUMBER[register.type].pack(value if register.type in _LARGEST else round(value))
     words = _WORDS[layout.byte_order, register.count].unpack(data)
@@ -95,7 +97,7 @@ def pack(registers: list[int], register: Register, layout: Layout, value: float)
 
 
 def fits(raw: float, register: Register) -> bool:
-    """Return whether the register's type can hold the value."""
+    """Return whether the register type can represent the value."""
     if not math.isfinite(raw):
         return False
     if register.type in _LARGEST:
@@ -110,32 +112,34 @@ TRIES = 3
 
 
 class Resync:
-    """Chooses the length of an instrument's next answer, so that a late answer can be recognised by its length."""
+    """Chooses the length of the next request, so that late answers can be recognised by their length."""
 
     def __init__(self) -> None:
         self.usual: set[int] = set()
-        """The lengths of its readings."""
+        """Lengths of the readings."""
         self.owed = False
         """Whether a request is unanswered."""
         self.probing = False
-        """Whether the request on the line is a probe."""
+        """Whether the present request is a probe."""
         self.doubtful = False
-        """Whether the request on the line is a reading's while an answer of that length is owed."""
+        """Whether the present request is a reading although an answer of that length is outstanding."""
         self._proven = False
         self._probes = 0
         self._tries = TRIES
 
     @property
     def counts(self) -> list[int]:
-        """The lengths of probes, which no reading has."""
+        """Lengths of probes, different from those of readings."""
         return [count for count in range(1, LENGTHS + len(self.usual) + 1) if count not in self.usual][:LENGTHS]
 
     def add(self, count: int) -> None:
-        """Note the length of one of its readings."""
+        """Register the length of a reading."""
         self.usual.add(count)
 
     def ask(self, count: int) -> int:
-        """Return the length to request now: that of the reading, or a probe's while an answer is outstanding."""
+        """Return the length of the next request: the given length, or that of a probe while an answer is
+        outstanding.
+        """
         self.probing = self.owed and (self._proven or self._tries > 0)
         self.doubtful = self.owed and not self.probing
         self.owed = True
@@ -146,37 +150,37 @@ class Resync:
         return self.counts[(self._probes - 1) % LENGTHS]
 
     def answered(self) -> None:
-        """Note that the expected answer has come."""
+        """Record the expected answer."""
         self.owed = False
         self._proven |= self.probing
         self._tries = max(self._tries, 1)
 
 
 REQUEST = 8
-"""Bytes of a request to read registers; no answer to one has as many."""
+"""Bytes of a read request, different from the length of every answer."""
 _HEAD = 3
 _REQUESTS = range(1, 7)
-"""Functions whose requests have so many bytes (Modbus application protocol V1.1b3, 6.1 to 6.6)."""
+"""Functions with requests of this length (Modbus application protocol V1.1b3, 6.1 to 6.6)."""
 _MOST_BYTES = 250
-"""The most that the registers in an answer take: there are 125 at most (the same, 6.3)."""
+"""Maximum bytes of the registers in an answer, 125 registers (V1.1b3, 6.3)."""
 _QUICK_BAUD, _QUICK_NS, _CHARACTERS = 19_200, 1_750_000, 3.5
 
 
 def silent_interval_ns(line: Line) -> int:
-    """Return the silence that must go before a frame, by which units on one line know where it begins.
+    """Return the silence before a frame by which the units on a line recognise its start.
 
-    3.5 characters, above 19 200 baud 1.75 ms (Modbus over serial line V1.02, 2.5.1.1).
+    3.5 characters, or 1.75 ms above 19 200 baud (Modbus over serial line V1.02, 2.5.1.1).
     """
     return _QUICK_NS if line.baud > _QUICK_BAUD else round(_CHARACTERS * line.character_ns)
 
 
 def intact(frame: bytes) -> bool:
-    """Return whether the checksum at the end of a frame is right."""
+    """Return whether the checksum at the end of a frame is correct."""
     return FramerRTU.check_CRC(frame[:-2], int.from_bytes(frame[-2:], "big"))
 
 
 class RtuRequests:
-    """The requests in a serial stream: any eight bytes with the right checksum; others pass by."""
+    """Requests in a serial stream: any eight bytes with a correct checksum; other data is skipped."""
 
     def __init__(self) -> None:
         self._data = bytearray()
@@ -202,15 +206,15 @@ class RtuRequests:
 
 
 class RtuReplies(Sized):
-    """The answers in a serial stream, and requests among them.
+    """Answers in a serial stream, and requests among them.
 
-    counts: how many registers an answer may have, by unit and function; any number of a unit that is not listed.
+    counts: possible register counts of an answer, by unit and function; any count is accepted for unlisted units.
     """
 
     def __init__(self, counts: Mapping[tuple[int, int], Collection[int]]) -> None:
         super().__init__(_HEAD, self._answer_size)
         self.asked = b""
-        """The request on the line, which may be echoed."""
+        """Present request, possibly echoed."""
         self._counts = counts
 
     def _next_size(self, pending: bytearray) -> int | None:
@@ -223,13 +227,13 @@ class RtuReplies(Sized):
         if self.asked and self.asked.startswith(data[:REQUEST]):
             return REQUEST if len(data) >= REQUEST else 0
         if len(data) < (answer or (REQUEST if data[1] in _REQUESTS else 0)):
-            return 0  # an answer of nine bytes whose last is 0 is intact without it, too
+            return 0  # an answer of nine bytes ending in 0 also has a correct checksum without the last byte
         if len(data) >= REQUEST and intact(data[:REQUEST]):
             return REQUEST
         return answer or None
 
     def _answer_size(self, head: bytes) -> int:
-        """The size of an answer that begins so, 0 where none does."""
+        """Return the size of an answer with this head; 0 if invalid."""
         unit, function, size = head[:_HEAD]
         counts = self._counts.get((unit, function & 0x7F))
         if function & 0x7F not in (3, 4):
@@ -243,42 +247,42 @@ class RtuReplies(Sized):
 _REQUEST = {3: ReadHoldingRegistersRequest, 4: ReadInputRegistersRequest}
 _ASCII_END = b"\r\n"
 _ASCII_REQUEST = 15
-"""Characters of a request to read registers, without its end; no answer to one has as many."""
+"""Characters of a read request without the line end, different from the length of every answer."""
 _ASCII = re.compile(rb":(?:[0-9A-Fa-f]{2}){3,}")
 logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL + 1)
-"""It logs each frame that it cannot decode; here that is a fault, reported at a limited rate."""
+"""pymodbus logs each undecodable frame; here this is a fault with limited rate."""
 
 
 class Block(Layout, Protocol):
-    """What a rig file says about the registers to be read."""
+    """Registers to read, according to the rig file."""
 
     @property
     def port(self) -> str:
-        """The port: TCP if it is an address, else a serial device."""
+        """Port: TCP for an address, otherwise a serial device."""
 
     @property
     def framing(self) -> Framing:
-        """The framing on a serial line."""
+        """Framing on a serial line."""
 
     @property
     def unit(self) -> int:
-        """The number of the instrument on its line or behind its gateway."""
+        """Unit number of the instrument on the line or behind the gateway."""
 
     @property
     def function(self) -> Literal[3, 4]:
-        """The function code: 3 reads holding registers, 4 input registers."""
+        """Function code: 3 for holding registers, 4 for input registers."""
 
     @property
     def count(self) -> int:
-        """The number of registers."""
+        """Number of registers."""
 
 
 class Wire:
-    """The frames of one side of a line or a connection, and the blocks that are read over it."""
+    """Frames of one side of a line or connection, and the blocks read over it."""
 
     def __init__(self, port: str, framing: Framing, *, serving: bool) -> None:
         self.numbered = tcp_address(port) is not None
-        """Whether requests and replies carry a transaction id."""
+        """Whether frames have a transaction id."""
         self.frames: Framer
         self._number = 0
         self._counts: dict[tuple[int, int], set[int]] = {}
@@ -298,18 +302,18 @@ class Wire:
             self._replies = self.frames
 
     def resync_of(self, block: Block) -> Resync:
-        """Return which answer is expected of this block's unit on a serial line; the block is read from now on."""
+        """Register a block and return the resynchronisation state of its unit on a serial line."""
         resync = self._resyncs.setdefault(block.unit, Resync())
         resync.add(block.count)
         self._counts.setdefault((block.unit, block.function), set()).update(resync.usual, resync.counts)
         return resync
 
     def owes(self, unit: int) -> bool:
-        """Return whether a unit that is read over this line has left a request unanswered."""
+        """Return whether a unit read over this line has an unanswered request."""
         return unit in self._resyncs and self._resyncs[unit].owed
 
     def request(self, unit: int, function: int, address: int, count: int) -> bytes:
-        """Return the request to read so many registers, without the transaction id that `numbering` gives it."""
+        """Return a read request without a transaction id, which `numbering` adds."""
         return self.encode(_REQUEST[function](dev_id=unit, address=address, count=count))
 
     def encode(self, pdu: ModbusPDU) -> bytes:
@@ -317,7 +321,7 @@ class Wire:
         return self._framer.buildFrame(pdu)
 
     def numbering(self, request: bytes) -> bytes:
-        """Return the request with the next transaction id, where requests carry one; it is then on the line."""
+        """Return the request with the next transaction id, if applicable; it becomes the present request."""
         if self._replies:
             self._replies.asked = request
         if not self.numbered:
@@ -326,21 +330,21 @@ class Wire:
         return self._number.to_bytes(2, "big") + request[2:]
 
     def open(self, frame: bytes) -> tuple[int, int, bytes]:
-        """Return unit, transaction id and content of a frame; the content is empty if the frame is damaged."""
+        """Return unit, transaction id and content of a frame; the content of a damaged frame is empty."""
         if self._ending and not _ASCII.fullmatch(frame):
             return 0, 0, b""
         _, unit, number, content = self._framer.decode(frame + self._ending)
         return unit, number, content
 
     def asks(self, frame: bytes) -> int | None:
-        """Return the unit that a frame on a serial line asks; None for an answer."""
+        """Return the unit addressed by a request on a serial line; None for an answer."""
         if self.numbered or len(frame) != (_ASCII_REQUEST if self._ending else REQUEST):
             return None
         unit, _, content = self.open(frame) if self._ending else (frame[0], 0, frame)
         return unit if content else None
 
     def is_sent(self, frame: bytes, request: bytes) -> bool:
-        """Return whether a frame is this request, as an adapter with an echo brings it back."""
+        """Return whether a frame is the echo of a request."""
         return frame + self._ending == request
 
     def decode(self, content: bytes) -> ModbusPDU | None:
@@ -349,12 +353,12 @@ class Wire:
 
 
 def exception_of(content: bytes) -> int | None:
-    """Return the code of an exception; None for any other content."""
+    """Return the code of an exception; None for other content."""
     return content[1] if len(content) == 2 and content[0] & 0x80 else None
 
 
 def registers_of(content: bytes) -> tuple[int, ...] | None:
-    """Return the registers of an answer to a read; None for any other content, also of another length than it says."""
+    """Return the registers of a read answer; None for other content or a wrong length."""
     size = len(content) - 2
     if size < 0 or size % 2 or content[0] & 0x80 or content[1] != size:
         return None

@@ -1,24 +1,25 @@
-"""Numbers as gauges print them: the shape in which each writes its own, learned from its replies, and what to make of
-one that differs.
+"""Number formats of gauges: learned from the replies, and used to detect damaged numbers.
 
-Where a reply has no checksum, one that has lost or doubled a character is most often a number still, and another one.
-A gauge writes all its numbers alike, and that shows it: the number of decimals is always the same; where the number is
-filled up with zeros or blanks, so is its length. A reply of another shape is a fault and no reading. Where the length
-is that of the number (`+9.9985`, `+10.0012`) another length is believed unless a number of which one lost or doubled
-character makes it lies nearer to where the last two readings lead, and even then as soon as a second reply bears it
-out. So is a number without its sign, on a gauge that writes no `+`.
+In a reply without a checksum, a lost or doubled character often produces a different valid number. Gauges print all
+numbers in the same format: a constant number of decimals and, if padded with zeros or blanks, a constant length. A
+reply
+in a different format is a fault instead of a reading. With variable length (`+9.9985`, `+10.0012`) a new length is
+accepted unless a single lost or doubled character would put the number closer to the extrapolation of the last two
+readings; a second consistent reply always confirms it. The same applies to a missing sign if the gauge never prints
+`+`.
 
-Another number of decimals reply after reply is no damage: somebody has pressed in/mm, or changed the resolution. Such
-readings are never believed, since rigd cannot know which of the two it was.
+A change in the number of decimals over several replies is not damage: somebody pressed in/mm or changed the resolution.
+Such readings are always rejected, because rigd cannot know which one happened.
 
-What no shape shows is a digit that became another one, on a line without parity. Where the reading jumps by one digit
-and back it is reported as doubtful. A change of the last digits, of the size of what the gauge scatters, shows nowhere.
+The format cannot reveal a digit changed to a different digit on a line without parity. A jump by one digit and back is
+reported as doubtful. Changes of the last digits, within the scatter of the gauge, remain undetected.
 
-What is no number, or no possible angle, gives None and never an exception.
+Text that is not a number, or not a possible angle, gives None and never an exception.
 
-A number beyond the range that the rig file states, or beyond any length there is, is no reading. One that was put
-together wrongly (bytes or registers in the wrong order, a wrong type or address) is most often beyond any length. It is
-GARBLED; one outside the stated range is the gauge's own trouble, DEVICE_ERROR.
+A number beyond the range in the rig file, or beyond any possible length, is not a reading. Numbers assembled
+incorrectly
+(byte or register order, type, address) are mostly beyond any length: GARBLED. A number outside the stated range is a
+problem of the gauge: DEVICE_ERROR.
 """
 
 from __future__ import annotations
@@ -35,24 +36,27 @@ from rigs.schema.part import LONGEST_MM
 from rigs.schema.probe import Probe
 
 AGREED = 20
-"""Replies by which a shape is known: of so many, one in 200 of which is damaged, not half are."""
+"""Replies needed to learn a format: with one damaged reply in 200, damaged ones cannot be the majority."""
 _LASTING = 3
-"""Replies in a row with another number of decimals that are a change, and no damage: one in 200 is damaged, so three in
-a row are, alike, less than once in some ten million."""
+"""Replies in a row with a new number of decimals that count as a change: with one damaged reply in 200, three equal
+damaged
+ones in a row occur less than once in ten million.
+"""
 _PADDED = re.compile(rb"[+\- ]?( |0\d)")
 _DIGITS = b"0123456789"
 _REACH = 3
-"""How many times as far as the furthest of late a reading may lie: of `AGREED` normal deviations the furthest is some 2
-sigma, so less than one in a hundred million lies further."""
+"""Accepted deviation relative to the largest recent one: of `AGREED` normal deviations the largest is about 2 sigma, so
+fewer than one in a hundred million lies further out.
+"""
 _FAR = 10
-"""How many times as far a reading lies of which a digit is false; one that is so near by chance is then one in ten."""
+"""Relative deviation of a reading with a wrong digit; one in ten wrong readings is closer by chance."""
 
 
 @dataclass(frozen=True, slots=True)
 class Written:
-    """A number as a gauge wrote it. value_mm: what it says; text: all of it, with the place of its sign.
+    """Number as printed by a gauge. value_mm: value. text: all characters including the sign position.
 
-    mm: what one of its unit is; fields: how many numbers the message has, where their order says whose they are.
+    mm: length of one unit. fields: numbers in the message, if the order identifies the gauges.
     """
 
     value_mm: float
@@ -62,13 +66,13 @@ class Written:
 
     @property
     def shape(self) -> Shape:
-        """The shape of the number."""
+        """Format of the number."""
         return Shape(len(self.text.strip().partition(b".")[2]), len(self.text), self.fields)
 
 
 @dataclass(frozen=True, slots=True)
 class Shape:
-    """Number of decimals, characters of the number, and numbers in its message."""
+    """Number of decimals, characters of the number, and numbers in the message."""
 
     decimals: int
     width: int
@@ -77,7 +81,7 @@ class Shape:
 
 @dataclass(frozen=True, slots=True)
 class Doubt:
-    """Why a number is not believed, or `count` earlier ones are not any more."""
+    """Reason for rejecting a number, or `count` earlier ones."""
 
     kind: FaultKind
     detail: str
@@ -85,7 +89,7 @@ class Doubt:
 
 
 class HeldShape:
-    """What one gauge has written so far, to which the next number is held."""
+    """Format of the numbers printed by one gauge, for checking the next number."""
 
     def __init__(self) -> None:
         self._held: Shape | None = None
@@ -93,19 +97,19 @@ class HeldShape:
         self._padded = False
         self._other: Shape | None = None
         self._others = 0
-        """Another shape, and how many replies in a row have had it."""
+        """Different format, and the number of consecutive replies with it."""
         self._last_mm = self._pending_mm = float("nan")
-        """The last reading that was believed, and one after it that is to be borne out."""
+        """Last accepted reading, and a later one awaiting confirmation."""
         self._text = b""
         self._before_mm = float("nan")
-        """The reading before the last one."""
+        """Reading before the last one."""
         self._bends_mm: deque[float] = deque(maxlen=AGREED)
-        """How far each reading lay from the middle of its neighbours."""
+        """Distance of each reading from the middle of its neighbours."""
         self._steps_mm: deque[float] = deque(maxlen=AGREED)
-        """From each reading to the next, signed."""
+        """Signed steps between readings."""
 
     def check(self, written: Written) -> tuple[bool, Doubt | None]:
-        """Take the next number; return whether it is a reading, and what is to be reported."""
+        """Check the next number; return whether it is a reading, and the doubt to report."""
         shape = written.shape
         if self._held is None:
             return self._believed(written)
@@ -130,7 +134,7 @@ class HeldShape:
             return False, Doubt(FaultKind.UNIT_CHANGED, f"{change}: {reason}; {remedy}")
         alike = (shape.decimals, shape.fields) == (usual.decimals, usual.fields)
         if self._others >= AGREED and shape.decimals == usual.decimals:
-            return self._believed(written)  # it was set otherwise
+            return self._believed(written)  # the gauge was reconfigured
         narrower = shape.width < usual.width
         if not alike or _PADDED.match(written.text) or (self._padded and narrower):
             return False, self._misshapen(written, f"so far they had {_in_words(usual)}")
@@ -139,7 +143,7 @@ class HeldShape:
         return self._believed(written)
 
     def _believed(self, written: Written) -> tuple[bool, Doubt | None]:
-        """Take a number as a reading; report where the one before it jumped away by one digit, alone."""
+        """Accept a number as a reading; report a single-digit jump of the previous one."""
         self._agreed += 1
         value_mm = written.value_mm
         doubt = self._one_digit(written)
@@ -151,12 +155,13 @@ class HeldShape:
         return True, doubt
 
     def _one_digit(self, written: Written) -> Doubt | None:
-        """Doubt the reading before this one where it lies far from the middle of its neighbours, and near it were one
-        of its digits another."""
+        """Doubt the previous reading if it is far from the middle of its neighbours, but near with one digit
+        changed.
+        """
         middle_mm = (self._before_mm + written.value_mm) / 2
         off_mm = abs(self._last_mm - middle_mm)
         near_mm = _REACH * max([*self._bends_mm, written.mm * 10.0**-written.shape.decimals])
-        # Where the readings come unevenly a moving gauge lies off the middle, but between its neighbours.
+        # With uneven sampling a moving gauge is off the middle, but between its neighbours.
         far = len(self._bends_mm) == AGREED and off_mm > max(
             _FAR * near_mm, 1.5 * abs(written.value_mm - self._before_mm)
         )
@@ -164,7 +169,7 @@ class HeldShape:
             abs(number * written.mm - middle_mm) <= near_mm
             for number in _with_another(self._text, _FAR * near_mm / written.mm)
         ):
-            if math.isfinite(off_mm):  # one that is far takes part as one that is near: it may be false itself
+            if math.isfinite(off_mm):  # a distant reading counts as a near one, because it may be wrong itself
                 self._bends_mm.append(min(off_mm, near_mm) if len(self._bends_mm) == AGREED else off_mm)
             return None
         detail = f"{self._last_mm:.6g} mm alone between {self._before_mm:.6g} and {written.value_mm:.6g} mm"
@@ -173,25 +178,25 @@ class HeldShape:
 
     @property
     def _expected_mm(self) -> float:
-        """Where the last two readings lead."""
+        """Return the extrapolation of the last two readings."""
         return self._last_mm + (self._steps_mm[-1] if self._steps_mm else 0.0)
 
     def _borne_out(self, written: Written) -> bool:
-        """Whether the number lies nearer to the one that waits to be borne out than to the last that was believed."""
+        """Return whether the number is closer to the unconfirmed reading than to the last accepted one."""
         if abs(written.value_mm - self._pending_mm) < abs(written.value_mm - self._last_mm):
             return True
         self._pending_mm = written.value_mm
         return False
 
     def _may_be_damaged(self, written: Written, wider: int) -> bool:
-        """Whether a lost or doubled character explains the number better than a motion since the last reading."""
+        """Return whether a lost or doubled character explains the number better than motion since the last reading."""
         if abs(wider) > 1:
             return True
         text = written.text
         if wider > 0:  # one digit was doubled
             doubled = (k for k in range(1, len(text)) if text[k] == text[k - 1] and text[k] in _DIGITS)
             originals = [text[:k] + text[k + 1 :] for k in doubled]
-        else:  # one before the point was lost
+        else:  # a digit before the point was lost
             first = next(k for k, byte in enumerate(text) if byte in _DIGITS)
             places = range(first, text.index(b".") + 1)
             originals = [text[:k] + bytes([digit]) + text[k:] for k in places for digit in _DIGITS]
@@ -214,14 +219,13 @@ class HeldShape:
 
 @runtime_checkable
 class Shaped(Protocol):
-    """What holds the numbers of its gauges, in order, to the shapes of those before them."""
+    """Checks the numbers of its gauges, in order, against the learned formats."""
 
     shapes: list[HeldShape]
 
 
 class PassesShapes:
-    """A conversation whose shapes are those of what it asks by: a dialect or another conversation, which has none if
-    its numbers have no text."""
+    """Conversation with the formats of its dialect or inner conversation; empty for binary values."""
 
     _asked: object
 
@@ -236,8 +240,10 @@ class PassesShapes:
 
 
 def hand_on(earlier: object, later: object) -> None:
-    """Have a conversation know the shapes that one before it on its link has learned: a plug that was pulled changes
-    no gauge, and one whose in/mm was pressed meanwhile is noticed."""
+    """Pass on learned formats to the next conversation of a link: reconnecting a plug does not change a gauge, and an
+    in/mm
+    press in the meantime is detected.
+    """
     if isinstance(earlier, Shaped) and isinstance(later, Shaped):
         later.shapes = earlier.shapes
 
@@ -252,7 +258,7 @@ def _number(text: bytes) -> float:
 
 
 def _with_another(text: bytes, least: float) -> Iterator[float]:
-    """The numbers of which one false digit makes this text, of those digits that stand for at least so much."""
+    """Return the numbers produced by one wrong digit in this text, for digits worth at least `least`."""
     point = text.index(b".")
     for k, byte in enumerate(text):
         stands_for = 10.0 ** (point - k - (k < point))
@@ -262,37 +268,39 @@ def _with_another(text: bytes, least: float) -> Iterator[float]:
 
 _NUMBER = re.compile(r"[+-]?(\d{1,18}(\.\d{0,18})?|\.\d{1,18})([eE][+-]?\d{1,2})?", re.ASCII)
 _MAX_DEG = 1e6
-"""No axis turns further from its zero."""
+"""Axes never turn further from zero."""
 _LARGEST_BESIDE = 1e9
-"""No speed in percent, no mass, no temperature and no program's number is larger."""
+"""Upper limit of speeds in percent, masses, temperatures and program numbers."""
 
 
 def number(text: str) -> float | None:
-    """Return a decimal number, None for anything else (nan, inf, hexadecimals, underscores, a hundred digits)."""
+    """Parse a decimal number; None for other text (nan, inf, hexadecimal, underscores, a hundred digits)."""
     return float(text) if _NUMBER.fullmatch(text) else None
 
 
 def are_angles(values_deg: Iterable[float]) -> bool:
-    """Return whether all values are finite and possible for an axis."""
+    """Return whether all values are finite and possible axis angles."""
     return all(abs(value) < _MAX_DEG for value in values_deg)
 
 
 def plausible(value: float) -> float:
-    """Return what a robot shows beside its joints; nan for what no speed, mass, temperature or program can be."""
+    """Return an additional value of a robot, or nan if it is impossible for a speed, mass, temperature or program
+    number.
+    """
     return value if abs(value) <= _LARGEST_BESIDE else math.nan
 
 
 _LEAST_MM = 1e-20
-"""What is left where double precision takes lengths of 0.1 mm from each other is some 1e-17 or nothing at all."""
+"""Rounding of differences of lengths near 0.1 mm gives 1e-17 or exactly 0."""
 
 
 def is_length(value_mm: float) -> bool:
-    """Return whether a number can be a length that was measured; nan and infinity cannot."""
+    """Return whether a number is a possible measured length; false for nan and infinity."""
     return value_mm == 0 or _LEAST_MM < abs(value_mm) <= LONGEST_MM
 
 
 def refusal(value_mm: float, gauge: Probe) -> tuple[FaultKind, str] | None:
-    """Return why the number is not a reading of this gauge, and what to check; None where it can be one."""
+    """Return the reason for rejecting a number of this gauge, with advice; None if it is valid."""
     if not is_length(value_mm):
         return FaultKind.GARBLED, f"{value_mm:.3g} mm is no length that a gauge measures; check `units`"
     if gauge.limits_mm is None or gauge.limits_mm[0] <= value_mm <= gauge.limits_mm[1]:

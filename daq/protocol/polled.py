@@ -1,32 +1,35 @@
-"""Requests and answers: one request on the line at a time, the next one as soon as it is answered and due.
+"""Requests and answers: one request at a time, the next one as soon as it is due and the previous one is answered.
 
-An answer must never be credited to a later request. Serial answers carry no number, so whenever it is unclear
-whose an answer would be, nothing is asked: the line is *drained*, that is, whatever comes is discarded until
-nothing has come for `timeout_s`. So it is
+An answer must never be assigned to a later request. Serial answers carry no number, so in ambiguous situations the line
+is *drained*: received data is discarded until the line was silent for `timeout_s`. This happens
 
-- at connect, where an answer to someone's earlier request may still be on its way,
-- after a time-out (Fault SILENT), whose answer may still come (Fault LATE, with the count discarded),
-- after bytes that make no sense, since the real answer may be among them,
-- when more than the answer came.
+- at connect, because an answer to an earlier request may be in transit,
+- after a time-out (fault SILENT), because the answer may still arrive (fault LATE with the discarded count),
+- after invalid bytes, because the real answer may be among them,
+- after surplus data.
 
-It also is where nothing is asked because a given `rate_hz` allows no further request yet (a request that is made a
-little late puts off none of those after it, or a busy computer would never reach that rate), and now and then to stir
-the line (`Stirring`). On a line that it shares an instrument is asked when its turn comes, and all that
-comes meanwhile is somebody else's (`daq.protocol.bus`).
+Draining also fills the time in which `rate_hz` permits no request (a slightly late request does not delay later ones;
+otherwise a busy computer could not reach the rate), and occasional pauses (`Stirring`). On a shared line an instrument
+is
+polled in turn, and data in the meantime belongs to other instruments (`daq.protocol.bus`).
 
-An answer later than twice `timeout_s` can still slip through where the protocol has neither a number nor a length
-to distinguish them by (`daq.protocol.modbus`): make `timeout_s` at least half the slowest answer of the instrument.
-After an error answer the line rests for `PAUSE_NS`, for an instrument that refuses does so at once.
+An answer later than twice `timeout_s` can still be misassigned if the protocol offers neither number nor length
+(`daq.protocol.modbus`): set `timeout_s` to at least half the slowest answer time. After an error answer the line pauses
+for `PAUSE_NS`, because an instrument refuses immediately.
 
-Now and then the line rests, so that an adapter which holds bytes back does not fall into step with the requests. FTDI's
-latency timer is 16 ms. Where each request follows the answer before at once, its answers all wait alike; then no answer
-of a run comes as quickly as the instrument gives it, and it is unknown when it was latched. So after `STIR` requests
-the line rests for up to `STIR_NS`, each time for another time: half a second (`STIR_EVERY_NS`) apart at the least,
-since it makes a hole in the readings of a quick instrument.
+Occasional pauses prevent a buffering adapter from synchronising with the requests. The latency timer of FTDI is 16 ms.
+If
+each request follows the previous answer immediately, all answers are delayed equally; then no answer of a run is as
+fast
+as the instrument allows, and the latching time is unknown. So after `STIR` requests the line pauses for up to
+`STIR_NS`,
+with varying duration and at intervals of at least `STIR_EVERY_NS`, because each pause leaves a gap in the readings.
 
-An instrument can be asked by a modem line as well: DTR goes off for some time, and it sends a reading. Cables of which
-the instrument cannot hear anything are made so. The exchange is that of a request and its answer (`Polled`); here its
-request becomes the line. DTR is on between two requests for as long as it was off.
+Some instruments are polled by a modem line: DTR goes off briefly and the instrument sends a reading, as with cables
+that
+have no receive line. `Polled` handles such an exchange; the request is then a pulse of the line. DTR stays on between
+two
+requests for at least the duration of a pulse.
 """
 
 from __future__ import annotations
@@ -45,26 +48,26 @@ STIR = 50
 STIR_NS = 17_000_000
 STIR_EVERY_NS = 500_000_000
 _GOLDEN = 0.6180339887498949
-"""Multiples of it, less their whole part, fill the range from 0 to 1 evenly, however many there are."""
+"""The fractional parts of its multiples fill the range from 0 to 1 evenly, for any count."""
 
 
 class Stirring:
-    """Counts the requests on a line, and says when it rests."""
+    """Counts requests and decides about pauses."""
 
     def __init__(self) -> None:
         self._requests = self._stirs = 0
         self._stirred_ns = 0
 
     def begin(self, now_ns: int) -> None:
-        """Note that the link has just opened."""
+        """Record the opening of the link."""
         self._stirred_ns = now_ns
 
     def count(self) -> None:
-        """Note a request."""
+        """Record a request."""
         self._requests += 1
 
     def rest_ns(self, now_ns: int) -> int:
-        """Return how long the line rests after an answer; mostly 0."""
+        """Return the pause after an answer, mostly 0."""
         if self._requests < STIR or now_ns < self._stirred_ns + STIR_EVERY_NS:
             return 0
         self._requests, self._stirred_ns = 0, now_ns
@@ -74,16 +77,18 @@ class Stirring:
 
 PAUSE_NS = 100_000_000
 _BABBLE = 4
-"""Time-outs that a drain may last before it is reported and the instrument is asked again to be quiet."""
+"""Time-outs after which a continuing drain is reported and the instrument is reset."""
 
 
 _ECHOED = 3
-"""Bytes of a request that are hardly the beginning of an answer."""
+"""Minimum length of an echo fragment; shorter matches may be the start of an answer."""
 
 
 def echoed_part(sent: bytes, heard: bytes) -> int:
-    """Return how many bytes of a request came back, where a part of it did: without its first bytes, which an adapter
-    misses that turns round late, or without its last, which the answer has cut off. 0 where none did."""
+    """Return the length of an echoed fragment of a request, 0 for none.
+
+    A slow adapter misses the first bytes of the echo; an early answer cuts off the last ones.
+    """
     for skipped in range(len(sent) - _ECHOED + 1):
         tail = sent[skipped:]
         length = next(
@@ -95,23 +100,23 @@ def echoed_part(sent: bytes, heard: bytes) -> int:
 
 
 class Then(Enum):
-    """What a message means for the exchange."""
+    """Effect of a message on the exchange."""
 
     ASK = auto()
     """The message was the answer."""
     PAUSE = auto()
-    """The message was the answer, and a refusal."""
+    """The message was a refusal."""
     WAIT = auto()
-    """The message was not the answer, which may still come."""
+    """The message was not the answer, which may still arrive."""
     DRAIN = auto()
-    """The message may or may not be the answer."""
+    """It is unclear whether the message was the answer."""
 
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """The meaning of a message: its items, and what follows for the exchange.
+    """Items of a message, and the effect on the exchange.
 
-    No items: a step on the way to a reading, which neither begins nor ends a run of faults.
+    Empty items: an intermediate step, which neither starts nor ends a series of faults.
     """
 
     items: tuple[Item, ...]
@@ -119,33 +124,36 @@ class Reply:
 
 
 class PolledDialect(Protocol):
-    """What one instrument adds to the exchange of requests and answers."""
+    """Instrument-specific part of a polled exchange."""
 
     @property
     def frames(self) -> Framer:
-        """The framer that cuts its messages."""
+        """Framer of the messages."""
 
     reset: bytes
-    """The bytes that make the instrument quiet; sent at the beginning of a drain in which no answer is expected."""
+    """Bytes that silence the instrument; sent at the start of a drain without an expected answer."""
     check: str
-    """What to look at when it is silent."""
+    """Advice for a silent instrument."""
     babble: str
-    """What to look at when its line will not go quiet."""
+    """Advice for a line that does not become silent."""
 
     def request(self) -> bytes:
         """Return the next request."""
 
     def read(self, message: Message, requested_ns: int) -> Reply:
-        """Return the meaning of a message as an answer to the request of that time."""
+        """Interpret a message as an answer to the request of that time."""
 
 
 class Polled(PassesShapes):
-    """The host's side of an instrument that answers requests."""
+    """Host side of an instrument that answers requests."""
 
     def __init__(
         self, dialect: PolledDialect, timeout_s: float, rate_hz: float = math.inf, *, shared: bool = False
     ) -> None:
-        """shared: whether others are asked on the line in between; then `tick` is what lets it ask."""
+        """Create the host side.
+
+        shared: whether other instruments are polled in between; then `tick` gives the turn.
+        """
         self._asked = self._dialect = dialect
         self._shared = shared
         self._period_ns = round(1e9 / rate_hz)
@@ -155,18 +163,18 @@ class Polled(PassesShapes):
         self._requested_ns = NO_TIME
         self._stirring = Stirring()
         self._due_ns = 0
-        """The earliest time of the next request."""
+        """Earliest time of the next request."""
         self._wake_ns = 0
         self._quiet_ns = self._timeout_ns
         self._discarded = 0
         self._reporting = False
         self._babble_ns = 0
         self._sent = self._heard = b""
-        """The request on the line, and the first that came after it, as much as an echo of it would be."""
+        """Present request, and the data after it up to the length of an echo."""
 
     @property
     def asking(self) -> bool:
-        """Whether a request is on the line."""
+        """Whether a request is pending."""
         return self._requested_ns != NO_TIME
 
     def connected(self, now_ns: int) -> Step:
@@ -207,11 +215,11 @@ class Polled(PassesShapes):
             return Reply((self._explained(message),), Then.DRAIN)
         reply = self._dialect.read(message, self._requested_ns)
         if not has_fault(reply.items):
-            return reply  # a reading, nearly always
+            return reply  # nearly always a reading
         return replace(reply, items=tuple(map(self._explained, reply.items)))
 
     def _explained(self, item: Item) -> Item:
-        """A fault that bytes make no sense says so where they are a part of our own request."""
+        """Extend the fault for invalid bytes if they are a part of our own request."""
         if not isinstance(item, Fault) or item.kind is not FaultKind.GARBLED:
             return item
         if not (part := echoed_part(self._sent, self._heard)):
@@ -256,7 +264,7 @@ class Polled(PassesShapes):
         discarded: int = 0,
         reporting: bool = False,
     ) -> Step:
-        """Request nothing until the line has been quiet; `reporting`: what comes meanwhile is reported."""
+        """Wait for a silent line before the next request; `reporting`: report the data received meanwhile."""
         self._requested_ns = NO_TIME
         self._quiet_ns = self._timeout_ns if quiet_ns is None else quiet_ns
         self._wake_ns = now_ns + self._quiet_ns
@@ -276,7 +284,7 @@ class Polled(PassesShapes):
         return self._drain([fault], now_ns, send=self._dialect.reset)
 
     def _late(self, now_ns: int) -> list[Item]:
-        """Return the fault for what the drain discarded, including an incomplete message."""
+        """Return the fault for the discarded data, including an incomplete message."""
         count = self._discarded + self._dialect.frames.pending
         if not (self._reporting and count):
             return []
@@ -285,15 +293,15 @@ class Polled(PassesShapes):
 
 
 class AskedByLine(PassesShapes):
-    """The host's side. exchange: one that shares its line, so that it asks when it is let."""
+    """Host side of an instrument polled by DTR. exchange: a polled exchange in shared mode."""
 
     def __init__(self, exchange: Polled, off_ns: int) -> None:
         self._asked = self._exchange = exchange
         self._off_ns = off_ns
         self._wake_ns = self._free_ns = 0
-        """When the exchange is due, and when DTR may go off again."""
+        """Next time of the exchange, and earliest time to switch DTR off."""
         self._on_ns: int | None = None
-        """When DTR goes on again; None while it is."""
+        """Time to switch DTR on; None while it is on."""
 
     def connected(self, now_ns: int) -> Step:
         return self._after(self._exchange.connected(now_ns), now_ns)

@@ -1,20 +1,21 @@
-"""A controller that sends its joint angles by datagrams, each with a number and a stamp of its own clock.
+"""Controllers that send joint angles in datagrams, each with a number and a timestamp of the controller.
 
-What the interfaces differ in is how a datagram is taken apart, and what makes the controller send. What is read at once
-is one message, and nothing ever continues in the next; the other way it is as plain: what a step sends is one datagram.
-`DatagramLines` is for texts: a datagram holds whole lines, the last of which needs no end. Both are framers like those
-of `daq.protocol.framing`, so that a conversation need not know what carried its bytes.
+The interfaces differ in the datagram format and in the start procedure. Each received datagram is one message, and each
+step sends one datagram. `DatagramLines` is for texts: a datagram contains complete lines, the last one without a line
+end. Both are framers like those of `daq.protocol.framing`, so conversations are independent of the transport.
 
-Lost, doubled and overtaken datagrams show by their numbers. A sample that comes after a later one, or twice, is ignored
-and reported as LATE: its time has passed, and a clock that runs backwards would look like a controller that was started
-again. What is missing is a SKIPPED fault with the count; so a sample that was overtaken is reported as missing first
-and as late when it comes.
+The numbers reveal lost, repeated and reordered datagrams. A repeated or overtaken sample is ignored and reported as
+LATE,
+because a decreasing clock would look like a restarted controller. Missing samples are a SKIPPED fault with the count,
+so
+an overtaken sample is first reported as missing and then as late.
 
-A device of constant rate (`SteadyDevice`) speaks by an absolute schedule: no period drifts or is lost (`Pace`).
+A device of constant rate (`SteadyDevice`) sends by an absolute schedule without drift (`Pace`).
 
-A controller that was asked for a rate may keep to a lower one: one of 125 Hz that is asked for 500 sends all it has,
-and nothing of it is missing. So a stamp is compared with the step that the controller makes itself: the asked one as
-soon as it was seen once, else the least of the first steps.
+A controller may send at a lower rate than requested: at 125 Hz instead of 500 Hz nothing is missing. Therefore stamps
+are
+compared with the actual period of the controller: the requested one once it was observed, otherwise the smallest of the
+first steps.
 """
 
 from __future__ import annotations
@@ -31,11 +32,11 @@ from daq.protocol.numerals import are_angles
 from daq.protocol.streamed import Reaction
 
 LIMIT = 4096
-"""Several times the longest message known here, an RSI text with every element that it can carry."""
+"""Several times the longest known message, an RSI text with all possible elements."""
 
 
 class Datagrams:
-    """Treats each piece as one message; one longer than `limit` bytes is a GARBLED fault."""
+    """Framer with one message per datagram; a datagram above `limit` bytes is a GARBLED fault."""
 
     pending = False
 
@@ -43,7 +44,7 @@ class Datagrams:
         self._limit = limit
 
     def clear(self) -> None:
-        """Do nothing, since nothing is ever held."""
+        """Do nothing: no data is buffered."""
 
     def feed(self, data: bytes, now_ns: int) -> Sequence[Message | Fault]:
         if len(data) > self._limit:
@@ -52,7 +53,7 @@ class Datagrams:
 
 
 class DatagramLines(Datagrams):
-    """Treats each line of a datagram as one message; the datagrams as `Datagrams` does."""
+    """Framer with one message per line of a datagram."""
 
     def feed(self, data: bytes, now_ns: int) -> Sequence[Message | Fault]:
         messages: list[Message | Fault] = []
@@ -65,9 +66,9 @@ class DatagramLines(Datagrams):
 
 
 _BEHIND = 20
-"""Messages that a network may hold one back by. Further back, the counter restarted."""
+"""Largest reordering of a network in messages; a larger backward step means a restarted counter."""
 _AHEAD = 1_000_000
-"""Messages that can be lost in a row: an hour. Further ahead, the counter restarted."""
+"""Largest loss in messages, an hour; a larger forward step means a restarted counter."""
 
 
 class Order:
@@ -79,19 +80,19 @@ class Order:
         self._last: int | None = None
 
     def forget(self) -> None:
-        """Forget the last number, so that the next message continues nothing."""
+        """Forget the last number, so that the next message starts a new sequence."""
         self._last = None
 
     def admit(self, sample: Sample, number: int) -> tuple[Item, ...]:
-        """Return the sample with this number, unless it came too late, and the faults that its number shows."""
+        """Return the sample unless it is late, and the faults shown by its number."""
         last, at_ns = self._last, sample.last_byte_ns
         if last is None:
             self._last = number
             return (sample,)
-        # Messages from the last one to this, negative for an earlier one.
+        # Messages since the last one, negative for an earlier one.
         ahead = (number - last) % self._modulus
         signed = ahead if ahead < self._modulus // 2 else ahead - self._modulus
-        # Less than a step ahead is the next all the same: a controller may be quicker than the rig file says.
+        # Less than a step ahead still counts as the next: a controller may be faster than the rig file states.
         passed = max(1, round(signed / self._step)) if signed > 0 else signed // self._step
         if -_BEHIND < passed <= 0:
             problem = "came twice" if number == last else f"came after {last}"
@@ -107,13 +108,12 @@ class Order:
 
 
 _MAX_CLOCK_S = 1e11
-"""A later stamp is invalid: three thousand years, whether since 1970 or since the controller was switched on."""
+"""Latest valid stamp: three thousand years since 1970 or since power-on."""
 
 
 @dataclass(frozen=True, slots=True)
 class Position:
-    """The position in one datagram: six joint angles (deg), the controller's clock (s) and the datagram's number, and
-    the columns of the robot's condition that the interface has."""
+    """Content of a datagram: six joint angles (deg), controller clock (s), number, and the condition columns."""
 
     angles_deg: tuple[float, ...]
     clock_s: float
@@ -123,14 +123,14 @@ class Position:
 
 @dataclass(frozen=True, slots=True)
 class Refused:
-    """The reason why a datagram holds no position, in words."""
+    """Reason for a datagram without a position."""
 
     kind: FaultKind
     detail: str
 
 
 class Positions:
-    """Receives positions in datagrams; `start` is sent at first, and again whenever the controller is silent."""
+    """Receives positions; sends `start` at first and after each silence of the controller."""
 
     def __init__(
         self, decode: Callable[[bytes], Position | Refused], check: str, order: Order, start: bytes = b""
@@ -167,7 +167,7 @@ class Positions:
 
 
 class Pace:
-    """Gives the instants of a steady rate from `start_ns` on."""
+    """Instants of a constant rate from `start_ns` on."""
 
     def __init__(self, rate_hz: float, start_ns: int) -> None:
         self._rate_hz = rate_hz
@@ -176,11 +176,11 @@ class Pace:
 
     @property
     def next_ns(self) -> int:
-        """The next instant that was not given yet."""
+        """Next instant."""
         return self._start_ns + round(self._count * 1e9 / self._rate_hz)
 
     def step(self, now_ns: int) -> int | None:
-        """Return the next instant that was not given before; None if it has not come yet."""
+        """Return the next instant if it has come, otherwise None."""
         instant = self.next_ns
         if instant > now_ns:
             return None
@@ -188,18 +188,18 @@ class Pace:
         return instant
 
     def due(self, now_ns: int) -> Iterator[int]:
-        """Return every instant up to now that was not given before."""
+        """Yield all instants up to now."""
         while (instant := self.step(now_ns)) is not None:
             yield instant
 
 
 class SteadyDevice(ABC):
-    """A device that sends what it reads at a steady rate: from when its link opens if `unasked_hz` says how often, else
-    while a request has set its pace."""
+    """Device sending at a constant rate: unprompted with `unasked_hz`, otherwise after a request."""
 
     IS_STREAM = False
-    """Whether a step sends all messages that are due. Else it sends one, as a datagram is, and if that was late the
-    next follows at once."""
+    """Whether a step sends all due messages. Otherwise it sends one datagram, followed immediately by the next if
+    late.
+    """
 
     def __init__(self, read: Callable[[int], Sequence[float]], unasked_hz: float | None = None) -> None:
         self.sent = 0
@@ -229,33 +229,33 @@ class SteadyDevice(ABC):
 
     @abstractmethod
     def _message(self, instant_ns: int) -> bytes:
-        """What it sends of this instant."""
+        """Return the message of this instant."""
 
 
 _FIRST = 25
-"""Steps from which the rate is taken, a fifth of a second at 125 Hz: packets are not skipped at each of them."""
+"""Steps used to measure the period, a fifth of a second at 125 Hz: some of them are free of losses."""
 _MORE = 1.5
-"""Periods from which a step is longer than one."""
+"""Steps above this multiple of the period contain losses."""
 
 
 class SteadySteps:
-    """Watches the stamps of successive packets."""
+    """Checks the stamps of successive packets."""
 
     def __init__(self, rate_hz: float) -> None:
         self._asked_s = 1 / rate_hz
         self._period_s = math.nan
         self._last_s = math.nan
         self._unjudged: list[tuple[float, float]] = []
-        """Steps from a stamp to the next, while the period is not known."""
+        """Steps between stamps while the period is unknown."""
 
     def missing(self, clock_s: float, at_ns: int) -> list[Fault]:
-        """Take the next stamp; return faults for packets missing before it, and for a rate other than the asked one."""
+        """Add a stamp; return faults for missing packets and for an unexpected rate."""
         before_s, self._last_s = self._last_s, clock_s
         if not clock_s > before_s:
             return []
         self._unjudged.append((before_s, clock_s))
         faults = list[Fault]()
-        if math.isnan(self._period_s):  # take the period from the steps so far, if they are enough
+        if math.isnan(self._period_s):  # measure the period once there are enough steps
             least_s = min(after_s - before_s for before_s, after_s in self._unjudged)
             if least_s < _MORE * self._asked_s:
                 self._period_s = self._asked_s

@@ -1,10 +1,12 @@
-"""Reading a block of Modbus registers, and serving one: what gauges and controllers with registers have in common.
+"""Read and serve a block of Modbus registers, for gauges and controllers.
 
-The block is read whole in one request, because a value of several registers may not be split (Baumer OM20/OM30
-manual p. 22, confirmed) and what it holds must be of the same instant. Over TCP the transaction id marks an old answer.
-An RTU answer carries no number, so after a time-out the line is drained (`daq.protocol.polled`), and lest the answer
-come later still, a read of another length comes next, whose answer cannot be mistaken (`daq.protocol.modbus`). It does
-carry its unit: on a line with several (`daq.protocol.bus`) a late one is recognised by that.
+The block is read in a single request, because a value of several registers must not be split (Baumer OM20/OM30 manual
+p. 22, confirmed) and all values must be of the same instant. Over TCP the transaction id identifies an old answer. An
+RTU
+answer has no number, so after a time-out the line is drained (`daq.protocol.polled`), followed by a read of a different
+length with an unmistakable answer (`daq.protocol.modbus`). It has a unit number, which identifies a late answer on a
+line
+with several units (`daq.protocol.bus`).
 """
 
 from __future__ import annotations
@@ -36,11 +38,11 @@ from rigs.schema.modbus import ModbusMap, SolartronOrbit, StatusRegister
 
 Registers = Sequence[int]
 Reading = Callable[[Registers, Message, int], Sample | Fault]
-"""What the block's registers mean, with the message they came in and when it was asked for."""
+"""Interprets the registers of a block, given the message and the request time."""
 Held = Callable[[int], list[int] | None]
-"""All registers of a block as of a time."""
+"""Registers of a block at a time."""
 GaugeT = TypeVar("GaugeT", ModbusMap, SolartronOrbit)
-"""A gauge that may have others on its line."""
+"""Gauge that may share its line."""
 
 _REMEDY = {
     ExcCodes.ILLEGAL_FUNCTION: "set `function` to 3 or 4 as its manual says",
@@ -52,13 +54,16 @@ _REMEDY = {
     ExcCodes.GATEWAY_NO_RESPONSE: "check the cable behind the gateway and `unit`",
 }
 _PREFIX = 9
-"""Bytes of an answer on TCP before its registers: transaction, protocol, length, unit, function, size."""
+"""Bytes of a TCP answer before the registers: transaction, protocol, length, unit, function, size."""
 _DAMAGED = "checksum wrong; check the cable and the line's settings"
 _RESPONSE = {3: ReadHoldingRegistersResponse, 4: ReadInputRegistersResponse}
 
 
 def on_one_wire(gauges: Sequence[GaugeT], exchange: Callable[[GaugeT, Wire, bool], Polled]) -> Host:
-    """Return our side of a line with these gauges. exchange: with one of them, and whether it shares the line."""
+    """Return the host side of a line with these gauges.
+
+    exchange: creates the exchange of one gauge; its last argument tells whether the line is shared.
+    """
     first, shared = gauges[0], len(gauges) > 1
     wire = Wire(first.port, first.framing, serving=False)
     exchanges = [exchange(gauge, wire, shared) for gauge in gauges]
@@ -72,14 +77,17 @@ def on_one_wire(gauges: Sequence[GaugeT], exchange: Callable[[GaugeT, Wire, bool
 
 
 class RegisterDialect:
-    """The host's dialect, which reads the block."""
+    """Host dialect for reading a block."""
 
     reset = b""
     check = "check the cable, that the instrument is on, the line's settings and `unit`"
     babble = "a Modbus unit never speaks unasked: disconnect the other master from this line, or check its wiring"
 
     def __init__(self, block: Block, reading: Reading, wire: Wire) -> None:
-        """wire: over which other blocks may be read in turn, of this unit or of others."""
+        """Create the dialect.
+
+        wire: may also carry reads of other blocks, of the same unit or of others.
+        """
         self._block = block
         self._reading = reading
         self._wire = wire
@@ -88,13 +96,13 @@ class RegisterDialect:
         self._requests: dict[int, bytes] = {}
         size = 2 * block.count
         self._plainly = struct.pack(">HHBBB", 0, 3 + size, block.unit, block.function, size)
-        """How a sound answer to the whole block goes on behind its transaction id."""
+        """Expected head of a valid answer for the whole block, after the transaction id."""
         self._words = struct.Struct(f">{block.count}H")
         self._sent, self._count = b"", block.count
-        """The request on the line, and the registers that it asks for."""
+        """Present request, and the number of registers requested."""
 
     def request(self) -> bytes:
-        """Return the request for the whole block; on a serial line it may be a probe, a read of another length."""
+        """Return the request for the whole block; on a serial line it may be a probe of a different length."""
         if not self._wire.numbered:
             self._count = self._resync.ask(self._block.count)
         if self._count not in self._requests:
@@ -110,7 +118,7 @@ class RegisterDialect:
         return self._examined(message, requested_ns)
 
     def _examined(self, message: Message, requested_ns: int) -> Reply:
-        """What a message means of which not every byte before the registers is as expected."""
+        """Interpret a message with an unexpected head."""
         if self._wire.is_sent(message.data, self._sent):
             return Reply((), Then.WAIT)  # an adapter with an echo
         if self._wire.asks(message.data) is not None:
@@ -127,7 +135,7 @@ class RegisterDialect:
         return self._answer(content, message, requested_ns)
 
     def _of_another(self, unit: int, function: int, message: Message) -> Reply:
-        """What the answer of another unit means, or that to another function."""
+        """Interpret an answer of a different unit or function."""
         if unit != self._block.unit and self._wire.owes(unit):
             return Reply((unasked(self._wire, message),), Then.WAIT)
         asked = f"unit {self._block.unit}, function {self._block.function} was asked"
@@ -136,7 +144,7 @@ class RegisterDialect:
         return _garbled(f"{detail}; {remedy}", message.last_byte_ns)
 
     def _answer(self, content: bytes, message: Message, requested_ns: int) -> Reply:
-        """What a sound answer of this instrument means, or one to an earlier request."""
+        """Interpret a valid answer of this instrument, possibly to an earlier request."""
         at_ns, resync = message.last_byte_ns, self._resync
         refusal, registers = exception_of(content), registers_of(content)
         mismatched = refusal is None and (registers is None or len(registers) != self._count)
@@ -168,7 +176,7 @@ class RegisterDialect:
 
 
 def unasked(wire: Wire, message: Message) -> Fault:
-    """Return the fault for a message on the line that answers nothing which is asked now."""
+    """Return the fault for a message that answers no present request."""
     at_ns = message.last_byte_ns
     if (asked := wire.asks(message.data)) is not None:
         detail = f"another master asks unit {asked} on this line; disconnect it, or let it read for both"
@@ -184,7 +192,7 @@ def unasked(wire: Wire, message: Message) -> Fault:
 
 
 def verdict(registers: Registers, status: StatusRegister | None, layout: Layout, at_ns: int) -> int | Fault:
-    """Return the instrument's own verdict: 0 for good, its code for doubtful, a fault for anything else."""
+    """Return the instrument's status: 0 for good, its code for doubtful, or a fault."""
     if status is None:
         return 0
     code = unpack(registers, status, layout)
@@ -197,7 +205,7 @@ def verdict(registers: Registers, status: StatusRegister | None, layout: Layout,
 
 
 def pack_verdict(registers: list[int], status: StatusRegister | None, layout: Layout, *, good: bool) -> None:
-    """Put a status into the block: the first listed one if `good`, else one that is not listed."""
+    """Store a status: the first listed value if `good`, otherwise an unlisted one."""
     if status is not None:
         listed = (*status.good, *status.doubtful)
         pack(registers, status, layout, listed[0] if good else min(set(range(len(listed) + 1)) - set(listed)))
@@ -208,13 +216,17 @@ def _garbled(detail: str, at_ns: int) -> Reply:
 
 
 class RegisterDevice:
-    """The side of one instrument, or of several on one line: it serves blocks."""
+    """Device side of one or several instruments on a line: serves blocks."""
 
     def __init__(self, served: Sequence[tuple[Block, Held]], silently: Sequence[tuple[Block, Held]] = ()) -> None:
-        """Held: the whole block as of a time; None where there is not a reading and nothing to say so with. silently:
-        blocks that hold no readings."""
+        """Create the device side.
+
+        served: blocks with their content at a time, None if there is neither a reading nor a status. silently: blocks
+        without
+        readings.
+        """
         self.sent = 0
-        """Answers with readings."""
+        """Number of answers with readings."""
         first = served[0][0]
         self._blocks = [*served, *silently]
         self._readings = len(served)
@@ -244,7 +256,7 @@ class RegisterDevice:
         return self._wire.encode(_RESPONSE[content[0]](registers=result, dev_id=unit, transaction_id=number))
 
     def _asked(self, unit: int, content: bytes, now_ns: int) -> list[int] | ExcCodes:
-        """What the request asks for, or why not."""
+        """Return the requested registers, or the exception code."""
         served = [
             place for place, (block, _) in enumerate(self._blocks) if (block.unit, block.function) == (unit, content[0])
         ]

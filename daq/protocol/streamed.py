@@ -1,7 +1,8 @@
-"""Receiving from a peer that sends by itself once it has been started.
+"""Receive from a device that sends unprompted after it was started.
 
-Each message is read as it comes. A silence of `timeout_s` is reported (Fault SILENT), once per `timeout_s`, and
-the dialect says what to do about it. Bytes without a message in them do not end a silence.
+Messages are decoded on arrival. A silence of `timeout_s` is reported (fault SILENT) once per `timeout_s`, and the
+dialect
+chooses the reaction. Bytes without a message do not end a silence.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from daq.protocol.numerals import PassesShapes
 
 @dataclass(frozen=True, slots=True)
 class Reaction:
-    """The meaning of a message and what to send for it; `hang_up`: close the link, which brings nothing more."""
+    """Items of a message and the bytes to send; `hang_up`: close the link, which is of no further use."""
 
     items: tuple[Item, ...] = ()
     send: bytes = b""
@@ -25,27 +26,27 @@ class Reaction:
 
 
 class StreamedDialect(Protocol):
-    """What one peer adds to sending by itself."""
+    """Device-specific part of a stream."""
 
     @property
     def frames(self) -> Framer:
-        """The framer that cuts its messages."""
+        """Framer of the messages."""
 
     check: str
-    """What to look at when it is silent."""
+    """Advice for a silent device."""
 
     def start(self) -> bytes:
-        """Return the bytes that start it."""
+        """Return the bytes that start the stream."""
 
     def read(self, message: Message | Fault) -> Reaction:
-        """Return the meaning of a message, or of a place where the stream could not be cut."""
+        """Interpret a message, or a framing fault."""
 
     def silent(self) -> Reaction:
-        """Return what to do about a silence."""
+        """Return the reaction to a silence."""
 
 
 class Streamed(PassesShapes):
-    """The host's side of a peer that sends by itself."""
+    """Host side of a device that sends unprompted."""
 
     def __init__(self, dialect: StreamedDialect, timeout_s: float) -> None:
         self._asked = self._dialect = dialect
@@ -97,23 +98,26 @@ class Streamed(PassesShapes):
 
 
 _FIRST_SLOWLY_BYTES = 48
-"""Bytes that are read one by one where arrays cannot, before they are tried again: some values. Twice as many each
-time, so that the tries on a garbled stream stay few."""
+"""Bytes decoded singly after a failed array decode, a few values. Doubled each time, to limit attempts on a garbled
+stream.
+"""
 
 
 class QuickDialect(StreamedDialect, Protocol):
-    """What one peer adds that sends thousands of messages a second."""
+    """Device-specific part of a stream with thousands of messages per second."""
 
     def read_run(self, arrivals: Sequence[Arrival]) -> tuple[Samples, Sequence[Arrival]]:
-        """Return the plain readings that the arrivals begin with, up to anything else; and the arrivals after them."""
+        """Return the plain readings at the start of the arrivals, and the remaining arrivals."""
 
 
 class QuicklyStreamed(Streamed):
-    """The host's side of a peer that sends thousands of messages a second: plain readings are read by arrays."""
+    """Host side of a device with thousands of messages per second: plain readings are decoded as arrays."""
 
     gather_ns = 100_000_000
-    """Nothing is stamped while messages are read, some 0.3 ms however many. So seldom, less than one stamp of a hundred
-    meets that; and it is sooner than the recorder comes round."""
+    """Decoding takes about 0.3 ms, in which nothing is stamped. At this interval it affects fewer than one stamp in a
+    hundred,
+    and it is shorter than a recorder round.
+    """
 
     def __init__(self, dialect: QuickDialect, timeout_s: float) -> None:
         super().__init__(dialect, timeout_s)
@@ -140,7 +144,7 @@ class QuicklyStreamed(Streamed):
 
 
 def split(arrivals: Sequence[Arrival], size: int) -> tuple[list[Arrival], list[Arrival]]:
-    """Return the first so many bytes of the arrivals, and those after them, each with its stamp."""
+    """Split the arrivals after `size` bytes, keeping all stamps."""
     before, after = list[Arrival](), list[Arrival]()
     for data, at_ns in arrivals:
         if data[:size]:

@@ -1,15 +1,15 @@
-"""Instruments that answer a short request with a short message: what they have in common, on both sides.
+"""Instruments with short text requests and answers: common parts of both sides.
 
-A driver adds its dialect: the request, what ends a message, and `read`, which says what one message means for one
-gauge: its reading in mm, or a `Trouble` in words. The gauges that share a link share the message. A gauge in
-trouble reads nan beside one that is well; where all are, there is no sample. `TextDevice` is the instrument, of
-which a driver adds what it answers.
+A driver adds its dialect: the request, the end of a message, and `read`, which converts a message into a reading in mm
+or
+a `Trouble` for one gauge. Gauges on a shared link share the message. A gauge in trouble reads nan next to a good one;
+if
+all are in trouble there is no sample. `TextDevice` is the instrument, for which a driver adds the answers.
 
-Where one sends no unit, and for what a line does to the rest, every number is held to the shape of those before it
-(`daq.protocol.numerals`).
-
-An instrument that sends its unit is held to that of the rig file (`in_mm`): a reading in another unit is reported as a
-fault and never converted, since either the gauge or the file is not what its owner believes.
+Every number is checked against the format of the previous ones (`daq.protocol.numerals`), which detects line damage and
+a
+changed unit on instruments that send none. The unit of an instrument is compared with the rig file (`in_mm`): a
+difference is reported as a fault and never converted, since either the gauge or the file is wrong.
 """
 
 from __future__ import annotations
@@ -27,17 +27,17 @@ from rigs.schema.probe import MM_PER_UNIT, Probe, Units
 
 CHECK = "check the cable, that the gauge is on, and the line's settings"
 SIGNED = rb"[+-]\d{1,7}\.\d{1,7}"
-"""A number whose sign must be there: one that lost its first byte would otherwise pass with the wrong sign."""
+"""Number with a mandatory sign; without it a lost first byte would change the sign."""
 _UNITS: dict[bytes, Units] = {b"mm": "mm", b"um": "um", b"in": "inch", b"inch": "inch"}
 
 Show = Callable[[], Sequence[float]]
-"""Takes a reading: one number a gauge, in its units; nan where its head is in error."""
+"""Takes a reading: one number per gauge in its units; nan for a head in error."""
 ProbeT = TypeVar("ProbeT", bound=Probe)
 
 
 @dataclass(frozen=True, slots=True)
 class Trouble:
-    """The reason why a message holds no reading, with what to do about it."""
+    """Reason for a message without a reading, with advice."""
 
     detail: str
     kind: FaultKind = FaultKind.DEVICE_ERROR
@@ -45,23 +45,23 @@ class Trouble:
 
 
 Reading = float | Written | Trouble
-"""A reading in mm, one with the text that it was read from, or the reason why it is missing."""
+"""Reading in mm, a reading with its text, or the reason for its absence."""
 
 
 def garbled(data: bytes) -> Trouble:
-    """Return the trouble that the message does not belong to this protocol."""
+    """Return the trouble for a message of a different protocol."""
     return Trouble(f"{shown(data)} is not a reading; check the line's settings", FaultKind.GARBLED, Then.DRAIN)
 
 
 def shown(data: bytes) -> str:
-    """Return a message as a person can read it."""
+    """Return a message in readable form."""
     return repr(data[:60])[1:]
 
 
 def mm(number: bytes, gauge: Probe, fields: int = 1) -> Reading:
-    """Convert a number in the gauge's units to mm, blanks in it ignored; Trouble where the gauge cannot read it.
+    """Convert a number in the gauge's units to mm, ignoring blanks; Trouble if it is invalid.
 
-    fields: how many numbers the message has, where their order says whose they are.
+    fields: numbers in the message if the order identifies the gauges.
     """
     value_mm = float(number.replace(b" ", b"")) * MM_PER_UNIT[gauge.units]
     if refused := refusal(value_mm, gauge):
@@ -71,7 +71,7 @@ def mm(number: bytes, gauge: Probe, fields: int = 1) -> Reading:
 
 
 def in_mm(number: bytes, unit: bytes, gauge: Probe) -> Reading:
-    """Convert a number whose unit the instrument sends to mm; Trouble if that is not the gauge's unit."""
+    """Convert a number with a transmitted unit to mm; Trouble if the unit differs from the rig file."""
     sent = _UNITS.get(unit.lower())
     if sent == gauge.units:
         return mm(number, gauge)
@@ -79,7 +79,7 @@ def in_mm(number: bytes, unit: bytes, gauge: Probe) -> Reading:
 
 
 def wrong_unit(sent: str, units: Units) -> Trouble:
-    """Return the trouble that an instrument reads in another unit than the rig file says."""
+    """Return the trouble for a unit that differs from the rig file."""
     return Trouble(f"the gauge reads in {sent}, the rig file says {units}; switch the gauge over, or correct `units`")
 
 
@@ -100,7 +100,7 @@ def items_of(message: Message, requested_ns: int, readings: Sequence[Reading]) -
 def held(
     readings: Sequence[Reading], shapes: Sequence[HeldShape], message: Message
 ) -> tuple[list[Reading], tuple[Fault, ...]]:
-    """Hold each gauge's number to the shape of those before it; return the readings, and the other faults."""
+    """Check each gauge's number against its format; return the readings and additional faults."""
     checked, faults = list[Reading](), list[Fault]()
     for reading, shape in zip(readings, shapes, strict=True):
         if not isinstance(reading, Written):
@@ -111,12 +111,12 @@ def held(
             checked.append(reading.value_mm)
             faults += [Fault(doubt.kind, message.last_byte_ns, doubt.detail, doubt.count)] if doubt else []
         elif doubt:
-            checked.append(Trouble(doubt.detail, doubt.kind, Then.ASK))  # its message was whole
+            checked.append(Trouble(doubt.detail, doubt.kind, Then.ASK))  # the message was complete
     return checked, tuple(faults)
 
 
 class TextDialect(Generic[ProbeT]):
-    """A dialect of `daq.protocol.polled` that repeats the same request."""
+    """Dialect of `daq.protocol.polled` with a constant request."""
 
     def __init__(
         self,
@@ -129,7 +129,10 @@ class TextDialect(Generic[ProbeT]):
         *,
         may_echo: bool = True,
     ) -> None:
-        """may_echo: whether a message that begins with the request is its echo, and not an answer."""
+        """Create the dialect.
+
+        may_echo: whether a message starting with the request is an echo instead of an answer.
+        """
         if may_echo and isinstance(frames, Lines):
             frames.echo = request
         self.frames = frames
@@ -155,9 +158,9 @@ class TextDialect(Generic[ProbeT]):
 
 
 class TextDevice:
-    """The side of an instrument that answers requests.
+    """Device side of an instrument that answers requests.
 
-    `answer` gives what it says to a command, and empty bytes for nothing; a command that is incomplete is empty.
+    `answer` returns the answer to a command, or empty bytes for none; an incomplete command is empty.
     """
 
     def __init__(
@@ -186,7 +189,7 @@ class TextDevice:
         return Step()
 
     def show(self, now_ns: int) -> list[float]:
-        """Take a reading, and count it where any head is well."""
+        """Take a reading, and count it if any head is good."""
         units = [MM_PER_UNIT[gauge.units] for gauge in self._gauges]
         values = [value / unit for value, unit in zip(self._read(now_ns), units, strict=True)]
         self.sent += any(math.isfinite(value) for value in values)

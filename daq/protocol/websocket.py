@@ -1,7 +1,7 @@
-"""A conversation carried by a WebSocket (RFC 6455): each of its sendings is a text message.
+"""Carry a conversation over a WebSocket (RFC 6455), with one text message per step.
 
-wsproto speaks the protocol itself, which touches no network either. Pings are answered. A message is stamped when its
-last piece came. What is over (refused, closed, out of step, longer than `LIMIT`) ends the link.
+wsproto implements the protocol, also without network access. Pings are answered. A message is stamped with its last
+piece. A refused, closed or invalid WebSocket, or a message above `LIMIT`, ends the link.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from wsproto.utilities import RemoteProtocolError
 from daq.protocol.conversation import Conversation, Device, Fault, FaultKind, Host, Item, Step
 
 LIMIT = 1 << 16
-"""Bytes of a message: ten times the joint states of an arm with a hand."""
+"""Limit of a message in bytes: ten times the joint states of an arm with a hand."""
 
 
 class _WebSocket:
-    """One side. The conversation that it carries begins when the WebSocket is open."""
+    """One side. The inner conversation starts when the WebSocket is open."""
 
     def __init__(self, side: ConnectionType, carried: Conversation) -> None:
         self._socket = WSConnection(side)
@@ -39,7 +39,7 @@ class _WebSocket:
     def received(self, data: bytes, now_ns: int) -> Step:
         if self._over:
             return Step(hang_up=True)
-        if not data:  # which wsproto would take for the end
+        if not data:  # wsproto takes empty data for the end
             return self._waiting(Step(), now_ns)
         try:
             self._socket.receive_data(data)
@@ -48,7 +48,7 @@ class _WebSocket:
                 whole = _after(whole, self._meaning(event, now_ns))
                 if whole.hang_up:
                     return whole
-        except (RemoteProtocolError, UnicodeError) as error:  # the latter for a header that is not ASCII
+        except (RemoteProtocolError, UnicodeError) as error:  # UnicodeError for a header that is not ASCII
             return self._finish(FaultKind.GARBLED, now_ns, f"not a WebSocket: {error}")
         return self._waiting(whole, now_ns)
 
@@ -58,7 +58,7 @@ class _WebSocket:
         return self._carry(self._carried.tick(now_ns)) if self._open else self._waiting(Step(), now_ns)
 
     def _waiting(self, step: Step, now_ns: int) -> Step:
-        """The step with a time to be woken at, which an event that says nothing does not have."""
+        """Add the wake-up time to the step of an event without data."""
         if step.wake_ns is not None or step.hang_up or not self._open:
             return step
         return _after(step, self._carry(self._carried.tick(now_ns)))
@@ -101,12 +101,12 @@ class _WebSocket:
 
 
 def _after(step: Step, following: Step) -> Step:
-    """Both as one: what comes last says when to be woken, and whether it is over."""
+    """Merge two steps; the last one determines the wake-up time and the end."""
     return replace(following, send=step.send + following.send, items=step.items + following.items)
 
 
 class WebSocketHost(_WebSocket):
-    """Our side: it asks for the WebSocket. address: of the server, as `robot:9090`."""
+    """Client side. address: of the server, for example `robot:9090`."""
 
     def __init__(self, carried: Host, address: str, timeout_s: float) -> None:
         super().__init__(ConnectionType.CLIENT, carried)
@@ -132,7 +132,7 @@ class WebSocketHost(_WebSocket):
 
 
 class WebSocketDevice(_WebSocket):
-    """The device's side: it accepts the WebSocket that it is asked for."""
+    """Server side, for one client."""
 
     def __init__(self, carried: Device) -> None:
         super().__init__(ConnectionType.SERVER, carried)

@@ -1,1 +1,1 @@
-"""From stamped samples to a run: the recorder, the runs it begins and ends, and who may start and stop it."""
+"""Recording: turns stamped samples into runs, and decides who may start and stop a run."""

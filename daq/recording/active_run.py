@@ -1,9 +1,7 @@
-"""A run from its request until it is closed: whether it can begin, its label, what was put into it, and what is
-doubtful about that.
+"""One run, from the request until the run is closed.
 
-A slow disk takes seconds to make its directory. What comes meanwhile is kept, and written as soon as there is one.
-
-A recording can begin where every gauge that its test needs, and the robot, have been read lately.
+A slow disk may take seconds to create the run directory. Samples that arrive in the meantime are buffered and written
+once the directory exists. A recording can start only if the robot and all required gauges were read recently.
 """
 
 from __future__ import annotations
@@ -38,7 +36,7 @@ NAME_RULE = "use up to 64 letters, digits, . _ and -, a letter or digit first"
 
 
 class Label(Part):
-    """What a person enters about a recording when it starts."""
+    """Label of a recording, entered by the operator at the start."""
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$")]
     test: TestName
@@ -53,7 +51,7 @@ _FRESH_S = 3.0
 
 
 def require_readings(buffers: Mapping[str, StreamBuffer], test: TestName) -> None:
-    """Raise CellError if a gauge that the test needs, or the robot, is missing or has no fresh reading."""
+    """Raise CellError if the robot or a required gauge is missing or silent."""
     needed = {"g1_mm", "q1_deg"} | {*(f"{gauge}_mm" for gauge in gauges_needed(test))}
     for column in sorted(needed):
         states = [buffer.state() for buffer in buffers.values() if column in buffer.columns]
@@ -67,14 +65,17 @@ def require_readings(buffers: Mapping[str, StreamBuffer], test: TestName) -> Non
 
 
 def samples_in(items: Sequence[Item]) -> int:
-    """Return the number of samples that items stand for: those among them, and those that were dropped before."""
+    """Count the samples in `items`, including earlier drops."""
     dropped = sum(fault.count for fault in faults_of(items) if fault.kind is FaultKind.DROPPED)
     return len(samples_of(items)) + dropped
 
 
 @dataclass(frozen=True)
 class EndedRun:
-    """A run that was ended. counters: stream → samples, and faults of each kind. seal: SHA-256 of its ledger."""
+    """A finished run.
+
+    counters: samples and faults of each kind, by stream. seal: SHA-256 of the ledger.
+    """
 
     path: Path
     counters: dict[str, dict[str, int]]
@@ -83,10 +84,12 @@ class EndedRun:
 
 @dataclass(frozen=True)
 class Gap:
-    """The time between a run that the disk ended and the one that follows.
+    """Interval between a run ended by a disk failure and the next run.
 
-    previous: that run; device: of its disk. taken: samples of each stream that it had to account for; lost: those of
-    them that it could not save, known when it is closed; missed: those that came since and are in no run.
+    previous: directory of the ended run. device: its disk. taken: samples per stream accounted for by the ended run.
+    lost: the part of `taken` that could not be saved, known when the run is closed. missed: samples per stream that
+    arrived
+    after the run ended and belong to no run.
     """
 
     previous: Path
@@ -97,9 +100,10 @@ class Gap:
     missed: Counter[str] = field(default_factory=Counter)
 
     def require_disk(self) -> None:
-        """Raise CellError if the disk is not mounted, so that nothing is written below its mount point.
+        """Raise CellError if the disk is not mounted, so that nothing is written below the mount point.
 
-        It is there if it shows the previous run, or is the same disk without it: somebody deleted or moved that run.
+        The disk is present if the previous run exists, or if the device number is unchanged although the run was
+        deleted.
         """
         with suppress(OSError):
             if self.previous.is_dir() or self.previous.parent.stat().st_dev == self.device:
@@ -107,11 +111,14 @@ class Gap:
         raise CellError(str(self.previous), "is gone", "mount the disk that holds it again")
 
     def missed_text(self) -> str:
-        """Return how many samples of each stream are missed so far."""
+        """Return the missed samples per stream as text."""
         return ", ".join(f"{count} of {name}" for name, count in self.missed.items() if count) or "none"
 
     def not_recorded(self, warnings: RateLimitedLog) -> dict[str, Fault]:
-        """Return what is in no run, after recovering the previous one. Raises CellError if its disk is away."""
+        """Recover the previous run, and return a fault for each stream with unrecorded samples.
+
+        Raises CellError if the disk is absent.
+        """
         self.require_disk()
         try:
             if self.previous.is_dir():
@@ -121,10 +128,10 @@ class Gap:
         return self.dropped()
 
     def dropped(self) -> dict[str, Fault]:
-        """Return a fault for each stream whose samples are in no run: missed since, or taken and not held by that run.
+        """Return a fault for each stream with samples that were missed or could not be saved.
 
-        What that run was to count as dropped, from the run before it, was lost with it if its disk failed too soon.
-        Where its manifest cannot be read, all that were taken count.
+        If the manifest of the previous run cannot be read, all its samples count as lost, including drops that it
+        inherited.
         """
         stored: Counter[str] = Counter()
         with suppress(FileError):
@@ -139,16 +146,20 @@ class Gap:
 
 
 class ActiveRun:
-    """Takes the items of all streams, and writes them once it has a writer.
+    """Collects the items of all streams, and writes them once a writer exists.
 
-    begun: its directory, or the error that refused it; ended: what it came to. counters: stream → samples, and faults
-    of each kind. gap: what lies between the run before and this one, if it goes on from one.
+    begun: future of the run directory, or the error that refused it. ended: future of the finished run. counters:
+    samples
+    and faults of each kind, by stream. gap: interval before this run if it continues an earlier one.
     """
 
     def __init__(
         self, label: Label, columns: Mapping[str, Sequence[str]], kept: Mapping[str, Sequence[Item]], since_ns: int
     ) -> None:
-        """columns: of each stream. kept: what came before its request and belongs to it, from since_ns on."""
+        """Create a run without a writer.
+
+        columns: column names per stream. kept: buffered items since `since_ns`, from before the request.
+        """
         self.label, self.since_ns = label, since_ns
         self.gap: Gap | None = None
         self.writer: RunWriter | None = None
@@ -162,19 +173,19 @@ class ActiveRun:
 
     @property
     def taken(self) -> Counter[str]:
-        """The number of samples of each stream that it has to account for: put into it, or counted as dropped."""
+        """Samples per stream, written or dropped."""
         return Counter(
             {name: counter["samples"] + counter[FaultKind.DROPPED] for name, counter in self.counters.items()}
         )
 
     def is_behind(self, stream: str) -> bool:
-        """Return whether so much of a stream is in memory that no more of it should be drained."""
+        """Return whether the stream has too many samples in memory to be drained further."""
         if self.writer:
             return self.writer.is_behind(stream)
         return sum(map(size_of, self._kept[stream])) >= MOST_PENDING
 
     def begin(self, writer: RunWriter, dropped: Mapping[str, Fault]) -> dict[str, list[Fault]]:
-        """Write what was kept, and what is in no run since the one before. Returns the faults that were found here."""
+        """Write the buffered items and the drops since the previous run; return the faults found here."""
         self.writer = writer
         faults = {name: self.put(name, items) for name, items in self._kept.items()}
         self._kept.clear()
@@ -185,23 +196,23 @@ class ActiveRun:
 
     @property
     def kept(self) -> Counter[str]:
-        """The number of samples of each stream that it has in memory until it begins."""
+        """Buffered samples of each stream until the run begins."""
         return Counter({name: samples_in(items) for name, items in self._kept.items()})
 
     def refuse(self, error: Exception) -> None:
-        """Report to those who wait for the run that it does not start. What it kept counts as missed."""
+        """Report a failed start; the buffered samples count as missed."""
         if self.gap:
             self.gap.missed.update(self.kept)
         self.begun.set_exception(error)
         self.ended.set_exception(error)
 
     def close(self, ending: Ending, why: str) -> None:
-        """End the run, where there is one. Raises CellError."""
+        """End the run if it has begun. Raises CellError."""
         if self.writer is not None:
             self.writer.close(ending, why, self.counters)
 
     def put(self, stream: str, items: Sequence[Item]) -> list[Fault]:
-        """Write items into the run, then the faults that say what is doubtful about them, which are returned."""
+        """Write items, then the faults of the plausibility checks; return those faults."""
         if self.writer is None:
             self._kept[stream].extend(items)
             return []
@@ -218,7 +229,7 @@ class ActiveRun:
         writer.append_faults(stream, faults)
 
     def put_host(self, faults: Sequence[Fault]) -> None:
-        """Write faults of the computer itself, and after a step of the wall clock an anchor for the time since then."""
+        """Write faults of the computer, and a new time anchor after a step of the wall clock."""
         if self.writer is None:
             self._host_faults += faults
             return

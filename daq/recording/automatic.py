@@ -1,18 +1,18 @@
-"""Who starts and ends recordings: people, and the trigger of the rig file.
+"""Start and end recordings for operators and for the trigger of the rig file.
 
-The recorder passes on what came on the robot's stream; after each of its rounds the trigger is fed with it here, and
-asks for what it commands as the robot. That people take precedence is a matter of the recorder's states.
+The recorder passes the samples of the robot's stream to the trigger and, after each round, executes the returned
+commands. The recorder's state machine gives operators precedence.
 
-The trigger makes commands of what the robot does: samples in, commands out. It owns no clock, recorder or thread, so an
-hour of a cell is tested in milliseconds. It knows the rules of a rig file, the robot's six angles and its signal, and
-nothing of arms.
+The trigger is pure: samples in, commands out. It owns no clock, recorder or thread, so a test covers an hour of a cell
+in milliseconds. It uses the trigger rules of the rig file, the joint angles and the robot's signal.
 
-A signal starts a recording by changing to a rule's value: one that is on when it is first received began at an
-unknown time. It must stay for 0.1 s, since outputs that together make a number do not switch together. A motion
-starts one by leaving a posture in which the robot stood, towards another. Either ends the run before it: a run for each
-program that is driven.
-A run ends when the robot stands still once the signal is over; where it drives on, soon after. The readings that lie
-too early or too late in a run do no harm (the lap is found in it), those that are missing do.
+A signal starts a recording when it changes to the value of a rule. A signal that is already active in the first sample
+is ignored, because it began at an unknown time. The value must stay for 0.1 s, because the outputs forming a
+number do not switch simultaneously. A motion rule starts a recording when the robot leaves a posture in which it stood.
+Either event ends the previous run, so each program has a run.
+
+A run ends when the robot stands still after the signal has ended, or soon after if the robot keeps moving. Surplus
+readings at both ends are harmless because the evaluation finds the lap; missing readings are not.
 """
 
 from __future__ import annotations
@@ -39,14 +39,14 @@ _S = 1_000_000_000
 _SETTLED_NS = _S // 10
 _STOOD_NS = round(STOOD_S * _S)
 _TAIL_NS = 10 * _S
-"""A robot that drives on when its signal is over: the run ends without its standing still."""
+"""Time after the end of the signal at which the run ends if the robot keeps moving."""
 _SILENT_NS = 10 * _S
 AXES = 6
 
 
 @dataclass(frozen=True)
 class StartRun:
-    """The command to begin a run for this rule, whose event was at `at_ns`."""
+    """Command to start a run for a rule whose event happened at `at_ns`."""
 
     rule: Rule
     at_ns: int
@@ -54,7 +54,7 @@ class StartRun:
 
 @dataclass(frozen=True)
 class StopRun:
-    """The command to end the run that was started; `in_order`: it ended as the rule expects."""
+    """Command to end the started run; `in_order` is true if the event ended as the rule expects."""
 
     at_ns: int
     why: str
@@ -65,7 +65,7 @@ Command = StartRun | StopRun
 
 
 class Trigger:
-    """Applies the rules to the samples of the robot, and remembers what it needs between them."""
+    """Applies the trigger rules to the robot's samples."""
 
     def __init__(self, rules: Sequence[Rule]) -> None:
         self._rules = rules
@@ -74,16 +74,19 @@ class Trigger:
         self._departures = [(rule, _Departure(rule.when)) for rule in rules if rule.when.from_deg]
         self._running: Rule | None = None
         self._over_ns: int | None = None
-        """When the running rule's event ended; None while its signal is on."""
+        """Time at which the event of the running rule ended; None while its signal is active."""
         self._last_sample_ns = 0
 
     @property
     def signal(self) -> float:
-        """The robot's signal as it is now; nan if it has none or nothing was received yet."""
+        """Current signal of the robot; nan before the first sample or without a signal."""
         return self._signal.value
 
     def feed(self, sample: Sample) -> list[Command]:
-        """Return the commands that a sample causes: the robot's angles in degrees, then its signal if it has one."""
+        """Return the commands that a sample causes.
+
+        The sample contains the joint angles in degrees, followed by the signal if the robot has one.
+        """
         at_ns = self._last_sample_ns = sample.last_byte_ns
         joints = sample.values[:AXES]
         self._standstill.feed(joints, at_ns)
@@ -93,7 +96,8 @@ class Trigger:
             rule = self._running
             if rule is None:
                 return []
-            if changed_ns is not None and self._over_ns is None:  # to another value, or it would have started a run
+            # a change to a value with a rule would have started a run
+            if changed_ns is not None and self._over_ns is None:
                 self._over_ns = changed_ns
             if self._over_ns is None:
                 return []
@@ -108,14 +112,13 @@ class Trigger:
         return [*commands, started]
 
     def tick(self, now_ns: int) -> list[Command]:
-        """Return the commands that the passing of time causes: a robot that sends nothing may be off."""
+        """Return the commands caused by elapsed time, for a robot that may have stopped sending."""
         if self._running is None or now_ns - self._last_sample_ns < _SILENT_NS:
             return []
         return self._stop(StopRun(now_ns, f"the robot was not heard for {_SILENT_NS // _S} s", in_order=False))
 
     def reset(self) -> None:
-        """Forget the run that was asked for, since it was refused or ended otherwise; the next event starts another
-        recording."""
+        """Forget the requested run after it was refused or ended by others; the next event starts a new recording."""
         self._running = None
 
     def _started(self, joints: Sequence[float], at_ns: int, changed_ns: int | None) -> StartRun | None:
@@ -134,7 +137,7 @@ class Trigger:
 
 
 class _Standstill:
-    """Finds since when the robot stands where it is."""
+    """Measures the time since which the robot stands still."""
 
     def __init__(self) -> None:
         self.since_ns = 0
@@ -146,7 +149,7 @@ class _Standstill:
 
 
 class _SettledSignal:
-    """Holds the last settled value of the signal."""
+    """Debounced value of the signal."""
 
     def __init__(self) -> None:
         self.value = math.nan
@@ -154,11 +157,11 @@ class _SettledSignal:
         self._since_ns = 0
 
     def feed(self, value: float, at_ns: int) -> int | None:
-        """Return when the signal changed, once it has settled; None for no change and for the first value."""
+        """Return the time of a settled change; None if the value is unchanged or is the first."""
         if value == self.value:
             self._next = math.nan
             return None
-        if value != self._next:  # nan never equals itself, and so never settles
+        if value != self._next:  # nan differs from itself, so it never settles
             self._next, self._since_ns = value, at_ns
         if at_ns - self._since_ns < _SETTLED_NS:
             return None
@@ -168,7 +171,7 @@ class _SettledSignal:
 
 
 class _Departure:
-    """Detects that the robot stood at one posture and is on its way to another."""
+    """Detects the departure of the robot from a posture."""
 
     def __init__(self, when: When) -> None:
         self._from, self._to = when.from_deg or (), when.to_deg or ()
@@ -176,7 +179,7 @@ class _Departure:
         self._left_ns: int | None = None
 
     def feed(self, joints: Sequence[float], stands_since_ns: int, at_ns: int) -> int | None:
-        """Return when the robot left, once it is past the middle of the way; None otherwise."""
+        """Return the departure time once the robot is halfway to the next posture, otherwise None."""
         if _apart(joints, self._from) <= NEAR_DEG:
             if at_ns - stands_since_ns >= _STOOD_NS:
                 self._left_ns = at_ns
@@ -195,7 +198,7 @@ def _apart(a_deg: Sequence[float], b_deg: Sequence[float]) -> float:
 log = logging.getLogger("rigd")
 OPERATOR = "automatic"
 _BEFORE_NS = 1_000_000_000
-"""This much of what came before the event belongs to the run."""
+"""Lead-in: recorded time before the event."""
 _SHORT_S = 1.0
 
 
@@ -208,21 +211,21 @@ class Arbiter:
         self._trigger = Trigger(self._rules)
         self._samples: deque[Sample] = deque()
         self._own_run: str | None = None
-        """Name of the run that the trigger started and that is still being recorded."""
+        """Name of the current run if the trigger started it."""
         self._starting: deque[tuple[str, str, Future[Path]]] = deque()
-        """Title, name and run of each start that the disk has not confirmed yet."""
+        """Starts not yet confirmed by the disk: title, name and run."""
         self._started_ns = 0
         self._started = 0
         self._refused = 0
         self._why_not = ""
 
     def feed(self, items: Sequence[Item]) -> None:
-        """Keep what came on the robot's stream; the recorder calls this in the middle of its work."""
+        """Store items of the robot's stream; called by the recorder during its round."""
         if self._rules:
             self._samples.extend(samples_of(items))
 
     def after_round(self) -> None:
-        """Feed the trigger with what came, and execute its commands; the recorder calls this after each round."""
+        """Feed the stored items to the trigger and execute its commands; called after each round."""
         if not self._rules:
             return
         while self._starting and self._starting[0][2].done():
@@ -243,15 +246,15 @@ class Arbiter:
         self._execute(self._trigger.tick(clock.now_ns()))
 
     def start(self, label: Label) -> Path:
-        """Start a recording for a person; one that the robot started is ended for it. Raises CellError."""
+        """Start a recording for an operator, ending one started by the robot. Raises CellError."""
         return clock.result(self._recorder.start_run(Recording(label)))
 
     def stop(self) -> EndedRun:
-        """End a recording for a person, no matter who started it, and wait until it is closed. Raises CellError."""
+        """End the recording for an operator and wait until the run is closed. Raises CellError."""
         return clock.result(self._recorder.stop_run())
 
     def state(self) -> dict[str, object] | None:
-        """Return what the trigger waits for, whether it records, and why it did not; None if it has no rules."""
+        """Return the state of the trigger and the reason for a refused start; None without rules."""
         if not self._rules:
             return None
         return {
@@ -305,6 +308,6 @@ class Arbiter:
             log.error("%s", error)
 
     def _is_recorded(self) -> bool:
-        """Return whether the robot's recording goes on, also while its run begins or it waits for the disk."""
+        """Return whether the robot's recording continues, including the time before the run exists."""
         current = self._recorder.recording
         return current is not None and current.label.name == self._own_run

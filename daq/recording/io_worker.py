@@ -1,8 +1,8 @@
-"""The threads that wait for the disk: one does one piece of work at a time, in order; another creates runs.
+"""Threads that wait for the disk.
 
-To sync, to close a full chunk, to end a run or to create one may each take seconds on a slow disk. Meanwhile
-the recorder goes on draining buffers, handing what came to the operating system, which survives a kill of the process,
-and feeding the watchdog.
+One thread does a sequence of tasks in order; a second thread creates runs. A sync, closing a full chunk, and ending or
+creating a run can each take seconds on a slow disk. In the meantime the recorder continues to drain buffers, to hand
+samples to the operating system, where they survive a kill of the process, and to feed the watchdog.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _SYNC_S = 0.5
 
 
 class IoWorker:
-    """Runs the work of the disk in threads, and knows what is under way."""
+    """Runs disk operations in threads and tracks the pending ones."""
 
     def __init__(self, warnings: RateLimitedLog) -> None:
         keep_large_blocks_apart()
@@ -32,10 +32,13 @@ class IoWorker:
         self._under_way: tuple[Work, Future[None]] | None = None
         self._begun_s = self._synced_s = 0.0
         self.synced: Mapping[str, int] = {}
-        """Rows of each sample stream of the run that are known to be on the disk."""
+        """Rows per sample stream of the current run safely on the disk."""
 
     def advance(self, writer: RunWriter) -> None:
-        """Note what is finished and begin the next: a sync twice a second, a chunk between two. Raises CellError."""
+        """Collect finished operations and start the next one. Raises CellError.
+
+        A sync runs twice a second; chunks are closed between two syncs.
+        """
         closed_one = False
         if self._under_way is not None:
             work, waiting = self._under_way
@@ -57,16 +60,18 @@ class IoWorker:
             self._begun_s, self._under_way = now, (work, self._thread.submit(work.wait))
 
     def submit_close(self, close: Callable[[], None]) -> None:
-        """Close the run, after the work that is under way.
+        """Close the run after the pending operation.
 
-        What that comes to matters no more: closing does all of it again that was not done, and proves it.
+        The result of the pending operation is ignored, because closing repeats and verifies unfinished work.
         """
         self._under_way, self.synced = None, {}
         self._thread.submit(close).add_done_callback(_fail)
 
     def submit_create(self, create: Callable[[], None]) -> None:
-        """Create a run; closing the one before does not delay it. What it raises is an error in the program
-        and ends that, as in any thread."""
+        """Create a run without waiting for the previous run to close.
+
+        An exception in `create` is a programming error and ends the process, as in any thread.
+        """
         self._creator.submit(create).add_done_callback(_fail)
 
     def shut_down(self) -> None:

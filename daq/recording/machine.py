@@ -1,11 +1,12 @@
-"""The states of the recorder, and what each event makes of them.
+"""State machine of the recorder.
 
-Pure: an event in, the next state and what is to be done out. The recorder's threads carry that out and say what came
-of it, as events again. Whatever they do, and in whatever order it happens, is decided here. The table of states is
+Pure: an event in, the next state and a list of actions out. The threads of the recorder execute the actions and report
+the results as further events, so every decision is made here, whatever the order of events. The table of states is in
 docs/decisions/0016-the-recorder-is-a-state-machine.md.
 
-A *recording* is what a person or the robot asked for; a *run* is a directory. A disk that ends a run does not end the
-recording: it waits, and goes on in another run. People come first: the robot ends no recording of a person.
+A *recording* is a request by the operator or the robot; a *run* is a directory. A disk failure ends the run but not the
+recording, which waits and continues in a new run. The operator has precedence: the robot cannot end the operator's
+recording.
 """
 
 from __future__ import annotations
@@ -17,17 +18,17 @@ from daq.recording.active_run import Label
 from daq.store.ledger import Ending
 
 FIRST_PAUSE_S = 5.0
-"""So long, since a disk that is full or fails needs somebody."""
+"""First pause after a disk failure; a full or failing disk needs attention from the operator."""
 REMOVED_PAUSE_S = 0.1
-"""After a run whose directory was removed: its disk takes another at once. Not 0, which means a recording's first."""
+"""Pause after a run directory was removed: the disk can take a new run immediately. Zero would mean a first run."""
 LONGEST_PAUSE_S = 60.0
 MOST_LEAVING = 2
-"""With so many runs that were stopped before the disk made them, none is begun: what each has kept is in memory."""
+"""Limit of stopped runs without a directory: each keeps its samples in memory."""
 
 
 @dataclass(frozen=True)
 class Recording:
-    """What was asked for, and by whom. since_ns: what came from then on belongs to it, if it is still in memory."""
+    """A request for a recording. since_ns: buffered samples from this time on belong to the recording."""
 
     label: Label
     by: Literal["person", "robot"] = "person"
@@ -36,12 +37,12 @@ class Recording:
 
 @dataclass(frozen=True)
 class Idle:
-    """Nothing is recorded."""
+    """Idle: there is no recording."""
 
 
 @dataclass(frozen=True)
 class Beginning:
-    """The disk is asked for a run. pause_s: how long was waited for it before; 0 if it is the recording's first."""
+    """The run is being created. pause_s: pause before this attempt; 0 for the first run of a recording."""
 
     recording: Recording
     run: int
@@ -50,7 +51,7 @@ class Beginning:
 
 @dataclass(frozen=True)
 class Running:
-    """A run is written."""
+    """The run is being written."""
 
     recording: Recording
     run: int
@@ -58,7 +59,7 @@ class Running:
 
 @dataclass(frozen=True)
 class Waiting:
-    """The disk ended a run, and another is tried at due_s. closing: that run as long as it is being closed."""
+    """The disk ended a run; the next attempt is at due_s. closing: the old run while it is being closed."""
 
     recording: Recording
     pause_s: float
@@ -68,14 +69,14 @@ class Waiting:
 
 @dataclass(frozen=True)
 class Start:
-    """A person or the robot asks for a recording."""
+    """The operator or the robot requests a recording."""
 
     recording: Recording
 
 
 @dataclass(frozen=True)
 class Stop:
-    """A person or the robot ends the recording."""
+    """The operator or the robot ends the recording."""
 
     ending: Ending
     why: str
@@ -84,14 +85,14 @@ class Stop:
 
 @dataclass(frozen=True)
 class Created:
-    """The disk has made a run."""
+    """The disk has created the run."""
 
     run: int
 
 
 @dataclass(frozen=True)
 class Refused:
-    """The disk cannot make a run now."""
+    """The disk cannot create a run now."""
 
     run: int
     now_s: float
@@ -99,7 +100,7 @@ class Refused:
 
 @dataclass(frozen=True)
 class Failed:
-    """The disk is nearly full, or took what came last no more. removed: the run's directory is gone."""
+    """The disk is nearly full or refused a write. removed: the run directory is gone."""
 
     ending: Ending
     why: str
@@ -109,7 +110,7 @@ class Failed:
 
 @dataclass(frozen=True)
 class Closed:
-    """A run is closed, well or not."""
+    """A run is closed, with or without success."""
 
     run: int
 
@@ -123,7 +124,7 @@ class Tick:
 
 @dataclass(frozen=True)
 class Create:
-    """Ask the disk for a run. resumes: it goes on from the run that the disk ended."""
+    """Create a run. resumes: the run continues one that the disk ended."""
 
     run: int
     recording: Recording
@@ -132,7 +133,7 @@ class Create:
 
 @dataclass(frozen=True)
 class Close:
-    """End a run and close it."""
+    """End and close a run."""
 
     run: int
     ending: Ending
@@ -141,7 +142,7 @@ class Close:
 
 @dataclass(frozen=True)
 class Suspend:
-    """Count from now on what comes and is in no run, since this run ended for this reason."""
+    """Count samples as missed from now on, because the run ended for this reason."""
 
     run: int
     why: str
@@ -149,13 +150,12 @@ class Suspend:
 
 @dataclass(frozen=True)
 class GiveUp:
-    """Forget what was suspended; what it missed is in no run."""
+    """Abandon the suspended recording and its missed samples."""
 
 
 @dataclass(frozen=True)
 class Reject:
-    """Report why not to the one who asked: another recording runs, too many runs are being made, nothing is
-    recorded."""
+    """Reject the request: already recording, too many pending runs, or not recording."""
 
     why: Literal["running", "making", "idle"]
 
@@ -168,7 +168,10 @@ IDLE = Idle()
 
 @dataclass(frozen=True)
 class State:
-    """leaving: runs that were stopped before the disk made them, each with how it is to end. next: number of a run."""
+    """State of the recorder.
+
+    leaving: stopped runs that the disk has not created yet, with the ending of each. next: number of the next run.
+    """
 
     phase: Phase = IDLE
     leaving: tuple[Close, ...] = ()
@@ -176,12 +179,12 @@ class State:
 
     @property
     def recording(self) -> Recording | None:
-        """What is being recorded, or is to be; None if nothing is."""
+        """The current recording, even before its run exists; None if idle."""
         return None if isinstance(self.phase, Idle) else self.phase.recording
 
     @property
     def run(self) -> int | None:
-        """The run that takes what comes, also while it is being made; None if there is none."""
+        """Number of the run that receives samples, even before it is created; None if idle."""
         return self.phase.run if isinstance(self.phase, Beginning | Running) else None
 
 
@@ -189,7 +192,7 @@ Outcome = tuple[State, tuple[Action, ...]]
 
 
 def step(state: State, event: Event) -> Outcome:
-    """Return the next state and what is to be done. An event that means nothing in a state changes nothing."""
+    """Return the next state and the actions. Events that do not apply to a state leave the state unchanged."""
     match event, state.phase:
         case Start(recording), _:
             return _start(state, recording)
@@ -211,7 +214,7 @@ def step(state: State, event: Event) -> Outcome:
 
 
 def _moved(phase: Phase, event: Event) -> tuple[Phase, tuple[Action, ...]]:
-    """Return what the disk's answers make of the present recording."""
+    """Apply a disk event to the current recording."""
     match event, phase:
         case Created(), Beginning(recording, run):
             return Running(recording, run), ()
@@ -240,7 +243,10 @@ def _start(state: State, recording: Recording) -> Outcome:
 
 
 def _gives_way(phase: Phase, to: Recording) -> bool:
-    """Return whether a recording may begin: a person's also in place of the robot's, or of one that waits."""
+    """Return whether a new recording may replace the current phase.
+
+    The operator may replace a recording of the robot, or one that waits for the disk.
+    """
     if isinstance(phase, Idle):
         return True
     resumes = isinstance(phase, Waiting) or (isinstance(phase, Beginning) and phase.pause_s > 0)
@@ -253,7 +259,7 @@ def _create(state: State, recording: Recording, pause_s: float = 0.0) -> Outcome
 
 
 def _ended(state: State, ending: Ending, why: str) -> Outcome:
-    """End the present recording, if any; a run that the disk has not made yet ends as soon as it has."""
+    """End the current recording, if any; a run that is still being created ends when it exists."""
     idle = replace(state, phase=IDLE)
     match state.phase:
         case Beginning(_, run):

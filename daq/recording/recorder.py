@@ -1,10 +1,8 @@
-"""The recorder: drains the buffer of every stream and, while a recording runs, writes what came to the disk.
+"""The recorder: drains the buffers of all streams and writes the samples of the current run.
 
-What is to be done is decided by `daq.recording.machine`; here it is done. One lock guards state and runs, and one
-thread does the periodic work; the readers never take that lock, and its holder never waits for the disk to sync:
-other threads do (`daq.recording.io_worker`), also to begin a run and to bring one back.
-
-It reports its state, and why it rejects a request.
+`daq.recording.machine` decides; the recorder executes. One lock guards the state and the runs, and one thread does the
+periodic work. Readers never take this lock, and no code waits for the disk while it is locked: the threads of
+`daq.recording.io_worker` do that, including creating and resuming runs.
 """
 
 from __future__ import annotations
@@ -41,10 +39,11 @@ def status_of(
     *,
     closing: bool,
 ) -> dict[str, object]:
-    """Return what is being recorded and since when, or how the last recording ended.
+    """Return the status of the current recording, or the result of the last one.
 
-    run: takes what comes; gap: what is missed while a recording waits for the disk; synced: rows of each stream of a
-    device that are on the disk; closing: whether another run is not closed yet.
+    run: the run receiving samples. gap: missed samples while the recording waits for the disk. synced: rows per
+    stream
+    that are safely on the disk. closing: whether another run is still being closed.
     """
     if run is None or run.writer is None or not isinstance(state.phase, Running):
         gap = run.gap if run else gap
@@ -68,7 +67,7 @@ def status_of(
 
 
 def rejection(rejected: Reject, state: State, last_end: str) -> CellError:
-    """Return the error for a request that the machine rejects in a state."""
+    """Return the error for a rejected request."""
     if rejected.why == "running" and state.recording:
         return CellError(f"recording {state.recording.label.name}", "already running", "stop it: rig record stop")
     if rejected.why == "making":
@@ -81,11 +80,11 @@ def rejection(rejected: Reject, state: State, last_end: str) -> CellError:
 log = logging.getLogger("rigd")
 _ROUND_S = 0.25
 _LEAST_PAUSE_S = 0.1
-"""The shortest pause: others wait for the lock to start or stop a recording on a slow disk."""
+"""Shortest pause: other threads need the lock to start or stop a recording on a slow disk."""
 
 
 class Recorder(clock.Thread):
-    """Owns the run that is being recorded, if any."""
+    """Thread that owns the current run."""
 
     def __init__(
         self,
@@ -94,9 +93,10 @@ class Recorder(clock.Thread):
         after_round: Callable[[], None],
         on_items: Callable[[str, Sequence[Item]], None] = lambda name, items: None,
     ) -> None:
-        """create: begins a run of this label that continues the run of that name, or none if the name is empty.
+        """Create a recorder; `start` begins its work.
 
-        on_items: is called with what came on every stream, while the recorder works; it may only keep it.
+        create: creates a run for a label. Its second argument is the name of the run to continue, or empty.
+        on_items: receives the new items of every stream and must return quickly.
         """
         super().__init__(name="write", daemon=True)
         self._buffers, self._create, self._after_round = buffers, create, after_round
@@ -106,18 +106,18 @@ class Recorder(clock.Thread):
         self._stop_asked = clock.Event()
         self._state = State()
         self._runs: dict[int, ActiveRun] = {}
-        """Every run that is not closed yet, by its number in the state."""
+        """All open runs, by number."""
         self._gap: Gap | None = None
-        """What is missed while a recording waits for the disk."""
+        """Samples missed while a recording waits for the disk."""
         self._warnings = RateLimitedLog()
         self._io = IoWorker(self._warnings)
         self.host, self.losses = HostWatch(self._warnings), Losses(buffers, self._warnings)
         self.last_end = ""
         self._last_path: Path | None = None
-        """The run that ended last."""
+        """Directory of the last finished run."""
 
     def run(self) -> None:
-        """Do a round every quarter of a second, later only if one takes longer: the body of the thread."""
+        """Run a round every quarter of a second, or later if a round takes longer."""
         self.host.start()
         pause_s = _ROUND_S
         while not self._stop_asked.wait(pause_s):
@@ -145,10 +145,10 @@ class Recorder(clock.Thread):
         self._after_round()
 
     def start_run(self, recording: Recording) -> Future[Path]:
-        """Begin a recording.
+        """Start a recording.
 
-        The future has its directory as soon as it exists, and raises CellError if the disk refuses.
-        Raises CellError if it cannot begin now, or if a gauge is silent.
+        The future contains the directory once it exists, and raises CellError if the disk refuses.
+        Raises CellError if a recording cannot start now or a gauge is silent.
         """
         with self._lock:
             for action in machine.step(self._state, machine.Start(recording))[1]:
@@ -165,8 +165,9 @@ class Recorder(clock.Thread):
         why: str = "stopped by rig record stop",
         by: Literal["person", "robot"] = "person",
     ) -> Future[EndedRun]:
-        """End the recording; the future has the run when it is closed, and raises CellError if it cannot be closed.
+        """End the recording.
 
+        The future contains the closed run, and raises CellError if it cannot be closed.
         Raises CellError if nothing is being recorded.
         """
         with self._lock:
@@ -176,7 +177,7 @@ class Recorder(clock.Thread):
             return self._runs[number].ended
 
     def shut_down(self, ending: Ending, why: str) -> Path | None:
-        """End the thread and the recording; return the directory of a recording that was cut short."""
+        """Stop the thread and the recording; return the directory if a recording was cut short."""
         self._stop_asked.set()
         self.join()
         in_a_run = self._state.run is not None
@@ -190,29 +191,29 @@ class Recorder(clock.Thread):
             self._io.shut_down()
 
     def note_end(self, run: str, reason: str) -> None:
-        """Add to how the last recording ended what somebody has found in its run, so that status says it."""
+        """Append a later finding about the last run to its ending, for the status."""
         with self._lock:
             if run == str(self._last_path):
                 self.last_end += f"; cannot be analysed: {reason}"
 
     @property
     def recording(self) -> Recording | None:
-        """What is being recorded, also while its run begins or it waits for the disk."""
+        """The current recording, even before its run exists or while it waits for the disk."""
         return self._state.recording
 
     def state(self) -> dict[str, object]:
-        """Return what is being recorded and since when, or how the last recording ended."""
+        """Return the status of the current recording, or the result of the last one."""
         run, synced = self._current, {name: self._io.synced.get(name, 0) for name in self._buffers}
         closing = any(active is not run and not active.ended.done() for active in list(self._runs.values()))
         return status_of(self._state, run, self._gap, self.last_end, synced, closing=closing)
 
     @property
     def _current(self) -> ActiveRun | None:
-        """The run that takes what comes."""
+        """The run receiving samples."""
         return self._runs.get(self._state.run or 0)
 
     def _apply(self, event: machine.Event) -> None:
-        """Go to the state that an event leads to, and do what is to be done. Raises CellError if it is rejected."""
+        """Apply an event to the state and execute the actions. Raises CellError for a rejected event."""
         self._state, actions = machine.step(self._state, event)
         for action in actions:
             match action:
@@ -229,7 +230,7 @@ class Recorder(clock.Thread):
                     self.last_end = f"{ending}: {why}"
                     self._io.submit_close(partial(self._close_run, self._runs[number], ending, why))
                 case Suspend(number, why) if (writer := self._runs[number].writer) is not None:
-                    # What comes from now on counts as missed, and later what was taken and is not stored.
+                    # From now on samples count as missed; unsaved ones are added when the run is closed.
                     self._gap = Gap(writer.path, writer.device, why, self._runs[number].taken)
                     message = "%s: run ended, %s; another run follows when the disk allows it"
                     log.error(message, writer.path, self.last_end)
@@ -240,7 +241,7 @@ class Recorder(clock.Thread):
                     raise rejection(action, self._state, self.last_end)
 
     def _create_run(self, number: int, run: ActiveRun) -> None:
-        """Create the run and begin to use it; called in a thread of the disk's."""
+        """Create the run and start writing it; called in a disk thread."""
         try:
             dropped = run.gap.not_recorded(self._warnings) if run.gap else {}
             writer = self._create(run.label, run.gap.previous.name if run.gap else "")
@@ -256,7 +257,7 @@ class Recorder(clock.Thread):
                 log.info("recording %s (%s) to %s%s", label.name, kind, writer.path, after)
                 for name, faults in run.begin(writer, dropped).items():
                     self.losses.report(name, faults)
-                self._apply(machine.Created(number))  # first, so that `state` sees no moment with neither
+                self._apply(machine.Created(number))  # first, so that `state` never sees both empty
                 run.begun.set_result(writer.path)
             except Exception as error:
                 self._refused(number, run, error)
@@ -276,11 +277,14 @@ class Recorder(clock.Thread):
             self.losses.add(run.kept, f"{run.label.name} did not begin")
 
     def _drain_buffers(self, *, sync: bool) -> None:
-        """Drain every buffer into the run, if there is one; at its end also those of streams that are behind."""
+        """Drain every buffer into the current run.
+
+        With sync, streams that are behind are skipped; their buffers are bounded and count the overflow.
+        """
         run = self._current
         for name, buffer in self._buffers.items():
             if sync and run is not None and run.is_behind(name):
-                continue  # a buffer is bounded, and counts what finds no room
+                continue  # the buffer is bounded and counts its overflow
             items = buffer.drain()
             self._warnings.warn_faults(name, faults_of(items))
             self._on_items(name, items)
@@ -304,7 +308,7 @@ class Recorder(clock.Thread):
             self.losses.add(gap.missed + gap.lost, f"nothing followed {gap.previous.name}")
 
     def _settle(self, run: ActiveRun) -> None:
-        """Count what a run that is closed has lost, unless a run that follows will."""
+        """Count the losses of a closed run, unless the next run will do so."""
         if run.writer is None or not run.writer.lost.total():
             return
         with self._lock:
@@ -314,8 +318,7 @@ class Recorder(clock.Thread):
                 self.losses.add(run.writer.lost, f"{run.writer.path.name} could not be closed")
 
     def _close_run(self, run: ActiveRun, ending: Ending, why: str) -> None:
-        """Close the run; called in the disk's thread. Those who wait for its end receive the error if it cannot be
-        written."""
+        """Close the run in a disk thread; waiting callers receive the error if it fails."""
         path = clock.result(run.begun)
         try:
             try:

@@ -1,4 +1,4 @@
-"""What a recorder warns of: faults as they repeat, samples that were lost, and what happens to the computer itself."""
+"""Log warnings of the recorder: repeated faults, lost samples, and faults of the computer."""
 
 from __future__ import annotations
 
@@ -17,15 +17,17 @@ _SLOW_S = 2.0
 
 
 class RateLimitedLog:
-    """Logs the faults of one daemon; streams and kinds are few, and so is what it remembers."""
+    """Rate-limited log of faults; few streams and kinds keep it small."""
 
     def __init__(self) -> None:
         self._last: dict[tuple[str, str], tuple[float, int]] = {}
 
     def warn(self, name: str, kind: str, detail: str, count: int = 1) -> None:
-        """Log a fault; the same kind is logged again after ten seconds at the earliest, with the number left out.
+        """Log a fault.
 
-        A fault of count 0, which adds details to an earlier one, is logged at once.
+        A repeated kind is logged again after ten seconds, with the number of suppressed faults. A fault with count 0,
+        which
+        adds details to an earlier one, is logged immediately.
         """
         if not count:
             log.info("%s: %s", name, detail)
@@ -40,38 +42,38 @@ class RateLimitedLog:
         self._last[name, kind] = (now, 0)
 
     def warn_faults(self, name: str, faults: Sequence[Fault]) -> None:
-        """Log faults of one stream."""
+        """Log the faults of one stream."""
         for fault in faults:
             self.warn(name, fault.kind, fault.detail, fault.count)
 
     def warn_slow(self, action: str, seconds: float) -> None:
-        """Log what the disk has been slow with, if it was."""
+        """Log a slow disk operation."""
         if seconds > _SLOW_S:
             self.warn("disk", f"slow {action}", f"has taken {seconds:.1f} s; readers do not wait for it")
 
 
 class Losses:
-    """Counts such samples of each stream, and reports faults that were found after a stream was read."""
+    """Counts lost samples per stream, and reports faults found after a stream was read."""
 
     def __init__(self, buffers: Mapping[str, StreamBuffer], warnings: RateLimitedLog) -> None:
         self._buffers, self._warnings = buffers, warnings
         self.counts: Counter[str] = Counter()
 
     def add(self, samples: Counter[str], why: str) -> None:
-        """Report and count samples that no run holds or counts."""
+        """Report and count samples outside any run."""
         self.counts += samples
         for name, count in (+samples).items():
             detail = f"{count} samples are in no run: {why}"
             self.report(name, [Fault(FaultKind.DROPPED, clock.now_ns(), detail, count)])
 
     def report(self, name: str, faults: Sequence[Fault]) -> None:
-        """Log and count faults of a stream that were found here and are in the run already."""
+        """Log and count faults already stored in the run."""
         self._warnings.warn_faults(name, faults)
         self._buffers[name].count(faults)
 
 
 class HostWatch:
-    """Finds faults of the computer, logs them and counts them by kind since the daemon started."""
+    """Detects faults of the computer and counts them by kind since the start of the daemon."""
 
     def __init__(self, warnings: RateLimitedLog) -> None:
         self._warnings = warnings
@@ -79,11 +81,11 @@ class HostWatch:
         self.counts: Counter[str] = Counter()
 
     def start(self) -> None:
-        """Watch for stalls from now on."""
+        """Start watching for stalls."""
         self._stalls.start()
 
     def stop(self) -> None:
-        """End the watch for stalls."""
+        """Stop watching for stalls."""
         self._stalls.stop()
 
     def check(self) -> list[Fault]:

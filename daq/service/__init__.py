@@ -1,1 +1,1 @@
-"""The daemon as a service: its command, control socket and client, metrics, journal and maintenance."""
+"""The daemon as a service: command, control socket, client, metrics, journal and maintenance."""

@@ -1,9 +1,10 @@
-"""The network addresses that a rig needs, as a drop-in for its unit, which denies all others: for `scripts/install`.
+"""Print the network addresses needed by a rig as a systemd drop-in for `scripts/install`; the unit denies all others.
 
-    python -m daq.service.addresses RIG
+python -m daq.service.addresses RIG
 
-An instrument is allowed by its address; one that is named also by the servers that know names. A controller that
-speaks first is not named in the rig file, so that the networks of a shop floor are allowed for it.
+An instrument is allowed by its address; an instrument with a host name also requires the name servers. The rig file
+does
+not name a controller that connects to us, so private networks are allowed in that case.
 """
 
 from __future__ import annotations
@@ -21,12 +22,12 @@ from rigs.schema.links import tcp_address, udp_address
 
 Resolve = Callable[[str], Sequence[str]]
 _PRIVATE = ("10.0.0.0/8", "172.16.0.0/12", "192.168.0.0/16", "169.254.0.0/16", "fc00::/7", "fe80::/10")
-"""Networks without a way to the internet: RFC 1918, RFC 3927, RFC 4193 and RFC 4291."""
+"""Networks without a route to the internet: RFC 1918, RFC 3927, RFC 4193 and RFC 4291."""
 _RESOLVERS = Path("/etc/resolv.conf")
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Print the drop-in for the rig file that is given; return the exit code."""
+    """Print the drop-in for a rig file; return the exit code."""
     try:
         rig, _ = load(arguments[0])
         print(drop_in(rig, resolved, _RESOLVERS.read_text("utf-8", "replace") if _RESOLVERS.exists() else ""), end="")
@@ -37,7 +38,10 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def drop_in(rig: Rig, resolve: Resolve, resolv_conf: str) -> str:
-    """Return the lines that allow what a rig needs. resolve: a name's addresses; resolv_conf: that file's text."""
+    """Return the drop-in with the addresses required by a rig.
+
+    resolve: returns the addresses of a name. resolv_conf: text of that file.
+    """
     listens = rig.feedback.listens
     ports = [*(gauge.port for gauge in rig.gauges.recorded.values()), *([] if listens else [rig.feedback.port])]
     hosts = [address[0] for port in ports if (address := tcp_address(port) or udp_address(port))]
@@ -54,7 +58,7 @@ def drop_in(rig: Rig, resolve: Resolve, resolv_conf: str) -> str:
 
 
 def resolved(name: str) -> Sequence[str]:
-    """Return the addresses of a host. Raises CellError where it has none."""
+    """Return the addresses of a host. Raises CellError if there are none."""
     try:
         addresses = socket.getaddrinfo(name, None, type=socket.SOCK_STREAM)
     except (OSError, UnicodeError) as error:
@@ -68,7 +72,7 @@ def _is_address(text: str) -> bool:
         ipaddress.ip_address(text)
     except ValueError:
         return False
-    return "%" not in text  # an IPv6 zone, which systemd does not take
+    return "%" not in text  # systemd does not accept an IPv6 zone
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
-"""What a daemon answers, as far as a client uses it: held against these shapes before anything of it is shown.
+"""Answers of a daemon, validated by the client before use.
 
-Anybody may have bound the socket, and a daemon of another version may know more or less: what is missing or of another
-kind is one line instead of a traceback, what is more is passed on. Every text in an answer is plain (`rigs.text`).
+Any program may have bound the socket, and the daemon may have a different version: missing or invalid values give a
+one-line error, additional values are passed on. All texts in an answer are plain (`rigs.text`).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from rigs.text import plain_values
 
 LONGEST_ANSWER = 1 << 20
-"""Bytes of a line; the status of a cell with three streams has 3 kB."""
+"""Limit of an answer line in bytes; the status of a cell with three streams has 3 kB."""
 Number = Annotated[float, Field(strict=True)]
 
 
@@ -23,7 +23,7 @@ class _Answer(BaseModel):
 
 
 class Refusal(_Answer):
-    """An error of the daemon in its parts."""
+    """Error of the daemon in parts."""
 
     where: str
     what: str
@@ -32,13 +32,13 @@ class Refusal(_Answer):
 
 
 class Started(_Answer):
-    """A recording has begun."""
+    """A recording has started."""
 
     run: str
 
 
 class Stopped(_Answer):
-    """A recording has ended. seal: SHA-256 of its ledger; empty of an older daemon."""
+    """A recording has ended. seal: SHA-256 of the ledger; empty for older daemons."""
 
     run: str
     counters: dict[str, dict[str, int]]
@@ -46,13 +46,13 @@ class Stopped(_Answer):
 
 
 class Metrics(_Answer):
-    """The text for Prometheus."""
+    """Text for Prometheus."""
 
     text: str
 
 
 class StreamStatus(_Answer):
-    """A stream of samples now. last: of each column the last good value; age_s: the time since then."""
+    """Present state of a sample stream. last: last valid value by column. age_s: age of that value by column."""
 
     connected: bool
     rate_hz: Number
@@ -69,14 +69,14 @@ class StreamStatus(_Answer):
 
 
 class AutomaticStatus(_Answer):
-    """What the automat waits for, and why it did not start."""
+    """State of the trigger, and the reason for a refused start."""
 
     waits_for: list[str]
     why_not: str
 
 
 class StreamSamples(_Answer):
-    """The latest samples of a stream. rows: stamp in ns, then a value for each column, None where there is none."""
+    """Latest samples of a stream. rows: stamp in ns, then a value per column or None."""
 
     newest: int
     columns: list[str]
@@ -90,7 +90,7 @@ class StreamSamples(_Answer):
 
 
 class Samples(_Answer):
-    """The latest samples of all streams."""
+    """Latest samples of all streams."""
 
     now_ns: Number
     streams: dict[str, StreamSamples]
@@ -98,7 +98,7 @@ class Samples(_Answer):
 
 
 class NotRecording(_Answer):
-    """Nothing is recorded. missed: samples of each stream since a recording waits for the disk."""
+    """No recording. missed: samples per stream missed while a recording waits for the disk."""
 
     recording: None
     last_end: str | None
@@ -106,7 +106,7 @@ class NotRecording(_Answer):
 
 
 class Recording(_Answer):
-    """What is recorded."""
+    """Present recording."""
 
     recording: str
     test: str
@@ -115,7 +115,7 @@ class Recording(_Answer):
 
 
 class Status(_Answer):
-    """Everything that the daemon reads now."""
+    """Present state of the daemon."""
 
     rig: str
     baseline_mm: Number | None
@@ -133,7 +133,7 @@ _OF_COMMAND: dict[str, type[_Answer]] = {
 
 
 def read_answer(command: str, line: bytes) -> dict[str, Any]:
-    """Return an answer, `ok` and all, with plain texts. Raises ValueError where it is not one of this command."""
+    """Decode an answer, including `ok`, with plain texts. Raises ValueError if it does not fit the command."""
     try:
         answer = json.loads(line)
     except RecursionError:
@@ -150,6 +150,6 @@ def read_answer(command: str, line: bytes) -> dict[str, Any]:
         detail = error.errors(include_url=False, include_input=False, include_context=False)[0]
         raise ValueError(f"{'.'.join(map(str, detail['loc']))}: {detail['msg']}") from None
     if command == "metrics" and answer["ok"]:
-        return answer  # of several lines, each of which is plain where it is printed
+        return answer  # several lines, each plain when printed
     plain: dict[str, Any] = plain_values(answer)
     return plain

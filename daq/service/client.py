@@ -1,7 +1,7 @@
-"""The client of a running daemon's control socket, as `rig record`, `rig status` and `rig live` use it.
+"""Client of a daemon's control socket, for `rig record`, `rig status` and `rig live`.
 
-What answers need not be rigd: whose socket it is, is looked at before a word is sent, and an answer has a longest size,
-a latest time and a shape.
+The responding program may not be rigd: the owner of the socket is checked before anything is sent, and answers are
+limited in size, time and form.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from daq.service.trust import hold_trusted, peer_user, socket_directory
 from rigs.errors import CellError, RigError
 
 ANSWERS_S = 30.0
-"""A client waits this long for an answer: as long as a recording may take to close (TimeoutStopSec of the unit)."""
+"""Limit for an answer: as long as a recording may take to close (TimeoutStopSec of the unit)."""
 _CONNECT_S = 3.0
-"""The limit for a connection while others are waiting for theirs as well."""
+"""Limit for a connection while others are queued."""
 _TIMEVAL = struct.Struct("ll")
 _KNOCK_S = 1.0
 _RESTART = "see its log, then start it again: rigd RIG"
 
 
 class Client:
-    """A connection to one daemon, in a `with` statement."""
+    """Connection to a daemon, used in a `with` statement."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -36,7 +36,7 @@ class Client:
         self._unread = b""
 
     def __enter__(self) -> Client:
-        """Connect. Raises CellError where no daemon answers, or one that this user has no reason to trust."""
+        """Connect. Raises CellError if no daemon responds or the daemon is not trusted."""
         try:
             owners = hold_trusted(self._path)
         except PermissionError:
@@ -45,7 +45,7 @@ class Client:
             raise CellError(str(self._path), "no rigd answers here", "start it: rigd RIG") from None
         sock = socket.socket(socket.AF_UNIX)
         try:
-            # A connect that waits in the system's queue gets its turn; one that tries again and again may never.
+            # A blocking connect keeps its place in the system's queue; repeated attempts might never succeed.
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, _TIMEVAL.pack(*divmod(int(_CONNECT_S * 1e6), 10**6)))
             sock.connect(str(self._path))
             if (user := peer_user(sock)) not in owners:
@@ -68,11 +68,13 @@ class Client:
         self._sock.close()
 
     def ask(self, command: str, **fields: Any) -> dict[str, Any]:
-        """Return the daemon's answer. Raises the daemon's own RigError, or CellError if the daemon is gone."""
+        """Send a request and return the answer. Raises the RigError of the daemon, or CellError if the daemon is
+        gone.
+        """
         until_s = clock.now_s() + ANSWERS_S
         try:
             self._sock.settimeout(ANSWERS_S)
-            # What rigd has said before it closed the connection can still be read.
+            # Data sent by rigd before closing can still be read.
             with contextlib.suppress(BrokenPipeError):
                 self._sock.sendall(json.dumps({"command": command, **fields}).encode() + b"\n")
             line = self._line(until_s)
@@ -95,7 +97,7 @@ class Client:
         return answer
 
     def _line(self, until_s: float) -> bytes:
-        """Return the next line without its end, an empty one if the daemon has gone. Raises OSError."""
+        """Return the next line without the line end, empty if the daemon is gone. Raises OSError."""
         while b"\n" not in self._unread:
             if len(self._unread) > LONGEST_ANSWER:
                 problem = f"what answers here sends more than {LONGEST_ANSWER} bytes in a line, which rigd never does"
@@ -116,9 +118,9 @@ def _forbidden(path: Path) -> CellError:
 
 
 def find_socket(rig: str | None = None) -> Path:
-    """Return the socket of the running daemon, or of the one for `rig`. Raises CellError for none or several.
+    """Return the socket of the running daemon, or of the daemon for `rig`. Raises CellError for none or several.
 
-    A daemon that was killed leaves its socket behind, where nothing answers any more.
+    A killed daemon leaves its socket behind without a listener.
     """
     served = [path for path in sockets() if rig in (None, path.stem) and _is_served(path)]
     if len(served) == 1:
@@ -131,7 +133,7 @@ def find_socket(rig: str | None = None) -> Path:
 
 
 def sockets() -> list[Path]:
-    """Return the sockets of the daemons that this user can see, in order of name, also those where nothing answers."""
+    """Return the sockets visible to this user in order of name, including those without a listener."""
     places = [socket_directory(), *Path("/run").glob("rigd-*")]
     return sorted({path for place in places for path in place.glob("*.sock")})
 

@@ -1,10 +1,10 @@
-"""The local control socket: one line of JSON asks, one line answers. Nothing listens on the network.
+"""Local control socket with one line of JSON per request and answer. Nothing listens on the network.
 
-The socket belongs to the daemon's user and group only. An error crosses it as its parts, so that the client raises what
-the daemon raised. No client can exhaust it, and through it the recorder, since everything it holds is bounded:
-connections in all and of one user, the size of a request and of an answer, and the time that either may take. A new
-connection takes the place of the one that has been silent longest, so that silent ones lock no client out.
-docs/decisions/0018-one-gate-for-text.md says why, and where the numbers come from.
+Only the daemon's user and group have access. Errors are transmitted in parts, so that the client raises the error of
+the
+daemon. Clients cannot exhaust the server, and thereby the recorder, because all resources are bounded: connections in
+total and per user, the size of requests and answers, and their duration. A new connection replaces the longest silent
+one, so silent clients cannot block others. docs/decisions/0018-one-gate-for-text.md explains the numbers.
 """
 
 from __future__ import annotations
@@ -33,35 +33,37 @@ from rigs.errors import CellError, RigError
 log = logging.getLogger("rigd")
 Answer = Callable[[dict[str, Any]], dict[str, Any]]
 LONGEST_REQUEST = 65536
-"""Bytes of a line; a label with every field full has 2 kB."""
+"""Limit of a request in bytes; a label with all fields has 2 kB."""
 _LAST_ANSWERS_S = 15.0
-"""The limit for answers that are under way when the daemon ends: a long recording takes seconds to close."""
+"""Limit for pending answers at the end of the daemon: a long recording takes seconds to close."""
 _MOST, _MOST_OF_A_USER = 64, 16
-"""Connections. A person has a few: rig live, and one for each command while it runs."""
+"""Limits of connections in total and per user. A user has few: rig live, and one per running command."""
 _RESERVED = 256
-"""Descriptors that stay for ports and files of runs; a cell of three streams has 25 open while it records."""
+"""Descriptors reserved for ports and run files; a cell of three streams has 25 open while recording."""
 _IDLE_S = 30.0
-"""A connection that asks nothing for so long is closed; rig live asks ten times a second."""
+"""Idle time before a connection is closed; rig live sends ten requests a second."""
 _LINE_S = 5.0
-"""From a request's first byte to its end, and for an answer to be taken; on a local socket it takes microseconds."""
+"""Limit from the first byte of a request to its end, and for accepting an answer; microseconds on a local socket."""
 _ACCEPT_S, _ASK_S = 0.001, 0.02
-"""Pauses after a connection and after an answer, so that a flood of either leaves the readers their time."""
+"""Pauses after a connection and an answer, so that floods leave time to the readers."""
 _BACK_OFF_S = (0.05, 1.0)
-"""First and longest pause after the system gave no connection."""
+"""First and longest pause after the system refused a connection."""
 _ROOM_S = 0.5
-"""The limit for a silent connection to end after it was shut down."""
+"""Limit for the end of a silent connection after its shutdown."""
 _NO_ROOM = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
 
 
 def most_connections() -> int:
-    """Return how many connections may be open, so that the recorder never lacks a descriptor for them."""
+    """Return the limit of connections that leaves enough descriptors to the recorder."""
     limit, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
     return max(1, min(_MOST, limit - _RESERVED)) if limit != resource.RLIM_INFINITY else _MOST
 
 
 @dataclass(eq=False)
 class _Connection:
-    """A client. silent_since_s: monotonic time of its last answer; busy: it waits for one; ended: by the server."""
+    """Client connection. silent_since_s: monotonic time of the last answer. busy: awaiting an answer. ended: by the
+    server.
+    """
 
     sock: socket.socket
     user: int
@@ -75,7 +77,7 @@ class _Connection:
 
 
 class ControlServer:
-    """Serves the socket in threads of its own, one for each connection, from `start` until it is closed."""
+    """Serves the socket with one thread per connection, from `start` to `close`."""
 
     def __init__(self, path: Path, answer: Answer) -> None:
         self._path, self._answer = path, answer
@@ -88,7 +90,7 @@ class ControlServer:
         self._listener: socket.socket
 
     def start(self) -> None:
-        """Listen, and accept connections. Raises CellError where the socket cannot be made."""
+        """Listen and accept connections. Raises CellError if the socket cannot be created."""
         listener = socket.socket(socket.AF_UNIX)
         before = os.umask(0o117)
         try:
@@ -96,7 +98,7 @@ class ControlServer:
                 self._path.is_symlink() or not self._path.is_socket()
             ):
                 raise CellError(str(self._path), "exists already and is not a socket", "give another --socket")
-            self._path.unlink(missing_ok=True)  # one that a dead daemon left, as the lock shows
+            self._path.unlink(missing_ok=True)  # left by a dead daemon, as the lock proves
             listener.bind(str(self._path))
             listener.listen(_MOST)
         except (OSError, CellError) as error:
@@ -110,10 +112,10 @@ class ControlServer:
         self._thread.start()
 
     def close(self) -> None:
-        """Accept no more requests, finish the answers that are under way, and remove the socket."""
+        """Refuse further requests, complete pending answers, and remove the socket."""
         self._closing.set()
         with contextlib.suppress(OSError):
-            self._listener.shutdown(socket.SHUT_RDWR)  # ends the wait for the next
+            self._listener.shutdown(socket.SHUT_RDWR)  # ends the wait in accept
         self._thread.join(_LAST_ANSWERS_S)
         self._listener.close()
         with contextlib.suppress(FileNotFoundError):
@@ -128,7 +130,7 @@ class ControlServer:
         waiting = select.poll()
         waiting.register(self._listener, select.POLLIN)
         while not self._closing.is_set():
-            waiting.poll()  # accept itself takes a descriptor before it waits, and fails at once where there is none
+            waiting.poll()  # accept allocates a descriptor before waiting, and fails immediately if there is none
             try:
                 sock, _ = self._listener.accept()
             except OSError as error:
@@ -149,7 +151,7 @@ class ControlServer:
         self._warnings.warn("control socket", "limit", problem)
 
     def _admit(self, new: _Connection) -> None:
-        """Serve a connection, in the place of another where there are too many; refuse it where all are busy."""
+        """Serve a connection, replacing an idle one at the limit; refuse it if all are busy."""
         with self._changed:
             mine = {connection for connection in self._open if connection.user == new.user}
             limited = None if len(mine) < _MOST_OF_A_USER else mine
@@ -167,12 +169,12 @@ class ControlServer:
             self._open.add(new)
         try:
             threading.Thread(target=self._serve, args=(new,), name="control connection", daemon=True).start()
-        except RuntimeError as error:  # the system gives no more threads
+        except RuntimeError as error:  # the system refuses further threads
             self._warn(f"a connection cannot be served: {error}")
             self._forget(new)
 
     def _make_room(self, among: set[_Connection]) -> bool:
-        """End the connection that has been silent longest; return whether there is one, and it has gone."""
+        """End the longest silent connection; return whether it has gone."""
         silent = [connection for connection in among if not connection.busy]
         if not silent:
             return False
@@ -197,7 +199,7 @@ class ControlServer:
 
     def _reply(self, connection: _Connection, line: bytes) -> None:
         with self._changed:
-            if connection.ended:  # nothing is done for who will not hear of it
+            if connection.ended:  # the client cannot receive the answer
                 return
             connection.busy = True
         answered = _encoded(reply(line, self._answer))
@@ -214,9 +216,9 @@ class ControlServer:
 
 
 def _next_line(sock: socket.socket, unread: bytes) -> tuple[bytes, bytes]:
-    """Return the next line and what came after it; an empty line at the end. Raises OSError, TimeoutError too.
+    """Return the next line and the data after it; an empty line at the end. Raises OSError, including TimeoutError.
 
-    A line that is too long comes back cut, which no JSON survives.
+    An excessively long line is truncated and therefore invalid JSON.
     """
     until_s = None if not unread else clock.now_s() + _LINE_S
     while b"\n" not in unread and len(unread) <= LONGEST_REQUEST:
@@ -234,7 +236,7 @@ def _next_line(sock: socket.socket, unread: bytes) -> tuple[bytes, bytes]:
 
 
 def reply(line: bytes, answer: Answer) -> dict[str, Any]:
-    """Return the answer to a request line; an error is an answer too."""
+    """Return the answer to a request line, possibly an error."""
     request, problem = None, f"a request is one line of at most {LONGEST_REQUEST} bytes"
     if len(line) <= LONGEST_REQUEST:
         try:
@@ -255,7 +257,7 @@ def _as_answer(error: RigError) -> dict[str, Any]:
 
 
 def _encoded(answer: dict[str, Any]) -> bytes:
-    """Return an answer as its line; one that no client would take as an error that says so."""
+    """Encode an answer as a line; an oversized answer becomes an error."""
     line = json.dumps(answer).encode() + b"\n"
     if len(line) <= LONGEST_ANSWER:
         return line

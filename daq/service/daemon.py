@@ -1,11 +1,11 @@
-"""The daemon: a reader for each link, one recorder, a control socket, and notifications to the service manager.
+"""The daemon: a reader per link, a recorder, a control socket, and notifications to the service manager.
 
-Notifications follow systemd's protocol, datagrams to $NOTIFY_SOCKET (sd_notify(3)); where there is no socket, none is
-sent.
+Notifications are datagrams to $NOTIFY_SOCKET (sd_notify(3)); without a socket none are sent.
 
-A live view gets the latest samples of every stream in one bounded answer, whatever the rates. It asks some ten times a
-second and names the last sample that it has of each stream. It gets at most `MOST` newer ones, evenly thinned, since
-encoding takes processor time from the readers: an answer of three streams takes 0.35 ms on a busy computer.
+A live view receives the latest samples of all streams in one bounded answer at any rate. It sends about ten requests a
+second with the last known sample number of each stream, and receives at most `MOST` newer samples, evenly thinned,
+because
+encoding takes processor time from the readers: an answer with three streams takes 0.35 ms on a busy computer.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ from rigs.text import plain, plain_lines
 
 
 def notify(message: str) -> None:
-    """Send a message to the service manager, e.g. `READY=1` or `WATCHDOG=1`, a line for each variable."""
+    """Send a message to the service manager, for example `READY=1` or `WATCHDOG=1`, one variable per line."""
     address = os.environ.get("NOTIFY_SOCKET")
     if not address:
         return
@@ -62,7 +62,7 @@ def notify(message: str) -> None:
 
 
 def watchdog_s() -> float | None:
-    """Return the service manager's time limit between two watchdog messages; None if it has no watchdog."""
+    """Return the watchdog time-out of the service manager; None without a watchdog."""
     microseconds = os.environ.get("WATCHDOG_USEC", "")
     meant_for = os.environ.get("WATCHDOG_PID", str(os.getpid()))
     if not microseconds.isdigit() or meant_for != str(os.getpid()):
@@ -71,15 +71,15 @@ def watchdog_s() -> float | None:
 
 
 MOST = 20
-"""Samples of a stream in an answer; at ten answers a second more than a screen can show."""
+"""Limit of samples per stream in an answer; at ten answers a second more than a screen can show."""
 _DIGITS = 7
 """Decimals: 0.1 nm and a ten millionth of a degree."""
 _LONGEST_RIG = 500_000
-"""Characters of a rig file that are passed on, so that an answer stays below its limit; shipped ones have 4000."""
+"""Limit for the rig file in an answer, in characters; shipped ones have 4000."""
 
 
 class _Request(Part):
-    """after: stream → number of the last sample that the client has; rig: whether it needs the rig file."""
+    """after: last known sample number by stream. rig: whether the rig file is needed."""
 
     command: str
     after: dict[str, Annotated[int, Field(ge=0)]] = Field(default={}, max_length=64)
@@ -87,7 +87,7 @@ class _Request(Part):
 
 
 def recent_samples(request: Mapping[str, Any], buffers: Mapping[str, StreamBuffer], rig_text: str) -> dict[str, Any]:
-    """Return the answer to a `samples` request. Raises CellError for a request that is not valid."""
+    """Return the answer to a `samples` request. Raises CellError for an invalid request."""
     try:
         asked = _Request.model_validate(request)
     except ValidationError as error:
@@ -102,7 +102,7 @@ def recent_samples(request: Mapping[str, Any], buffers: Mapping[str, StreamBuffe
                 sample.first_byte_ns,
                 *(round(value, _DIGITS) if math.isfinite(value) else None for value in sample.values),
             ]
-            for sample in samples[::-1][::step][::-1]  # the newest is always among them
+            for sample in samples[::-1][::step][::-1]  # always includes the newest
         ]
         streams[name] = {"newest": newest, "columns": list(buffer.columns), "rows": rows}
     text = rig_text if asked.rig and len(rig_text) <= _LONGEST_RIG else ""
@@ -112,14 +112,14 @@ def recent_samples(request: Mapping[str, Any], buffers: Mapping[str, StreamBuffe
 log = logging.getLogger("rigd")
 _BRIEF = 80
 _MOST_SAID = 300
-"""Characters of what a client says of a run: a path, or a sentence."""
+"""Limit for a client's remark about a run, in characters: a path or a sentence."""
 _HEART_STOPS_S = 5.0
 _LEAVE_S = 3.0
-"""The time for a reader to close its port. One that waits for name resolution is abandoned, as is a long recovery."""
+"""Time for a reader to close its port; name resolution and a long recovery are abandoned afterwards."""
 
 
 class Daemon:
-    """Owns everything between the first port that is opened and the last run that is closed."""
+    """Owner of all parts of the daemon, from opening the ports to closing the last run."""
 
     def __init__(  # noqa: PLR0913 - what a daemon is given
         self,
@@ -133,8 +133,12 @@ class Daemon:
         *,
         opening: Callable[..., Link] = open_link,
     ) -> None:
-        """metrics: the file for Prometheus's node_exporter, or None. rig_file: where the rig comes from; None for one
-        that any number of daemons may serve. opening: what opens the links, with the arguments of `open_link`."""
+        """Create a daemon; `start` opens the links.
+
+        metrics: file for Prometheus's node_exporter, or None. rig_file: path of the rig file; None if several daemons
+        may use it.
+        opening: function with the arguments of `open_link` that opens the links.
+        """
         self._rig_file = rig_file
         self._rig, self._rig_text, self._runs, self._socket_path = rig, rig_text, runs, socket_path
         self._streams = [replace(stream, opening=opening) for stream in streams_of(rig)]
@@ -152,7 +156,7 @@ class Daemon:
         self._readers: list[Reader]
 
     def start(self) -> None:
-        """Take the lock, open every link, start reading. Raises CellError that names every port that fails."""
+        """Take the locks, open every link, start reading. Raises CellError naming every failed port."""
         with ExitStack() as undo:
             undo.enter_context(self._locks)
             self._take_locks()
@@ -178,8 +182,9 @@ class Daemon:
         notify(f"READY=1\nSTATUS=reading {plain(ports)}")
 
     def _take_locks(self) -> None:
-        """Take the locks of the socket, the rig file, the directory of runs and the gauges. Raises CellError where
-        another daemon holds one."""
+        """Lock the socket, the rig file, the directory of runs and the gauges. Raises CellError if a different
+        daemon holds a lock.
+        """
         socket_lock = self._socket_path.with_suffix(".lock")
         self._locks.callback(InstanceLock.take(self._rig.name, socket_lock).release)
         if self._rig_file:
@@ -188,13 +193,13 @@ class Daemon:
             self._runs.mkdir(parents=True, exist_ok=True)
         self._locks.callback(InstanceLock.take_runs(self._rig.name, self._runs).release)
         for stream in self._streams:
-            if stream.name != ROBOT and stream.opening is open_link:  # a controller answers several
+            if stream.name != ROBOT and stream.opening is open_link:  # a controller serves several clients
                 self._locks.callback(InstanceLock.take_gauge(stream.name, stream.port).release)
 
     def close(self, exit_status: Ending, why: str) -> Path | None:
-        """Stop everything in order; return the directory of a recording that was cut short.
+        """Stop everything in order; return the directory if a recording was cut short.
 
-        The control socket is closed first, so that no client starts a recording that nothing ends.
+        The control socket is closed first, so that no client can start a recording afterwards.
         """
         notify("STOPPING=1")
         self._maintenance.stop()
@@ -264,7 +269,7 @@ class Daemon:
         )
 
     def _status(self) -> dict[str, Any]:
-        try:  # the disk that will hold the runs
+        try:  # the disk for the runs
             usage = shutil.disk_usage(next(path for path in (self._runs, *self._runs.parents) if path.exists()))
             disk = {"free_bytes": usage.free, "size_bytes": usage.total}
         except OSError:
@@ -291,13 +296,13 @@ class Daemon:
         for stream, fault in self._replay.read_new() if self._replay else ():
             if stream in self._buffers:
                 self._buffers[stream].deliver([fault])
-        # The watchdog is fed after each round of the recorder, but only while every reader runs as well.
+        # The watchdog is fed after each recorder round, provided that every reader runs.
         if watchdog_s() is not None and all(buffer.alive(_HEART_STOPS_S) for buffer in self._buffers.values()):
             notify("WATCHDOG=1")
 
 
 class Unreachable(CellError):
-    """The error for several ports that cannot be opened."""
+    """Several ports cannot be opened."""
 
     def __init__(self, errors: list[CellError]) -> None:
         RigError.__init__(self, "cell", f"{len(errors)} links do not open: " + " | ".join(map(str, errors)), "see each")
@@ -308,7 +313,7 @@ class Unreachable(CellError):
 
 
 def _warn_if_not_writable(runs: Path) -> None:
-    """Warn at the start if every recording would be refused; after it is put right, no restart is needed."""
+    """Warn at start-up if recordings would be refused; no restart is needed after the repair."""
     try:
         runs.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=runs).close()
@@ -319,13 +324,13 @@ def _warn_if_not_writable(runs: Path) -> None:
 
 
 def _short(value: object) -> str:
-    """Return what a client sent, shortened to fit into a line."""
+    """Return text from a client, shortened to a line."""
     text = repr(value)
     return text if len(text) <= _BRIEF else f"{text[:_BRIEF]}…"
 
 
 def _text_in(request: Mapping[str, Any], key: str) -> str:
-    """Return a text that a client sent, in one line that is not endless. Raises UseError."""
+    """Return a text of a request as one line of limited length. Raises UseError."""
     text = request.get(key)
     if not isinstance(text, str):
         raise UseError("judged", f"{key} {_short(text)} is not text", "send the run and what is wrong with it")

@@ -1,4 +1,4 @@
-"""Metrics in the text format of Prometheus (0.0.4, prometheus.io/docs/instrumenting/exposition_formats)."""
+"""Prometheus text format for metrics (0.0.4, prometheus.io/docs/instrumenting/exposition_formats)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Labels = Mapping[str, str]
 
 @dataclass(frozen=True)
 class Metric:
-    """A metric: one name with its values. A counter's name ends in `_total`, and a unit is in the name."""
+    """Metric with a name and values. The name of a counter ends in `_total`, and the name contains the unit."""
 
     name: str
     kind: Literal["gauge", "counter"]
@@ -23,7 +23,7 @@ class Metric:
 
 
 def render(metrics: Iterable[Metric]) -> str:
-    """Return the text of metrics, without those that have no value."""
+    """Return the text of all metrics with values."""
     lines = []
     for metric in metrics:
         if metric.values:

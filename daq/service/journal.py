@@ -1,8 +1,7 @@
-"""systemd's journal, both ways: log lines that carry their severity into it, and entries that are read from it.
+"""systemd journal: write log lines with their severity, and read entries.
 
-A service writes to standard error; a line that begins with `<4>` is a warning there (sd-daemon(3)). Whether
-standard error leads to the journal is in $JOURNAL_STREAM, which a child that was redirected inherits as well,
-so that device and inode are compared.
+A service writes to standard error, where the prefix `<4>` marks a warning (sd-daemon(3)). $JOURNAL_STREAM tells whether
+standard error leads to the journal. A redirected child inherits the variable, so device and inode are compared.
 """
 
 from __future__ import annotations
@@ -21,15 +20,15 @@ from rigs.errors import CellError
 from rigs.text import plain, plain_lines
 
 ERROR, WARNING, NOTICE, INFO, DEBUG = 3, 4, 5, 6, 7
-"""Severities of syslog; smaller is worse."""
+"""Syslog severities; smaller is worse."""
 _OF_LEVEL = ((logging.CRITICAL, 2), (logging.ERROR, ERROR), (logging.WARNING, WARNING), (logging.INFO, INFO))
 _NO_UNIT = "No data available"
-"""The message of journalctl for a pattern that matches no unit."""
+"""Message of journalctl for a pattern without matching units."""
 _READABLE = "%(asctime)s %(levelname)s %(message)s"
 
 
 def is_journal(fd: int = 2) -> bool:
-    """Return whether this descriptor, by default standard error, leads to the journal."""
+    """Return whether a descriptor, by default standard error, leads to the journal."""
     device, _, inode = os.environ.get("JOURNAL_STREAM", "").partition(":")
     try:
         status = os.fstat(fd)
@@ -39,17 +38,17 @@ def is_journal(fd: int = 2) -> bool:
 
 
 def with_severity(text: str, severity: int) -> str:
-    """Return text for standard error; if that leads to the journal, every line carries this severity."""
+    """Return text for standard error, with this severity in every line if it leads to the journal."""
     return "\n".join(f"<{severity}>{line}" for line in text.splitlines()) if is_journal() else text
 
 
 def formatter() -> logging.Formatter:
-    """Return the formatter of the log: severities for the journal, which stamps lines itself, or words and times."""
+    """Return the log formatter: severities for the journal, words and times otherwise."""
     return _JournalFormatter() if is_journal() else _PlainFormatter(_READABLE)
 
 
 class _PlainFormatter(logging.Formatter):
-    """Makes the text of a log plain: no message can forge a second line, only a traceback has several."""
+    """Formatter with plain text: a message cannot forge a second line, only a traceback has several lines."""
 
     def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802 - logging's name
         record.message = plain(record.message)
@@ -67,7 +66,7 @@ class _JournalFormatter(_PlainFormatter):
 
 @dataclass(frozen=True)
 class Entry:
-    """A line of the journal. rig: the instance of the unit; by_systemd: systemd wrote it about the service."""
+    """Journal entry. rig: instance of the unit. by_systemd: written by systemd about the service."""
 
     at: datetime
     rig: str
@@ -77,9 +76,9 @@ class Entry:
 
 
 def read(rig: str | None, since: str | None = None, *, follow: bool = False) -> Iterator[Entry]:
-    """Yield what the service of one rig, or of every rig, has logged. since: as for journalctl (`-1h`, `today`).
+    """Yield the log of a rig's service, or of all. since: as for journalctl (`-1h`, `today`).
 
-    Raises CellError if there is no journal, or nothing in it that this user can see.
+    Raises CellError if there is no journal, or no entry visible to this user.
     """
     unit = f"rigd@{rig or '*'}.service"
     if not shutil.which("journalctl"):
@@ -107,7 +106,7 @@ def read(rig: str | None, since: str | None = None, *, follow: bool = False) -> 
 
 
 def entry(fields: dict[str, Any]) -> Entry:
-    """Return an entry of `journalctl --output=json`, where text that is not UTF-8 is a list of bytes."""
+    """Decode an entry of `journalctl --output=json`; text that is not UTF-8 is a list of bytes there."""
     text = fields.get("MESSAGE") or ""
     if isinstance(text, list):
         text = bytes(text).decode("utf-8", "replace")

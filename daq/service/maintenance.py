@@ -1,6 +1,6 @@
-"""The daemon's slow work, in a thread of its own: the metrics file, and the retention of runs.
+"""Slow background work in a separate thread: the metrics file, and the retention of runs.
 
-Neither the readers nor the recorder ever wait for it; a disk that hangs delays this thread alone.
+Readers and recorder never wait for it; a hanging disk delays only this thread.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ _METRICS_S = 10.0
 _RETENTION_S = 600.0
 _WARN_AGAIN_S = 3600.0
 _PAUSE_S = 0.002
-"""Between two runs: reading a thousand manifests in one go would hold up the readers of this process."""
+"""Pause between two runs: reading a thousand manifests in sequence would delay the readers of this process."""
 _FIRST = b"# HELP rig_"
-"""What every metrics file of rigd begins with."""
+"""First bytes of a metrics file written by rigd."""
 
 
 class Maintenance(clock.Thread):
-    """Writes the metrics every ten seconds and applies the retention every ten minutes, until it is stopped."""
+    """Writes the metrics every ten seconds and applies the retention every ten minutes, until stopped."""
 
     def __init__(self, metrics: Path | None, text: Callable[[], str], retention: RunRetention | None) -> None:
         super().__init__(name="keep house", daemon=True)
@@ -37,8 +37,10 @@ class Maintenance(clock.Thread):
         self._warned = False
 
     def start(self) -> None:
-        """Write the metrics, then begin. Raises CellError if the metrics file cannot be written, or if the file is
-        there already and is not one of rigd's, which would be lost."""
+        """Write the metrics and start the thread.
+
+        Raises CellError if the metrics file cannot be written, or belongs to a different program.
+        """
         if self._metrics is not None:
             try:
                 if os.path.lexists(self._metrics) and not _is_own(self._metrics):
@@ -51,11 +53,11 @@ class Maintenance(clock.Thread):
         super().start()
 
     def stop(self) -> None:
-        """Ask the thread to end; join it afterwards."""
+        """Request the end of the thread; join it afterwards."""
         self._stop_asked.set()
 
     def run(self) -> None:
-        """Do the work until `stop`: the body of the thread."""
+        """Work until `stop`."""
         due_s = clock.now_s()
         while not self._stop_asked.is_set():
             if self._retention is not None and clock.now_s() >= due_s:
@@ -66,7 +68,7 @@ class Maintenance(clock.Thread):
         if self._metrics is not None:
             with contextlib.suppress(OSError):
                 if _is_own(self._metrics):
-                    self._metrics.unlink(missing_ok=True)  # its content is out of date
+                    self._metrics.unlink(missing_ok=True)  # the content is obsolete
 
     def _write_metrics(self) -> None:
         if self._metrics is None:
@@ -81,7 +83,7 @@ class Maintenance(clock.Thread):
 
 
 def _is_own(path: Path) -> bool:
-    """Return whether a file is one that rigd wrote, or an empty one, which holds nothing to lose. Raises OSError."""
+    """Return whether a file was written by rigd, or is empty and may be overwritten. Raises OSError."""
     if not path.is_file():
         return False
     with path.open("rb") as file:
@@ -89,13 +91,13 @@ def _is_own(path: Path) -> bool:
 
 
 def write_atomically(path: Path, text: str) -> None:
-    """Write a file in one step, so that readers find the old or the new text. Raises OSError.
+    """Write a file atomically, so that readers see the old or the new text. Raises OSError.
 
-    It is not synced: metrics of a daemon that is gone need not survive a power cut.
+    Not synced: metrics of a stopped daemon need not survive a power cut.
     """
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
     try:
-        temporary.write_text(text, encoding="utf-8", errors="replace")  # a path may hold bytes that are not UTF-8
+        temporary.write_text(text, encoding="utf-8", errors="replace")  # a path may contain bytes outside UTF-8
         temporary.replace(path)
     except OSError:
         with contextlib.suppress(OSError):
@@ -104,7 +106,7 @@ def write_atomically(path: Path, text: str) -> None:
 
 
 class RunRetention:
-    """Applies the rig file's retention: deletes exported runs of this rig as far as the limits require."""
+    """Retention of the rig file: deletes exported runs of this rig as required by the limits."""
 
     def __init__(self, runs: Path, rig_name: str, limits: Retention) -> None:
         self._runs, self._rig_name, self._limits = runs, rig_name, limits
@@ -131,7 +133,7 @@ class RunRetention:
         while decision.delete:
             gone = {run.path for run in decision.delete if self._delete(run)}
             stuck = {run.path for run in decision.delete} - gone
-            # One that cannot be deleted makes way for the next oldest.
+            # If a run cannot be deleted, the next oldest is tried.
             runs = [replace(run, marks=None) if run.path in stuck else run for run in runs if run.path not in gone]
             decision = decide(runs, self._limits, clock.wall_ns() / 1e9)
         self.over_bytes, self.runs, self.runs_bytes = decision.over, len(runs), sum(run.size for run in runs)
@@ -144,7 +146,7 @@ class RunRetention:
         )
 
     def state(self) -> dict[str, int]:
-        """Return number and bytes of runs, the same of those deleted since the start, and the bytes over the limit."""
+        """Return number and bytes of the runs, of the runs deleted since start-up, and the bytes above the limit."""
         return {
             "runs": self.runs,
             "bytes": self.runs_bytes,

@@ -1,6 +1,8 @@
-"""A daemon's status as metrics for Prometheus.
+"""Convert the status of a daemon into Prometheus metrics.
 
-Counters begin at zero with the daemon, and every kind of fault is there from the first: a rate needs a value before.
+Counters start at zero with the daemon, and all kinds of faults are present from the start, because a rate needs an
+initial
+value.
 """
 
 from __future__ import annotations

@@ -33,7 +33,7 @@ log = logging.getLogger("rigd")
 
 
 def main() -> None:
-    """Run the command: the entry point of `rigd`."""
+    """Entry point of `rigd`."""
     forget_width_of_0()
     try:
         sys.exit(app(standalone_mode=False))
@@ -81,8 +81,8 @@ def rigd(
         rig, text = load(rig_file)
         file = find(rig_file).resolve()
         socket = socket or socket_directory() / f"{rig.name}.sock"
-        locked_file = None if is_shipped(file) else file  # a shipped one is everybody's
-        if metrics is None and "RUNTIME_DIRECTORY" in os.environ:  # systemd provides a directory for it and the socket
+        locked_file = None if is_shipped(file) else file  # shipped files are shared by all users
+        if metrics is None and "RUNTIME_DIRECTORY" in os.environ:  # systemd provides a directory for metrics and socket
             metrics = socket_directory() / "rig.prom"
         state = os.environ.get("STATE_DIRECTORY")
         runs = runs or (Path(state.split(":")[0]) / "runs" if state else Path("runs"))
@@ -102,7 +102,7 @@ def rigd(
 
 @dataclass(frozen=True)
 class _End:
-    """Why the daemon ends, with the exit status of a recording and the exit code for the service manager."""
+    """Reason for the end of the daemon, with the status of a recording and the exit code."""
 
     why: str
     exit_status: Ending
@@ -110,9 +110,9 @@ class _End:
 
 
 def _listen() -> SimpleQueue[_End]:
-    """Return the queue that receives the end of the daemon: by a signal, or by an unforeseen error in a thread.
+    """Return the queue that receives the end of the daemon: a signal, or an unexpected error in a thread.
 
-    Without that thread the daemon would look alive and record less than it reports; a service manager restarts it.
+    Without that thread the daemon would appear alive but record incompletely; the service manager restarts it.
     """
     ends: SimpleQueue[_End] = SimpleQueue()
 

@@ -1,16 +1,17 @@
-"""Where a daemon's socket is, and whose: a client talks to a daemon of its own user or of the system, and to no other
-program that poses as one.
+"""Locations, owners and locks of daemon sockets: a client only trusts a daemon of the same user or of the system.
 
-Where another user can write a directory on the way, that user can put a socket there and answer as rigd would. So each
-directory from the root on is looked at: who owns it, and who may put entries into it. A directory that the system
-made for a service, as /run/rigd-cell, is trusted with its owner.
+If another user can write to a directory in the path, that user could place a socket there and imitate rigd. So the
+owner
+and the permissions of each directory from the root on are checked. A directory created by the system for a service,
+such
+as /run/rigd-cell, is trusted with its owner.
 
-Each rig has one daemon, by a lock beside its socket, in a directory that no other user can write: somebody else's
-directory could hold a symbolic link by the lock's name, and opening it would spoil what it points to.
+Each rig has one daemon, enforced by a lock next to the socket, in a directory writable only by this user: in a foreign
+directory the lock's name could be a symbolic link, and opening it would damage the target.
 
-A socket can be given any name, so the rig file itself is locked as well, in a directory of runs each rig, and each
-gauge by its port: two daemons would ask the same instruments, and record the same lap twice. The system gives up every
-lock with its process, so none stays behind.
+A socket can have any name, so the rig file is locked too, as well as a directory of runs per rig, and each gauge by its
+port: two daemons would poll the same instruments and record the same lap twice. The system releases all locks with the
+process.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ _REMEDY = "remove it, or set XDG_RUNTIME_DIR to a directory of your own"
 
 
 def socket_directory() -> Path:
-    """Return the directory for sockets of this user's daemons: systemd's runtime directory, else the user's own."""
+    """Return the socket directory of this user: systemd's runtime directory, otherwise a directory of the user."""
     if directory := os.environ.get("RUNTIME_DIRECTORY"):
         return Path(directory.split(":")[0])
     if directory := os.environ.get("XDG_RUNTIME_DIR"):
@@ -46,12 +47,12 @@ def socket_directory() -> Path:
 
 
 def hold_trusted(path: Path) -> frozenset[int]:
-    """Return the users whom a socket may belong to. Raises CellError where another user could have put it there.
+    """Return the trusted owners of a socket path. Raises CellError if an untrusted user could have created the socket.
 
-    Raises FileNotFoundError, or another OSError, where it is not there or cannot be seen.
+    Raises FileNotFoundError or another OSError if the path does not exist or is not accessible.
     """
     owners = {0, os.geteuid()}
-    open_to_all = False  # whether the directory above lets other users put entries into it
+    open_to_all = False  # whether the parent directory lets other users add entries
     for place in (*reversed(path.absolute().parents), path.absolute()):
         status = place.lstat()
         if status.st_uid not in owners and open_to_all:
@@ -73,15 +74,17 @@ def hold_trusted(path: Path) -> frozenset[int]:
 
 
 def peer_user(connection: socket.socket) -> int:
-    """Return the number of the user at the other end of a local connection."""
+    """Return the user id of the peer of a local connection."""
     size = _CREDENTIALS.size
     _, user, _ = _CREDENTIALS.unpack(connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, size))
     return int(user)
 
 
 def tcp_user(client: tuple[str, int], port: int, table: Path = Path("/proc/net/tcp")) -> int | None:
-    """Return the number of the user of this computer who has connected from `client` to a port here; None where the
-    connection comes from elsewhere, or cannot be seen. Of addresses of version 6, those of version 4 within them."""
+    """Return the user id of a local TCP client connected to a port; None for remote or invisible connections.
+
+    IPv4 addresses within IPv6 addresses are supported.
+    """
     try:
         packed = socket.inet_aton(client[0].removeprefix("::ffff:"))
     except OSError:
@@ -96,7 +99,7 @@ def tcp_user(client: tuple[str, int], port: int, table: Path = Path("/proc/net/t
 
 
 def may_use(user: int, path: Path) -> bool:
-    """Return whether a user may connect to a daemon's socket: root, its owner, or a member of its group."""
+    """Return whether a user may connect to a daemon's socket: root, the owner, or a member of the group."""
     try:
         status = path.stat()
     except OSError:
@@ -110,15 +113,15 @@ def may_use(user: int, path: Path) -> bool:
 
 
 _LONGEST_ID = 20
-"""Characters of a process id, more than any has: what is longer is not a lock file."""
+"""Limit for a process id in characters; longer content is not a lock file."""
 
 
 class InstanceLock:
-    """Ensures one daemon for each rig, by an flock that the system releases whatever happens to the daemon."""
+    """Ensures a single daemon per rig by an flock, which the system always releases with the process."""
 
     @classmethod
     def take(cls, rig: str, path: Path) -> InstanceLock:
-        """Raises CellError if another daemon holds it, or if the place is not safe."""
+        """Take the lock of a rig. Raises CellError if a daemon holds the lock, or the location is not safe."""
         try:
             path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
             status = path.parent.stat()
@@ -154,31 +157,32 @@ class InstanceLock:
             holder = os.pread(self._fd, _LONGEST_ID, 0).decode("ascii", "replace").strip() or "unknown"
             problem = f"another rigd (process {holder}) serves this rig"
             raise CellError(rig, problem, "stop that one, or talk to it with rig status") from None
-        with contextlib.suppress(OSError):  # for people only: a full disk does not prevent a start
+        with contextlib.suppress(OSError):  # informative only: a full disk must not prevent the start
             os.ftruncate(self._fd, 0)
             os.write(self._fd, str(os.getpid()).encode())
 
     @classmethod
     def take_rig_file(cls, rig_file: Path) -> InstanceLock:
-        """Lock a rig file. Raises CellError if another daemon serves it."""
+        """Lock a rig file. Raises CellError if a daemon already serves it."""
         return cls._held(rig_file, os.O_RDONLY, "another rigd serves this rig file")
 
     @classmethod
     def take_runs(cls, rig: str, runs: Path) -> InstanceLock:
-        """Lock a directory of runs for a rig: rigs may share one. Raises CellError if another daemon records this rig
-        there."""
+        """Lock a directory of runs for a rig; rigs may share a directory. Raises CellError if a daemon already
+        records this rig.
+        """
         path = runs / f".rigd-{rig}.lock"
         return cls._held(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, f"another rigd records {rig} in this directory")
 
     @classmethod
     def take_gauge(cls, name: str, port: str) -> InstanceLock:
-        """Lock the port of a gauge for this user's daemons, by whatever rig file and name it is reached: two would each
-        take answers of the other. Raises CellError if another daemon reads it.
+        """Lock the port of a gauge for this user's daemons, independent of rig file and name.
 
-        The lock is an abstract socket, which is in no directory that a service has for itself alone.
+        Two daemons would take each other's answers. Raises CellError if a daemon already reads the port.
         """
-        # One name for a port, however it is written: of a serial port the device, of an address small letters. A
-        # pseudo-terminal goes by the path given: its number is another's as soon as it closes.
+        # Canonical name of a port: the device for a serial port, lower case for an address. A pseudo-terminal keeps the
+        # given path,
+        # because its number is reused as soon as it closes.
         canonical = port.casefold().replace("//localhost:", "//127.0.0.1:")
         if port.startswith("/"):
             device = os.path.realpath(port)
@@ -199,7 +203,7 @@ class InstanceLock:
 
     @classmethod
     def take_cell(cls, directory: Path) -> InstanceLock:
-        """Lock the directory of an emulated or replayed cell. Raises CellError if another serves in it."""
+        """Lock the directory of an emulated or replayed cell. Raises CellError if the directory is already in use."""
         refusal = "another rig emulate or rig replay serves a cell in this directory"
         return cls._held(directory, os.O_RDONLY, refusal, "stop that one, or give another --output")
 
@@ -207,8 +211,9 @@ class InstanceLock:
     def _held(
         cls, path: Path, flags: int, refusal: str, remedy: str = "stop that one, or talk to it with rig status"
     ) -> InstanceLock:
-        """Lock a file. Where it cannot be opened, or its disk has no locks, there is none: what follows from that is
-        reported by those who need the file."""
+        """Lock a file. No lock if it cannot be opened or the disk does not support locks; code using the file
+        reports such problems.
+        """
         try:
             fd = os.open(path, flags | os.O_NONBLOCK | os.O_CLOEXEC, 0o644)
         except OSError:
@@ -224,7 +229,7 @@ class InstanceLock:
         return cls(fd)
 
     def release(self) -> None:
-        """Release the lock, so that another daemon can start."""
+        """Release the lock, so that a new daemon can start."""
         if self._fd >= 0:
             os.close(self._fd)
             self._fd = -1

@@ -1,9 +1,11 @@
-"""The store: runs that survive. `RunWriter` records, `write_table_run` takes in a table from elsewhere,
-`read_run` reads, `recover` and `verify` look after.
+"""Crash-proof storage of runs: `RunWriter` records, `write_table_run` stores imported tables, `read_run` reads,
+`recover`
+and `verify` repair and check.
 
-A run is a directory: `manifest.json`, `ledger.jsonl`, and for each stream chunks `<stream>-0001.parquet`, …; the chunk
-being recorded is `<stream>-0001.arrow`. See `daq.store.chunk` for why these two formats. An imported run
-has one chunk, `table-0001.parquet`. `marks.json` says whether the run was exported and whether it is kept.
+A run is a directory with `manifest.json`, `ledger.jsonl`, and for each stream the chunks `<stream>-0001.parquet`, …;
+the
+chunk being recorded is `<stream>-0001.arrow`. `daq.store.chunk` gives the reason for the two formats. An imported run
+has a single chunk, `table-0001.parquet`. `marks.json` records exports and protection from deletion.
 """
 
 from daq.store.imported import table_run, write_table_run

@@ -1,23 +1,27 @@
-"""The bytes of a chunk: an Arrow IPC stream while recording, Parquet once it is full.
+"""Encoding of a chunk: an Arrow IPC stream during recording, Parquet afterwards.
 
-Arrow's stream has no checksum, and zeros at a batch boundary read as its clean end. So each batch
-carries its number and a CRC-32 over its columns, and reading counts bytes: whatever follows the last
-verified batch and is not exactly the end mark is damage. Bytes in, batches out; nothing here touches
-a file, and no damage raises: a damaged chunk is an expected thing.
+An Arrow stream has no checksum, and zeros at a batch boundary read as a valid end. Therefore each batch contains its
+number and a CRC-32 over its columns, and the reader counts bytes: all data after the last verified batch, except the
+exact
+end mark, is damage. Bytes in, batches out; this module touches no files, and damage raises no exception, because
+damaged
+chunks are expected.
 
-The schema of each file also holds the run's opening manifest, so that any one surviving chunk says
-which run, rig and clock it belongs to.
+The schema of each file also contains the opening manifest of the run, so any surviving chunk identifies its run, rig
+and
+clock.
 
-There are two shapes only: a sample stream (stamps, then the values in file units) and the one `faults` stream. An
-imported run has a table instead of sample streams, with the columns that its file had. No cell is ever null: nan and
-`NO_TIME` say "not there", so every column is a plain array everywhere. `sequence` numbers the rows of a stream through
-all its chunks; a gap in it is a loss that shows.
+There are two shapes: a sample stream (stamps, then values in file units) and the `faults` stream. An imported run has a
+table with the columns of its file in place of sample streams. Cells are never null: nan and `NO_TIME` represent missing
+values, so every column is a plain array. `sequence` numbers the rows of a stream across all chunks; a gap is a visible
+loss.
 
-The checksum covers names, types and every bit of every value, and not Arrow's encoding of them: the
-same number must come out of the recording chunk and of the Parquet file made from it.
+The checksum covers names, types and all bits of the values, but not the Arrow encoding: the recording chunk and the
+Parquet file must give the same number.
 
-Columns become arrays of numpy without pandas, which pyarrow's own way imports wherever it is installed: half of the
-time that a small run takes.
+Columns are converted to numpy without pandas. The converter of pyarrow imports pandas if installed, which takes half
+the
+time of a small run.
 """
 
 from __future__ import annotations
@@ -39,13 +43,13 @@ from daq.protocol.conversation import Fault, Sample, Samples
 
 Array: TypeAlias = "pa.Array[Any]"
 FAULTS = "faults"
-"""The stream every run has; its rows name the stream they happened on."""
+"""Stream of faults in every run; each row names the affected stream."""
 TABLE = "table"
-"""The stream of an imported run."""
+"""Stream of an imported run."""
 ColumnType = Literal["double", "int64", "string"]
-"""Types of an imported table's columns, by Arrow's names."""
+"""Column types of imported tables, in Arrow's notation."""
 Row = Sample | tuple[str, Fault]
-"""What is appended: a sample, or the stream's name with its fault."""
+"""A sample, or a fault with its stream name."""
 
 SAMPLE_COLUMNS: dict[str, pa.DataType] = {
     "requested_ns": pa.int64(),
@@ -67,7 +71,7 @@ FAULT_COLUMNS: dict[str, pa.DataType] = {
 
 
 def schema_of(stream: str, columns: Sequence[str]) -> pa.Schema:
-    """Return the Arrow schema of a stream with these value columns (`faults` has none)."""
+    """Return the Arrow schema of a stream with these value columns (none for `faults`)."""
     fixed = FAULT_COLUMNS if stream == FAULTS else SAMPLE_COLUMNS
     types = {**fixed, **dict.fromkeys(columns, pa.float64())}
     return pa.schema([pa.field(name, kind, nullable=False) for name, kind in types.items()])
@@ -80,7 +84,7 @@ def table_schema(columns: Mapping[str, ColumnType]) -> pa.Schema:
 
 
 def batch_of(rows: Sequence[Row], schema: pa.Schema, first: int) -> pa.RecordBatch:
-    """Return rows of one stream as a batch whose `sequence` starts at `first`."""
+    """Return rows of a stream as a batch with `sequence` starting at `first`."""
     faults = [] if isinstance(rows, Samples) else [row for row in rows if not isinstance(row, Sample)]
     if faults:
         at_ns = pa.array([fault.at_ns for _, fault in faults], pa.int64())
@@ -89,7 +93,7 @@ def batch_of(rows: Sequence[Row], schema: pa.Schema, first: int) -> pa.RecordBat
         arrays = [at_ns, *(pa.array(list(column), pa.string()) for column in zip(*words, strict=True)), count]
     else:
         samples = Samples.of(rows)  # type: ignore[arg-type] # no faults
-        # A device's unsigned 32-bit status wraps and keeps its bits: an odd code must not end a recording.
+        # An unsigned 32-bit status wraps and keeps its bits: an unexpected code must not end a recording.
         kinds = {name: kind.to_pandas_dtype() for name, kind in SAMPLE_COLUMNS.items() if name != "sequence"}
         fixed = [pa.array(getattr(samples, name).astype(kind)) for name, kind in kinds.items()]
         arrays = [*fixed, *(pa.array(np.ascontiguousarray(column)) for column in samples.values.T)]
@@ -99,14 +103,14 @@ def batch_of(rows: Sequence[Row], schema: pa.Schema, first: int) -> pa.RecordBat
 
 
 def storable(text: str) -> str:
-    """A text as UTF-8 can hold it: what a device or a terminal of another encoding sent may have a lone surrogate."""
+    """Return text valid in UTF-8; data from devices or terminals may contain lone surrogates."""
     return text.encode("utf-8", "backslashreplace").decode()
 
 
 def checksum(batch: pa.RecordBatch, number: int) -> int:
     """Return the CRC-32 over a batch and its number in the file.
 
-    Raises ArrowInvalid when a column holds nulls.
+    Raises ArrowInvalid if a column contains nulls.
     """
     head = f"{number} {batch.num_rows} {[(f.name, str(f.type)) for f in batch.schema]}"
     crc = zlib.crc32(head.encode())
@@ -119,7 +123,7 @@ def checksum(batch: pa.RecordBatch, number: int) -> int:
 
 
 def array_of(column: pa.ChunkedArray) -> np.ndarray[Any, Any]:
-    """A column as one array (n,), in the unit of its name; it is not to be written to."""
+    """Return a column as a read-only array (n,), in the unit of its name."""
     pieces = [piece_of(chunk) for chunk in column.chunks]
     if len(pieces) == 1:
         return pieces[0]
@@ -127,33 +131,36 @@ def array_of(column: pa.ChunkedArray) -> np.ndarray[Any, Any]:
 
 
 def piece_of(chunk: pa.Array) -> np.ndarray[Any, Any]:
-    """A chunk of a column as an array (n,), in its unit; numbers without a copy."""
+    """Return a piece of a column as an array (n,) in its unit, without copying numbers."""
     is_plain = chunk.null_count == 0 and (pa.types.is_integer(chunk.type) or pa.types.is_floating(chunk.type))
     plain: np.ndarray[Any, Any] = np.from_dlpack(chunk) if is_plain and len(chunk) else chunk.to_numpy(False)
     return plain
 
 
 END = b"\xff\xff\xff\xff\x00\x00\x00\x00"
-"""What closes an Arrow IPC stream."""
+"""End mark of an Arrow IPC stream."""
 _OPENING, _OPENING_CRC, _NUMBER, _CRC = b"rig.opening", b"rig.opening_crc32", b"number", b"crc32"
 MOST_BYTES = 4_000_000_000
-"""The largest file of a chunk; one that is recorded has some 20 MB, an imported table at most what its CSV has."""
+"""Largest chunk file; a recorded chunk has about 20 MB, an imported table at most the size of its CSV."""
 _CELL_BYTES, _MOST_DECODED = 8, 800_000_000
-"""Bytes of a number, and of all numbers of a chunk, or of all its text: one that is recorded has 200 000 rows, a table
-20 million cells."""
+"""Bytes per number, and limit of the decoded numbers or text of a chunk: a recorded chunk has 200 000 rows, a table up
+to
+20 million cells.
+"""
 _NO_MEMORY = "not enough memory"
 _ZEROS = (StopIteration, EOFError)
-"""What Arrow raises on zeros."""
-# Everything that damaged bytes have been seen to raise.
+"""Exceptions of Arrow for zeros."""
+# All exceptions observed with damaged bytes.
 _DAMAGE = (pa.ArrowException, OSError, MemoryError, ValueError, LookupError, TypeError, struct.error, *_ZEROS)
 
 
 @dataclass(frozen=True)
 class Salvage:
-    """What a recording chunk holds.
+    """Content of a recording chunk.
 
-    batches: every complete, verified batch up to the first damage. closed: the end mark was there.
-    damage: what is wrong, None for a sound chunk. unread: bytes left unread, 0 for a sound chunk.
+    batches: complete, verified batches before the first damage. closed: whether the end mark is present. damage:
+    description
+    of the damage, None for a valid chunk. unread: number of unread bytes, 0 for a valid chunk.
     """
 
     batches: tuple[pa.RecordBatch, ...]
@@ -163,17 +170,17 @@ class Salvage:
 
     @property
     def rows(self) -> int:
-        """The number of rows in all batches."""
+        """Number of rows in all batches."""
         return sum(batch.num_rows for batch in self.batches)
 
 
 def with_opening(schema: pa.Schema, opening: bytes) -> pa.Schema:
-    """Return the schema with the run's opening manifest (JSON) and its checksum in the metadata."""
+    """Return the schema with the opening manifest (JSON) and its checksum in the metadata."""
     return schema.with_metadata({_OPENING: opening, _OPENING_CRC: _digits(zlib.crc32(opening))})
 
 
 def opening_in(data: bytes) -> bytes | None:
-    """Return the opening manifest in the bytes of a chunk of either kind; None if it cannot be verified."""
+    """Return the opening manifest from a chunk of either format; None if it cannot be verified."""
     source = pa.BufferReader(data)
     try:
         parquet = data.startswith(b"PAR1")
@@ -186,12 +193,12 @@ def opening_in(data: bytes) -> bytes | None:
 
 
 def head(schema: pa.Schema) -> bytes:
-    """Return the bytes that a recording chunk begins with."""
+    """Return the first bytes of a recording chunk."""
     return bytes(schema.serialize().to_pybytes())
 
 
 def frame(batch: pa.RecordBatch, number: int) -> bytes:
-    """Return one batch as it is appended to a recording chunk; `number` counts from 0 in each file."""
+    """Encode a batch for a recording chunk; `number` counts from 0 in each file."""
     sink = pa.BufferOutputStream()
     with pa.ipc.new_stream(sink, batch.schema) as writer:
         marks = {_NUMBER: _digits(number), _CRC: _digits(checksum(batch, number))}
@@ -200,12 +207,13 @@ def frame(batch: pa.RecordBatch, number: int) -> bytes:
 
 
 def salvage(data: bytes, schema: pa.Schema) -> Salvage:
-    """Read a recording chunk of a known schema as far as it is sound. Raises OSError only where the memory is short."""
+    """Read a recording chunk of a known schema up to the first damage. Raises OSError only if memory is short."""
     as_stored, sound_head = _read(data, schema), head(schema)
     if data.startswith(sound_head):
         return as_stored
-    # Another version of Arrow may write another head, so the file's own comes first. A damaged one
-    # costs no batch, since what belongs there is known.
+    # A different version of Arrow may write a different head, so the head of the file has precedence. A damaged head
+    # costs no
+    # batch, because its content is known.
     mended = _read(sound_head + data[len(sound_head) :], schema)
     if mended.rows <= as_stored.rows:
         return as_stored
@@ -226,7 +234,7 @@ def _read(data: bytes, schema: pa.Schema) -> Salvage:
             closed = len(data) - end == len(END) and data.endswith(END)
             if not closed:
                 message = pa.ipc.read_message(whole.slice(end))
-                # A compressed batch may stand for any number of rows.
+                # A compressed batch may contain any number of rows.
                 if message.type != "record batch" or _has_compression(message.metadata.to_pybytes()):
                     raise ValueError("not recorded like this")
                 batch, metadata = reader.read_next_batch_with_custom_metadata()
@@ -246,16 +254,19 @@ def _read(data: bytes, schema: pa.Schema) -> Salvage:
 
 
 def _has_compression(metadata: bytes) -> bool:
-    """Return whether the metadata of a batch state a compression: the fourth field of the table RecordBatch, which is
-    the third field of the table Message (Arrow, format/Message.fbs; tables and their fields as in FlatBuffers'
-    internals)."""
+    """Return whether the metadata of a batch state a compression.
+
+    It is the fourth field of the table RecordBatch, the third field of the table Message (Arrow, format/Message.fbs;
+    tables
+    and fields as in FlatBuffers' internals).
+    """
     message = _number(metadata, 0, "I")
     header = message + _field(metadata, message, 2)
     return _field(metadata, header + _number(metadata, header, "I"), 3) > 0
 
 
 def _field(data: bytes, table: int, k: int) -> int:
-    """Return how far behind its table's beginning the field k of a FlatBuffers table is; 0 if it has none."""
+    """Return the offset of field k from the start of a FlatBuffers table; 0 if absent."""
     offsets = table - _number(data, table, "i")
     return _number(data, offsets + 4 + 2 * k, "H") if 4 + 2 * k < _number(data, offsets, "H") else 0
 
@@ -270,14 +281,14 @@ def _digits(number: int) -> bytes:
 
 
 def table_of(batches: tuple[pa.RecordBatch, ...], schema: pa.Schema) -> pa.Table:
-    """Return batches as one table that carries the schema's metadata."""
+    """Combine batches into a table with the metadata of the schema."""
     return pa.Table.from_batches(batches, schema.remove_metadata()).replace_schema_metadata(schema.metadata)
 
 
 def to_parquet(table: pa.Table) -> bytes:
-    """Return a table as a Parquet file that was proven to read back bit for bit.
+    """Encode a table as Parquet and verify that it reads back bit for bit.
 
-    Raises ArrowInvalid when it does not. Without dictionaries, which would merge nans of different bits.
+    Raises ArrowInvalid if it does not. Dictionaries are disabled, because they would merge nans of different bits.
     """
     sink = pa.BufferOutputStream()
     pq.write_table(table, sink, compression="zstd", use_dictionary=False)
@@ -289,12 +300,13 @@ def to_parquet(table: pa.Table) -> bytes:
 
 
 def from_parquet(data: bytes, columns: Sequence[str] | None = None) -> pa.Table | None:
-    """Return the table in a Parquet file, or some of its columns; None if the bytes are not one, or hold text that is
-    not UTF-8.
+    """Return the table in a Parquet file, or some of its columns; None for invalid bytes or text that is not UTF-8.
 
-    On the calling thread alone: Arrow's own threads, still at work when Python ends, abort the program
-    after its answer is printed (apache/arrow issue 34314). Raises OSError where the memory is short, or the file
-    stands for more than a chunk has: a few bytes can stand for any number of equal rows, and rows for one long text.
+    Uses the calling thread only: Arrow threads still active at exit abort the program after its output (apache/arrow
+    issue
+    34314). Raises OSError if memory is short, or if the file expands beyond the size of a chunk: a few bytes can
+    represent
+    any number of equal rows, and rows a long text.
     """
     try:
         table = _decoded(data, columns)
@@ -308,14 +320,14 @@ def from_parquet(data: bytes, columns: Sequence[str] | None = None) -> pa.Table 
 
 
 def _decoded(data: bytes, columns: Sequence[str] | None) -> pa.Table | str:
-    """Return the table in a Parquet file, or in words how it is larger than any chunk."""
+    """Return the table in a Parquet file, or a description of its excessive size."""
     file = pq.ParquetFile(pa.BufferReader(data), pre_buffer=False)
     rows, width, schema = file.metadata.num_rows, file.metadata.num_columns, file.schema_arrow
     groups = [file.metadata.row_group(k) for k in range(file.metadata.num_row_groups)]
     unpacked = sum(group.column(k).total_uncompressed_size for group in groups for k in range(group.num_columns))
     if max(rows * width * _CELL_BYTES, unpacked) > _MOST_DECODED:  # a value of a dictionary counts once
         return f"it declares {rows} rows of {width} columns, more than any chunk has"
-    # Text is read as numbers of different texts, since how long all of it is shows only then.
+    # Text is read as indices of distinct texts, which reveals its total size.
     text = [field.name for field in schema if pa.types.is_string(field.type) or pa.types.is_binary(field.type)]
     source = pa.BufferReader(data)
     file = pq.ParquetFile(source, metadata=file.metadata, pre_buffer=False, read_dictionary=text)
@@ -328,15 +340,15 @@ def _decoded(data: bytes, columns: Sequence[str] | None) -> pa.Table | str:
 
 
 def _text_bytes(column: pa.ChunkedArray) -> int:
-    """Return the bytes of a column of text that was read as numbers of different texts."""
+    """Return the bytes of a text column that was read as indices."""
     lengths = [pc.binary_length(part.dictionary).take(part.indices) for part in column.chunks]
     return sum(pc.sum(part_lengths).as_py() or 0 for part_lengths in lengths)
 
 
 def _hold_memory(error: BaseException, size: int) -> None:
-    """Raise OSError if not the file failed but the memory: if there is none for as many bytes again.
+    """Raise OSError if the cause of an error is memory: if that many bytes cannot be allocated again.
 
-    A damaged length asks for more than any computer has; that is damage.
+    A damaged length requests more than any computer has; that counts as damage.
     """
     if isinstance(error, MemoryError):
         try:

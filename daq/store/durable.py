@@ -1,12 +1,14 @@
-"""Files that are on the disk when the call returns, and the lock that says who is writing.
+"""Durable file operations, and the lock of the writing process.
 
-A file is durable when its bytes and its directory's entry for it are both synced; replacing one goes
-through a temporary name, so that every name always holds a whole file, the old or the new.
-Nothing else changes a file while a run is recorded or recovered: who wraps this module's `os` sees every
-change in order, as `scripts/dev powercut` does. Raises plain OSError: the callers turn it into a message for people.
+A file is durable when its bytes and its directory entry are both synced. Replacing a file uses a temporary name, so
+that
+every name always refers to a complete file, old or new. No other code changes files during recording or recovery: a
+wrapper around this module's `os` sees every change in order, as in `scripts/dev powercut`. Raises plain OSError;
+callers
+convert it into a message.
 
-On Windows runs are read, imported and simulated, and never recorded. What it lacks are locks of this kind, which only a
-daemon and its helpers need there, and directories that can be synced, which only a power cut would miss.
+On Windows runs are read, imported and simulated, but not recorded. It lacks locks of this kind, needed only by a daemon
+and its tools, and directory syncs, which matter only in a power cut.
 """
 
 from __future__ import annotations
@@ -23,17 +25,19 @@ except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
 TEMPORARY = ".tmp"
-"""Ending of a file that is being written; one that is left over holds nothing that counts."""
+"""Suffix of a temporary file; leftovers can be ignored."""
 LOCK = ".lock"
 _BINARY = getattr(os, "O_BINARY", 0)
-"""Without it Windows writes each line feed as two characters."""
+"""Without it Windows expands line feeds to two characters."""
 _AS_IT_IS = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0)
-"""A lock that is a link or a FIFO, in a run from elsewhere, is neither followed nor waited for."""
+"""Flags for opening a lock: a link or FIFO in a foreign run is neither followed nor waited for."""
 
 
 def remedy(error: Exception, otherwise: str) -> str:
-    """Return what to do about an error: where no descriptor is left, a lock is a link, or a file is where a directory
-    is wanted, the disk is not at fault."""
+    """Return the remedy for an error, or `otherwise` if the disk is at fault.
+
+    Other causes are a lack of descriptors, a link in place of the lock, or a file in place of a directory.
+    """
     if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
         return "close what holds file descriptors (connections, other programs), or raise their limit (LimitNOFILE)"
     if isinstance(error, OSError) and error.errno == errno.ELOOP:
@@ -44,7 +48,7 @@ def remedy(error: Exception, otherwise: str) -> str:
 
 
 def free_bytes(path: Path) -> int:
-    """Return the bytes that this user still has free on the disk of path."""
+    """Return the free bytes for this user on the disk of `path`."""
     if not hasattr(os, "statvfs"):
         return shutil.disk_usage(path).free
     disk = os.statvfs(path)
@@ -52,24 +56,24 @@ def free_bytes(path: Path) -> int:
 
 
 def make_directories(path: Path) -> None:
-    """Make a directory and those above it that are missing, durably."""
+    """Create a directory and its missing parents durably."""
     if path.is_dir():
         return
     make_directories(path.parent)
-    with suppress(FileExistsError):  # another daemon may share it and be faster
+    with suppress(FileExistsError):  # a second daemon may share it and be faster
         os.mkdir(path)  # noqa: PTH102 - through os, like every change in here
     sync_directory(path.parent)
 
 
 def make_directory(path: Path) -> None:
-    """Make one directory; durable when its parent is synced. Raises FileExistsError."""
+    """Create a directory; durable after a sync of its parent. Raises FileExistsError."""
     os.mkdir(path)  # noqa: PTH102
 
 
 def discard(path: Path) -> None:
-    """Delete a directory of files in which nothing was recorded, as far as the disk allows it.
+    """Delete a directory of files without recorded data, as far as the disk permits.
 
-    With a single descriptor, since the lack of others may be why nothing was recorded.
+    Uses a single descriptor, because a lack of descriptors may be the reason that nothing was recorded.
     """
     with suppress(OSError):
         for file in path.iterdir():
@@ -79,7 +83,7 @@ def discard(path: Path) -> None:
 
 
 def sync_directory(path: Path) -> None:
-    """Make the entries of a directory durable."""
+    """Sync the entries of a directory."""
     if not hasattr(os, "O_DIRECTORY"):
         return
     fd = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
@@ -90,12 +94,12 @@ def sync_directory(path: Path) -> None:
 
 
 def sync(fd: int) -> None:
-    """Make the bytes of a file durable."""
+    """Sync the bytes of a file."""
     os.fsync(fd)
 
 
 def persist(path: Path) -> None:
-    """Make a file that is complete durable, and its name with it."""
+    """Sync a complete file and its name."""
     fd = reopen(path)
     try:
         sync(fd)
@@ -105,33 +109,33 @@ def persist(path: Path) -> None:
 
 
 def again(fd: int) -> int:
-    """Return another descriptor of an open file, which stays valid after the first is closed."""
+    """Return a duplicate descriptor of an open file, valid after the first is closed."""
     return os.dup(fd)
 
 
 def truncate(fd: int, size: int) -> None:
-    """Cut a file."""
+    """Truncate a file."""
     os.ftruncate(fd, size)
 
 
 def close(fd: int) -> None:
-    """Close a file or a lock. Errors at this point do not concern what was synced, and are ignored."""
+    """Close a file or lock. Errors do not affect synced data and are ignored."""
     with suppress(OSError):
         os.close(fd)
 
 
 def rename(old: Path, new: Path) -> None:
-    """Give a file another name, instead of a file that has it; durable when the directory is synced."""
+    """Rename a file, replacing an existing one; durable after a sync of the directory."""
     os.replace(old, new)  # noqa: PTH105
 
 
 def remove(path: Path) -> None:
-    """Delete a file; durable when its directory is synced."""
+    """Delete a file; durable after a sync of its directory."""
     os.unlink(path)  # noqa: PTH108
 
 
 def write_at(fd: int, data: bytes, offset: int) -> None:
-    """Write all of data: a disk that fills up takes a part of it first and refuses only then."""
+    """Write all data: a disk that fills up accepts a part first and refuses only then."""
     write = os.pwrite if hasattr(os, "pwrite") else _seek_and_write
     remaining = memoryview(data)
     while remaining:
@@ -145,9 +149,9 @@ def _seek_and_write(fd: int, data: memoryview, offset: int) -> int:
 
 
 def create(path: Path, data: bytes, mode: int = 0o644) -> int:
-    """Create a file that begins with data, and return its descriptor; no file is left if this fails.
+    """Create a file with initial data and return its descriptor; no file remains after a failure.
 
-    mode: its permissions, as far as the umask grants them. Raises FileExistsError if the name is taken.
+    mode: permissions, limited by the umask. Raises FileExistsError if the name is taken.
     """
     fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | _BINARY, mode)
     try:
@@ -161,20 +165,20 @@ def create(path: Path, data: bytes, mode: int = 0o644) -> int:
 
 
 def reopen(path: Path) -> int:
-    """Open a file that is there, to read and to go on writing it."""
+    """Open an existing file for reading and writing."""
     return os.open(path, os.O_RDWR)
 
 
 def read(fd: int) -> bytes:
-    """Return all bytes of an open file, also of one whose name is gone."""
+    """Return all bytes of an open file, even if its name was removed."""
     data = b""
     while piece := os.pread(fd, os.fstat(fd).st_size - len(data), len(data)):
-        data += piece  # a second piece only where a single read may not be as large as a chunk
+        data += piece  # a second piece only if a single read cannot return a whole chunk
     return data
 
 
 def is_named(fd: int, path: Path) -> bool:
-    """Return whether an open file is still the one of this name."""
+    """Return whether an open file still has this name."""
     try:
         status = os.stat(path)  # noqa: PTH116 - through os, as everything here
     except (FileNotFoundError, NotADirectoryError):
@@ -183,7 +187,7 @@ def is_named(fd: int, path: Path) -> bool:
 
 
 def replace(path: Path, data: bytes, mode: int = 0o644) -> None:
-    """Put data under a name, durably and all at once, and prove that the file holds it; mode: as for `create`."""
+    """Replace a file durably and atomically, and verify its content; mode: as for `create`."""
     temporary = path.with_name(path.name + TEMPORARY)
     try:
         with suppress(FileNotFoundError):
@@ -204,9 +208,9 @@ def replace(path: Path, data: bytes, mode: int = 0o644) -> None:
 
 
 def lock(run: Path) -> int:
-    """Take the writer's lock of a run, as the descriptor that holds it.
+    """Take the writer's lock of a run and return its descriptor.
 
-    Waits: on a fresh run no process holds it for longer than a look (`is_locked`) takes.
+    May wait: on a new run other processes hold the lock only for the duration of `is_locked`.
     """
     fd = os.open(run / LOCK, os.O_RDWR | os.O_CREAT | _AS_IT_IS, 0o644)
     _flock(fd, wait=True)
@@ -214,7 +218,7 @@ def lock(run: Path) -> int:
 
 
 def try_lock(run: Path) -> int | None:
-    """Take the writer's lock of a run, None when a process is writing it."""
+    """Take the writer's lock of a run; None if a process is writing the run."""
     fd = os.open(run / LOCK, os.O_RDWR | os.O_CREAT | _AS_IT_IS, 0o644)
     try:
         _flock(fd)
@@ -225,7 +229,7 @@ def try_lock(run: Path) -> int | None:
 
 
 def is_locked(run: Path) -> bool:
-    """Whether a process is writing this run. Looks only; works on a read-only disk."""
+    """Return whether a process is writing this run. Read-only, also on a read-only disk."""
     try:
         fd = os.open(run / LOCK, os.O_RDONLY | _AS_IT_IS)
     except FileNotFoundError:
@@ -240,7 +244,7 @@ def is_locked(run: Path) -> bool:
 
 
 def may_be_locked(run: Path) -> bool:
-    """Whether a process may be writing this run: it may where this user has no right to look."""
+    """Return whether a process may be writing this run; true if this user lacks the right to check."""
     try:
         return is_locked(run)
     except OSError:
@@ -248,6 +252,6 @@ def may_be_locked(run: Path) -> bool:
 
 
 def _flock(fd: int, *, shared: bool = False, wait: bool = False) -> None:
-    """Lock an open file; where the system lacks such locks, every one is granted. Raises BlockingIOError."""
+    """Lock an open file; always granted on systems without such locks. Raises BlockingIOError."""
     if fcntl is not None:
         fcntl.flock(fd, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | (0 if wait else fcntl.LOCK_NB))

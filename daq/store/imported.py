@@ -1,7 +1,7 @@
-"""A table from elsewhere as a run like any other: a manifest, and the table in one Parquet chunk.
+"""Store an imported table as a normal run: a manifest, and the table in one Parquet chunk.
 
-The chunk carries the opening manifest as every chunk does, and the ledger is sealed when the
-chunk is durable, so that an import cut off is seen, and brought back or given up by `recover`.
+The chunk contains the opening manifest, and the ledger is sealed when the chunk is durable, so an interrupted import is
+detected, and repaired or rejected by `recover`.
 """
 
 from __future__ import annotations
@@ -38,12 +38,12 @@ def table_run(  # noqa: PLR0913 - what a manifest needs to know
     table_map: str = "",
     assumed: tuple[str, ...] = (),
 ) -> Run:
-    """The run of a table of double, int64 and string columns without nulls, as if it were in the directory `path`;
-    nothing is written.
+    """Return a run in memory for a table of double, int64 and string columns without nulls.
 
-    source, source_sha256: name and checksum of the file that the table was read from; table_map, assumed: the map by
-    which it was read, and what that takes for true. The run's name is that of its directory. Raises UseError for the
-    name of an operator that no run may hold.
+    path: directory of the run; its name becomes the name of the run. source, source_sha256: name and checksum of the
+    original
+    file. table_map, assumed: the import map and its unconfirmed assumptions. Nothing is written. Raises UseError for an
+    invalid operator name.
     """
     columns = {field.name: str(field.type) for field in table.schema}
     opening = new_manifest(
@@ -65,10 +65,11 @@ def table_run(  # noqa: PLR0913 - what a manifest needs to know
 
 
 def write_table_run(run: Run, path: Path, companions: Mapping[str, bytes] | None = None) -> Manifest:
-    """Make the run directory `path` of a run of a table, which is called as the directory from now on.
+    """Create the directory `path` for a table run, which takes the directory's name.
 
-    companions: content of the files that belong beside the rig file, by name.
-    Raises FileError where path exists, CellError when the disk refuses; then, and after Ctrl-C, nothing is left of it.
+    companions: content of the files next to the rig file, by name. Raises FileError if path exists, CellError if the
+    disk
+    refuses; nothing remains then, or after Ctrl-C.
     """
     try:
         with new_directory(path) as made:
@@ -96,12 +97,12 @@ def write_table_run(run: Run, path: Path, companions: Mapping[str, bytes] | None
 
 
 def _parquet(opening: Manifest, table: pa.Table) -> bytes:
-    """Return the Parquet file of a table, with the opening manifest in it."""
+    """Return a table with the opening manifest as a Parquet file."""
     return to_parquet(table.cast(with_opening(opening.arrow_schema(TABLE), opening.opening())))
 
 
 def _entries(table: pa.Table, data: bytes, relabelled: tuple[Relabelling, ...] = ()) -> list[Entry]:
-    """Return the ledger of a table run after its first line: chunk, seal, and the history of the label."""
+    """Return the ledger entries of a table run after the first: chunk, seal, and label history."""
     rows = table.num_rows
     seal = Seal(
         exit_status="complete",
@@ -115,5 +116,5 @@ def _entries(table: pa.Table, data: bytes, relabelled: tuple[Relabelling, ...] =
 
 
 def _name(path: Path) -> str:
-    """What to call the run: the directory's name, with _ for what a run's name cannot hold."""
+    """Return the run name for a directory, with _ in place of invalid characters."""
     return re.sub(r"[^A-Za-z0-9_.-]", "_", path.resolve().name).lstrip(".-")[:100] or TABLE

@@ -1,9 +1,9 @@
-"""The ledger of a run, `ledger.jsonl`, and the records that it and the manifest are made of: what was recorded, one
-line for each record, only ever appended to.
+"""Ledger of a run, `ledger.jsonl`: an append-only list of records, one per line.
 
-Each line holds the SHA-256 over the one of the line before it and its own content, so that no line can change or go
-missing unseen. Whatever follows the last line that verifies is left out: a crash leaves a line half-written. See
-docs/decisions/0017-a-run-proves-that-it-is-whole.md.
+Each line contains the SHA-256 of the previous line and its content, so that no line can be changed or removed
+unnoticed.
+All data after the last valid line is ignored: a crash may leave a partial line. See
+docs/decisions/0017-a-run-proves-that-it-is-whole.md. The records are shared with the manifest.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}$")]
 Text = Annotated[str, AfterValidator(storable)]
 Count = Annotated[int, Field(ge=0)]
 BEING_RECORDED = ("is being recorded", "wait for its end, or end it: rig record stop")
-"""What is said of a run that is not ended yet, and what a person does."""
+"""Message and remedy for a run still being recorded."""
 _CHUNK = re.compile(r"(?P<stream>.+)-(?P<number>[0-9]{4,})\.(?P<kind>parquet|arrow)")
 
 
@@ -43,19 +43,19 @@ def chunk_name(stream: str, number: int) -> str:
 
 
 def parse_chunk(name: str) -> tuple[str, int, str] | None:
-    """Return stream, number and kind (parquet, arrow) of a chunk's file name; None for any other file."""
+    """Return stream, number and kind (parquet, arrow) from the file name of a chunk; None for other files."""
     match = _CHUNK.fullmatch(name)
     return (match["stream"], int(match["number"]), match["kind"]) if match else None
 
 
 class Record(BaseModel):
-    """Anything that is stored as JSON: immutable, and refused with a key that it does not know."""
+    """Base of all JSON records: immutable, without unknown keys."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
 
 class Clock(Record):
-    """The monotonic and the wall clock read together: true to within bracket_ns."""
+    """Monotonic and wall clock read together, to within bracket_ns."""
 
     monotonic_ns: int
     unix_ns: int
@@ -63,7 +63,7 @@ class Clock(Record):
 
 
 class Chunk(Record):
-    """One closed chunk; first_ns and last_ns are its first first-byte and last last-byte stamp, 0 in a table."""
+    """Closed chunk. first_ns, last_ns: first and last stamp of its bytes, 0 in a table."""
 
     file: str
     stream: Name
@@ -72,29 +72,29 @@ class Chunk(Record):
     first_ns: int
     last_ns: int
     first_row: Count | None = Field(default=None, exclude_if=lambda first: first is None)
-    """The number of its first row in the stream; None in a run of version 1."""
+    """Number of the first row in the stream; None in a run of version 1."""
 
     @property
     def number(self) -> int:
-        """Its number in the stream, from 1; 0 for a file that is named otherwise."""
+        """Number of the chunk in the stream, from 1; 0 for other file names."""
         return (parse_chunk(self.file) or ("", 0, ""))[1]
 
 
 class ImportedTable(Record):
-    """The table that a run was imported from: its file, or files with ` + ` between them, and its columns in order."""
+    """Source of an imported run: file name, or names joined with ` + `, and the columns in order."""
 
     file: Text
     sha256: str
-    """SHA-256 of the file as it was read; of several, that of theirs, one after the other."""
+    """SHA-256 of the file; for several files, of their concatenation."""
     columns: dict[str, ColumnType]
     map: Text = Field(default="", max_length=100_000, exclude_if=lambda text: not text)
-    """The map by which it was read, as YAML; empty where its columns are those of docs/tables.md."""
+    """Import map as YAML; empty for the columns of docs/tables.md."""
     assumed: tuple[Text, ...] = Field(default=(), max_length=100, exclude_if=lambda words: not words)
-    """What the map takes for true without a confirmation, in words."""
+    """Unconfirmed assumptions of the import map, as text."""
 
 
 class Relabelling(Record):
-    """One field of a run's label that a person corrected after its end, and when."""
+    """Later correction of a label field, with its time."""
 
     at: str
     field: Literal["test", "direction", "operator", "placement"]
@@ -103,11 +103,11 @@ class Relabelling(Record):
 
 
 class Seal(Record):
-    """How a recording ended, and how much it holds.
+    """Ending and size of a recording.
 
-    ended: None where nothing says when, because the recording was cut off: what came last may be missing as well.
-    rows: of each stream, as many as were handed to the disk. counters: of each stream its samples, and its faults of
-    each kind.
+    ended: None if the recording was cut off, so that the last rows may be missing. rows: rows of each stream handed to
+    the
+    disk. counters: samples, and faults of each kind, by stream.
     """
 
     exit_status: Literal["complete", "interrupted", "failed", "recovered"]
@@ -118,13 +118,15 @@ class Seal(Record):
 
 
 def to_recover(run: Path) -> str:
-    """Return what a person should do about a run that was cut off or is damaged, as it can be copied into a shell."""
+    """Return the remedy for an interrupted or damaged run, ready for a shell."""
     return f"run `rig recover {as_argument(run)}`"
 
 
 def no_run(path: Path) -> FileError:
-    """Return the error of a path that is no directory. A recorded run's directory begins with its time, so a person who
-    gives the name alone is shown the run that ends with it, where there is one."""
+    """Return the error for a path that is not a directory.
+
+    The directory of a recorded run begins with its time, so for a plain name the run ending in that name is suggested.
+    """
     if path.exists():
         return FileError(str(path), "is a file, not the directory of a run", "give the directory of a run")
     try:
@@ -137,7 +139,7 @@ def no_run(path: Path) -> FileError:
 
 
 def first_error(error: ValidationError) -> str:
-    """Return the first error that pydantic reports, in one line."""
+    """Return the first error of pydantic in one line."""
     details = error.errors(include_url=False, include_context=False, include_input=False)[0]
     place = ".".join(str(part) for part in details["loc"])
     return " ".join(f"{place} {details['msg']}".split())
@@ -149,18 +151,18 @@ def sha256(data: bytes) -> str:
 
 
 def iso_now() -> str:
-    """Return the present time in UTC as ISO 8601."""
+    """Return the present UTC time in ISO 8601."""
     return clock.wall_time().isoformat(timespec="milliseconds")
 
 
 LEDGER = "ledger.jsonl"
 _MOST_BYTES = 1_000_000_000
-"""The largest ledger: some 400 bytes for each chunk, so four million chunks, or a run of years."""
+"""Largest ledger: about 400 bytes per chunk, so four million chunks, or years of recording."""
 _LINE = re.compile(rb'\{"sha256":"(?P<digest>[0-9a-f]{64})",(?P<rest>.+)\}')
 
 
 class Entry(Record):
-    """One line: exactly one of these is there. opening: SHA-256 of the manifest, in the first line only."""
+    """One ledger line with exactly one record. opening: SHA-256 of the manifest, in the first line only."""
 
     opening: str | None = None
     chunk: Chunk | None = None
@@ -171,9 +173,12 @@ class Entry(Record):
 
 @dataclass(frozen=True)
 class Verified:
-    """The lines of a ledger that verify. size: their bytes; last: SHA-256 of the last one; seal: that of the
-    last seal, empty without one; unread: bytes after the last one; unread_lines: how many whole lines these hold, none
-    where a crash has left one half-written."""
+    """Valid part of a ledger.
+
+    size: bytes of the valid lines. last: SHA-256 of the last line. seal: SHA-256 of the last seal, empty without a
+    seal.
+    unread: bytes after the last valid line. unread_lines: complete lines among them, 0 after a crash.
+    """
 
     entries: tuple[Entry, ...] = ()
     size: int = 0
@@ -184,7 +189,7 @@ class Verified:
 
 
 def verified(data: bytes) -> Verified:
-    """Return the lines of a ledger up to the first that does not verify. Never raises."""
+    """Return the ledger lines before the first invalid one. Never raises."""
     entries: list[Entry] = []
     size, last, seal = 0, "", ""
     for line in data.split(b"\n")[:-1]:
@@ -208,22 +213,22 @@ def _content(line: re.Match[bytes]) -> Entry | None:
 
 @dataclass(frozen=True)
 class Claim:
-    """What seals say of a run that no line proves any more: rows of each sample stream, and when it ended; None where
-    none says it."""
+    """Statements of seals in unverified lines: rows per sample stream, and the end time or None."""
 
     rows: Counter[str]
     ended: str | None = None
 
     def __or__(self, claim: Claim) -> Claim:
-        """Return the more that both claim."""
+        """Return the larger of both claims."""
         return Claim(self.rows | claim.rows, self.ended or claim.ended)
 
 
 def claim_in(data: bytes, opening: str | None) -> Claim:
-    """Return what a ledger's seals claim, also in lines that do not verify.
+    """Return the claims of a ledger's seals, including invalid lines.
 
-    A seal holds the number of rows twice, as rows and as samples: the smaller counts, so that a damaged digit makes no
-    row missing. opening: SHA-256 of the run's manifest; the ledger of another run claims nothing.
+    A seal states the row count twice, as rows and as samples: the smaller counts, so that a damaged digit does not make
+    rows
+    appear missing. opening: SHA-256 of the run's manifest; ledgers of other runs are ignored.
     """
     ledger, claimed, ended = verified(data), Counter[str](), None
     if ledger.entries and ledger.entries[0].opening != opening:
@@ -238,14 +243,14 @@ def claim_in(data: bytes, opening: str | None) -> Claim:
 
 
 def line_of(entry: Entry, before: str) -> tuple[bytes, str]:
-    """Return an entry as a line that follows the line of this SHA-256 (empty for the first), and its own SHA-256."""
+    """Return an entry as a line after the line with the given SHA-256 (empty for the first), and the line's SHA-256."""
     content = entry.model_dump_json(exclude_defaults=True).encode()
     digest = sha256(before.encode() + content)
     return b'{"sha256":"' + digest.encode() + b'",' + content[1:] + b"\n", digest
 
 
 def lines_of(entries: Iterable[Entry]) -> bytes:
-    """Return a whole ledger."""
+    """Return a complete ledger."""
     lines, last = [], ""
     for entry in entries:
         line, last = line_of(entry, last)
@@ -254,7 +259,7 @@ def lines_of(entries: Iterable[Entry]) -> bytes:
 
 
 def read_ledger(run: Path) -> Verified:
-    """Read the ledger of a run; empty if there is none. Raises OSError, and FileError for anything but a file."""
+    """Read the ledger of a run; empty if absent. Raises OSError, and FileError if it is not a file."""
     try:
         return verified(read_bytes(run / LEDGER, _MOST_BYTES))
     except FileNotFoundError:
@@ -262,19 +267,19 @@ def read_ledger(run: Path) -> Verified:
 
 
 class Ledger:
-    """Appends to the ledger of one run. Raises plain OSError."""
+    """Appends to the ledger of a run. Raises plain OSError."""
 
     def __init__(self, path: Path, fd: int, size: int, last: str) -> None:
         self.path, self.fd, self._size, self._last = path, fd, size, last
 
     @property
     def last(self) -> str:
-        """The SHA-256 of its last line, which stands for all of it."""
+        """SHA-256 of the last line, which covers the whole ledger."""
         return self._last
 
     @classmethod
     def create(cls, run: Path, opening: bytes) -> Ledger:
-        """Create the ledger of a run whose manifest holds these bytes, durably."""
+        """Create the ledger for a run with this manifest durably."""
         line, last = line_of(Entry(opening=sha256(opening)), "")
         fd = durable.create(run / LEDGER, line)
         try:
@@ -287,8 +292,10 @@ class Ledger:
 
     @classmethod
     def resume(cls, run: Path) -> Ledger:
-        """Open the ledger of a run, to go on after its last line that verifies. Raises FileError where whole lines
-        follow it, which going on would replace."""
+        """Open the ledger of a run to continue after the last valid line.
+
+        Raises FileError if complete lines follow it, which would be overwritten.
+        """
         ledger = read_ledger(run)
         if ledger.unread_lines:
             problem = f"has lines in {LEDGER} that cannot be verified, and going on would replace them"
@@ -296,7 +303,7 @@ class Ledger:
         return cls(run / LEDGER, durable.reopen(run / LEDGER), ledger.size, ledger.last)
 
     def append(self, entry: Entry) -> None:
-        """Append an entry, durably. What an attempt that failed has left is cut off first."""
+        """Append an entry durably, after removing the remains of a failed attempt."""
         line, digest = line_of(entry, self._last)
         durable.truncate(self.fd, self._size)
         durable.write_at(self.fd, line, self._size)

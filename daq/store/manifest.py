@@ -1,8 +1,9 @@
-"""The manifest of a run, `manifest.json`: written once, when the run begins; what follows is in its ledger.
+"""Manifest of a run, `manifest.json`, written once at the start; later events are in the ledger.
 
-`load_manifest` reads both and gives one view of them. A run without a seal while no process holds its lock is a crash.
-Chunks are named by file only, so that a run directory can be moved and copied. In runs of version 1 the manifest held
-everything and was rewritten at each change.
+`load_manifest` combines both. A run without a seal and without a locking process is a crash. Chunks are referenced by
+file
+name only, so a run directory can be moved and copied. In runs of version 1 the manifest contained everything and was
+rewritten at each change.
 """
 
 from __future__ import annotations
@@ -48,20 +49,20 @@ from rigs.schema.part import Length
 from rigs.schema.vocabulary import Direction, TestName
 
 MANIFEST = "manifest.json"
-"""Written when a run begins, and again when it ends."""
+"""Written at the start and the end of a run."""
 OF_A_RUN = frozenset({MANIFEST, LEDGER})
-"""Files of which one makes a directory a run, however damaged."""
+"""Files that identify a directory as a run, however damaged."""
 _IN_LEDGER = {"chunks", "anchors", "rows", "counters", "exit_status", "reason", "ended", "relabelled"}
-"""The fields that follow from the ledger, in a run of version 2."""
+"""Fields derived from the ledger in a run of version 2."""
 _LONGEST_OPERATOR = 200
-"""Characters; names of people and shifts fit, a page that was pasted does not."""
+"""Limit in characters: long enough for names of people and shifts, too short for a pasted page."""
 _MOST_BYTES = 100_000_000
-"""The largest manifest; its first version had 250 bytes for each chunk: a month of recording had 10 000."""
-_RIG_VERSION = version()  # now, since it opens files: a recording may begin when none can be opened
+"""Largest manifest; version 1 had 250 bytes per chunk, and a month of recording had 10 000 chunks."""
+_RIG_VERSION = version()  # now, because it opens files: a recording may start when no file can be opened
 
 
 class _OperatorError(ValueError):
-    """A name that no run can hold: what is wrong with it, and what to do."""
+    """Invalid operator name, with the remedy."""
 
     def __init__(self, what: str, remedy: str) -> None:
         super().__init__(f"{what}; {remedy}")
@@ -69,8 +70,7 @@ class _OperatorError(ValueError):
 
 
 def operator_name(text: str) -> str:
-    """Return a name as a run may hold it and a line can show it. Raises ValueError if it contains control characters
-    or is too long."""
+    """Return an operator name for storage. Raises ValueError for control characters or excessive length."""
     text = storable(text)
     if len(text) > _LONGEST_OPERATOR:
         raise _OperatorError(f"a name of {len(text)} characters", f"write at most {_LONGEST_OPERATOR}")
@@ -80,8 +80,7 @@ def operator_name(text: str) -> str:
 
 
 def hold_operator(name: str) -> str:
-    """Return the operator's name as a run may hold it. Raises UseError if it contains control characters or is too
-    long."""
+    """Return an operator name for storage. Raises UseError for control characters or excessive length."""
     try:
         return operator_name(name)
     except _OperatorError as error:
@@ -89,19 +88,21 @@ def hold_operator(name: str) -> str:
 
 
 Operator = Annotated[Text, AfterValidator(operator_name)]
-"""Who measures, as it is entered; manifests of older runs may hold any text."""
+"""Name of the operator; manifests of older runs may contain any text."""
 Placement = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{0,64}$")]
-"""Where instrument or ball stand, by a name that a person gives; runs of one placement share one set-up."""
+"""Name for the location of instrument or ball; runs of a placement share a set-up."""
 ViewZero = tuple[Length, Length]
-"""What a live view took off each gauge when it started the run: a note for who reads it, rows hold the readings."""
+"""Zero offsets of the live view at the start of the run, for information only; the rows contain the readings."""
 DrivenWith = Literal["", "targets", "entries"]
-"""What corrects the arm while it drives: programs with corrected targets, or values that were entered at its
-controller; empty where nothing does. Such runs show the correction, and the arm itself is unchanged."""
+"""Correction active while the arm moves: programs with corrected targets, or values entered at the controller.
+
+Empty without a correction. Such runs show the effect of the correction; the arm itself is unchanged.
+"""
 PLACEMENT_RULE = "name a placement with up to 64 letters, digits, . _ and -"
 
 
 class Manifest(Record):
-    """Everything that is known about a run beside its rows."""
+    """Complete description of a run except its rows."""
 
     version: Literal[1, 2] = 2
     """1: a run without a ledger."""
@@ -110,34 +111,34 @@ class Manifest(Record):
     direction: Direction | None
     rig_name: str
     rig_text: str
-    """The rig file exactly as it was."""
+    """Text of the rig file at the time of recording."""
     rig_sha256: str
     operator: Text
     placement: Placement = Field(default="", exclude_if=lambda placement: not placement)
     corrected: DrivenWith = Field(default="", exclude_if=lambda by: not by)
     view_zero_mm: ViewZero | None = Field(default=None, exclude_if=lambda zero: zero is None)
     follows: str = ""
-    """Directory of the run that this one goes on from, where the disk or its length ended that one."""
+    """Directory of the previous run, if this run continues a run ended by the disk or the length limit."""
     host: str
     software: dict[str, str]
     clock: Clock
     anchors: tuple[Clock, ...] = Field(default=(), exclude_if=lambda anchors: not anchors)
-    """The two clocks read again each time after the wall clock was set or the host slept."""
+    """Both clocks, read again after each step of the wall clock or suspend."""
     started: str
     ended: str | None = None
     streams: dict[Name, tuple[str, ...]]
     """Value columns of each sample stream, in order."""
     table: ImportedTable | None = None
-    """What was imported; None in a recorded run."""
+    """Imported table; None in a recorded run."""
     chunks: tuple[Chunk, ...] = ()
     rows: dict[Name, Count] = Field(default={}, exclude_if=lambda rows: not rows)
-    """Rows of each stream that were handed to the disk, as the seal says; empty without one."""
+    """Rows of each stream handed to the disk, from the seal; empty without a seal."""
     counters: dict[str, dict[str, Count]] = Field(default={})
-    """For each stream its samples and its faults of each kind."""
+    """Samples, and faults of each kind, by stream."""
     exit_status: ExitStatus = "recording"
     reason: str = ""
     relabelled: tuple[Relabelling, ...] = Field(default=(), exclude_if=lambda history: not history)
-    """What the label said before, in order of the changes; the fields themselves say what holds now."""
+    """Earlier label values, in order of change; the fields contain the present ones."""
 
     @model_validator(mode="after")
     def _consistent(self) -> Manifest:
@@ -158,7 +159,7 @@ class Manifest(Record):
 
     @property
     def all_streams(self) -> dict[str, tuple[str, ...]]:
-        """The sample streams, the table where there is one, and the faults, with their value columns."""
+        """Value columns of the sample streams, the table if any, and the faults."""
         table = {TABLE: tuple(self.table.columns)} if self.table else {}
         return {**self.streams, **table, FAULTS: ()}
 
@@ -169,27 +170,27 @@ class Manifest(Record):
         return schema_of(stream, self.all_streams[stream])
 
     def chunks_of(self, stream: str) -> tuple[Chunk, ...]:
-        """Return the chunks of one stream in order of recording."""
+        """Return the chunks of a stream in order of recording."""
         mine = (chunk for chunk in self.chunks if chunk.stream == stream)
         return tuple(sorted(mine, key=lambda chunk: chunk.number))
 
     def wall_ns(self, monotonic_ns: int) -> int:
-        """Return what the wall clock showed at a stamp, in ns since 1970."""
+        """Return the wall time of a stamp, in ns since 1970."""
         before = bisect_right(self.anchors, monotonic_ns, key=lambda anchor: anchor.monotonic_ns)
         anchor = self.anchors[before - 1] if before else self.clock
         return anchor.unix_ns + monotonic_ns - anchor.monotonic_ns
 
     @property
     def is_sealed(self) -> bool:
-        """Whether a ledger proves that nothing was taken from the run since it ended."""
+        """Whether a ledger proves that the run is complete since its end."""
         return self.version > 1 and self.exit_status != "recording"
 
     def updated(self, **changes: Any) -> Manifest:
-        """Return the manifest with other values, checked as if it were read. Raises ValidationError."""
+        """Return a validated copy with changed values. Raises ValidationError."""
         return Manifest.model_validate(self.model_dump() | changes)
 
     def with_entries(self, entries: Sequence[Entry]) -> Manifest:
-        """Return the manifest with what follows from these entries of its ledger. Raises ValidationError."""
+        """Return a copy with the content of these ledger entries. Raises ValidationError."""
         history = [change for entry in entries for change in entry.relabelled]
         seal = next((entry.seal for entry in reversed(entries) if entry.seal), None)
         return self.updated(
@@ -201,11 +202,11 @@ class Manifest(Record):
         )
 
     def save(self, run: Path) -> None:
-        """Write the manifest into the run directory, durably and in one step. Raises OSError."""
+        """Write the manifest to the run directory durably and atomically. Raises OSError."""
         replace(run / MANIFEST, self.to_json() if self.version == 1 else self.opening())
 
     def opening(self) -> bytes:
-        """Return the manifest as it was stored when the run started."""
+        """Return the manifest as stored at the start of the run."""
         if self.version > 1:
             return self.model_dump_json(indent=1, exclude=_IN_LEDGER).encode()
         fresh: dict[str, object] = {
@@ -219,7 +220,7 @@ class Manifest(Record):
         return self.model_copy(update=fresh).to_json()
 
     def to_json(self) -> bytes:
-        """Return all that is known of the run, from manifest and ledger."""
+        """Return the combined content of manifest and ledger as JSON."""
         return self.model_dump_json(indent=1).encode()
 
 
@@ -238,9 +239,9 @@ def new_manifest(  # noqa: PLR0913 - a manifest is this many facts
     follows: str = "",
     table: ImportedTable | None = None,
 ) -> Manifest:
-    """Return the manifest of a run that starts now, on this host.
+    """Return the manifest of a run starting now on this host.
 
-    Raises FileError when a name cannot be used.
+    Raises FileError for an invalid name.
     """
     try:
         return Manifest(
@@ -267,19 +268,18 @@ def new_manifest(  # noqa: PLR0913 - a manifest is this many facts
 
 
 class UnknownTestError(FileError):
-    """A run is of a test of a package that is not installed here: nothing of it is to be repaired."""
+    """The test of the run belongs to a package that is not installed; there is nothing to repair."""
 
 
 def is_run(path: Path) -> bool:
-    """Return whether a directory is a run, however damaged: one without a manifest may have its ledger. Raises OSError
-    where it may not be entered."""
+    """Return whether a directory is a run, however damaged; a ledger suffices. Raises OSError if access is denied."""
     return any((path / name).exists() for name in OF_A_RUN)
 
 
 def load_manifest(run: Path) -> Manifest:
-    """Read a run's manifest.
+    """Read the manifest of a run.
 
-    Raises FileError when there is no such run, no manifest, or one that cannot be read.
+    Raises FileError if the run or its manifest does not exist or is unreadable.
     """
     path = run / MANIFEST
     try:
@@ -310,7 +310,7 @@ def load_manifest(run: Path) -> Manifest:
 
 
 def _of_another_package(path: Path, error: ValidationError) -> UnknownTestError | None:
-    """Return the error of a manifest whose test is all that is wrong with it, None for any other."""
+    """Return the error for a manifest whose only defect is an unknown test, otherwise None."""
     (first, *others) = error.errors(include_url=False, include_context=False)
     if others or first["loc"] != ("test",) or not isinstance(first["input"], str):
         return None
@@ -319,13 +319,13 @@ def _of_another_package(path: Path, error: ValidationError) -> UnknownTestError 
 
 
 def unreadable(path: Path, error: OSError) -> FileError:
-    """Return the error for a file that the system does not let us read."""
+    """Return the error for a file that the operating system refuses to read."""
     short = error.errno == errno.ENOMEM
     remedy = "close other programs, or read it on another computer" if short else "check the disk and the rights"
     return FileError(str(path), f"cannot be read: {error.strerror}", remedy)
 
 
 def clock_now() -> Clock:
-    """Read both clocks now."""
+    """Read both clocks."""
     now = read_clocks()
     return Clock(monotonic_ns=now.monotonic_ns, unix_ns=now.wall_ns, bracket_ns=now.bracket_ns)

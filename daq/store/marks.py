@@ -1,11 +1,10 @@
-"""What is done with a run after it has ended: its label (test, direction, operator, placement) is corrected, and marks
-are kept beside its manifest.
+"""Changes to a finished run: corrected labels (test, direction, operator, placement), and marks.
 
-The old words of a label are kept in the run's ledger, or in the manifest of a run of version 1. Nothing else of the run
-changes: chunks and their checksums, stamps, the rig file and the name are as they were.
+Earlier label values are kept in the ledger, or in the manifest of a run of version 1. The rest of the run is unchanged:
+chunks and checksums, stamps, rig file and name.
 
-By its marks, `marks.json`, a run is exported or kept for ever by a person's word; retention deletes nothing that is not
-exported, and nothing kept.
+The marks in `marks.json` record exports and protection by the operator; retention deletes only exported runs without
+protection.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ _MOST_BYTES = 1_000_000
 
 
 class Export(BaseModel):
-    """One file that a run was written to, and when."""
+    """Export of a run: file and time."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
@@ -49,7 +48,7 @@ class Marks(BaseModel):
 
 
 def load_marks(run: Path) -> Marks:
-    """Return the marks of a run, empty if it was never marked. Raises FileError if they cannot be read."""
+    """Return the marks of a run, empty by default. Raises FileError if they cannot be read."""
     path = run / MARKS
     try:
         return Marks.model_validate_json(read_bytes(path, _MOST_BYTES))
@@ -64,13 +63,13 @@ def load_marks(run: Path) -> Marks:
 
 
 def mark_exported(run: Path, to: str, file: Path) -> None:
-    """Note that a run was written to a file. Raises FileError, or CellError if this user may not write there."""
+    """Record an export of the run. Raises FileError, or CellError without write permission."""
     export = Export(at=iso_now(), format=to, file=str(file.absolute()))
     _change(run, lambda marks: marks.model_copy(update={"exports": (*marks.exports, export)}))
 
 
 def mark_kept(run: Path, kept: bool) -> None:
-    """Note whether a run is kept for ever. Raises the errors of `mark_exported`."""
+    """Set or remove the protection of a run. Raises the errors of `mark_exported`."""
     _change(run, lambda marks: marks.model_copy(update={"kept": kept}))
 
 
@@ -100,11 +99,11 @@ def relabel(
     operator: str | None = None,
     placement: str | None = None,
 ) -> Manifest:
-    """Give a run another test, direction, operator or placement, durably and all at once; None leaves a word as it is.
+    """Change test, direction, operator or placement of a run durably and atomically; None leaves a field unchanged.
 
-    A run that becomes one without a circle loses its direction. Returns the manifest as it is now. Raises FileError
-    where the run is being recorded, was not closed, or cannot be what the words say; UseError for words that no run
-    may hold; CellError when the disk refuses.
+    A test without a circle removes the direction. Returns the new manifest. Raises FileError if the run is being
+    recorded, was
+    not closed, or does not fit the new label; UseError for invalid values; CellError if the disk refuses.
     """
     unchanged = load_manifest(run)
     try:
@@ -172,8 +171,10 @@ def _relabelled(
 def _test_and_direction(
     run: Path, manifest: Manifest, test: TestName, direction: Direction | None
 ) -> dict[str, str | None]:
-    """What both become. Raises FileError where the run cannot be that, UseError for a direction without a circle."""
-    # Recorded streams may be of any test with gauges, a table of either circle.
+    """Return the new test and direction. Raises FileError if the run does not fit, UseError for a direction without
+    a circle.
+    """
+    # Recorded streams fit any test with gauges, a table fits either circle.
     alike: tuple[TestName, ...] = get_args(DrivenTest) if manifest.table is None else CIRCLES
     if test != manifest.test and not (manifest.test in alike and test in alike):
         problem = f"holds data of a {manifest.test} test, which cannot be of a {test} test"
@@ -187,7 +188,7 @@ def _test_and_direction(
     if (direction or manifest.direction) is None:
         raise FileError(str(run), f"a {test} test has a direction, and the run has none", "add --direction acw or cw")
     if manifest.table is not None and direction not in (None, manifest.direction):
-        # Each row of the table says it too, and tables are never changed.
+        # The rows of the table contain the direction too, and tables are never changed.
         problem = f"holds an imported table whose rows say {manifest.direction}"
         remedy = f"import it again with --direction {direction}, its direction column left out"
         raise FileError(str(run), problem, remedy)

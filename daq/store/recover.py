@@ -1,9 +1,9 @@
-"""Bringing a run back that was not closed: a crash, a kill, a full disk, a power cut.
+"""Recovery of a run that was not closed: after a crash, a kill, a full disk or a power cut.
 
-Whatever was recorded stays: a recording chunk goes only when all of its bytes are in a Parquet file
-that the ledger lists; one with damage is kept beside it as `<file>.torn`. Every step leaves a state
-that the next `recover` can start from, so it may itself be interrupted; done twice it does nothing.
-A run of version 1 gets a ledger.
+Recorded data is never removed: a recording chunk is deleted only when all bytes are in a Parquet file listed in the
+ledger, and a damaged chunk is kept as `<file>.torn`. Every step leaves a valid starting point for the next `recover`,
+so
+a recovery can be interrupted, and repeating it has no effect. A run of version 1 receives a ledger.
 """
 
 from __future__ import annotations
@@ -48,10 +48,9 @@ TORN = ".torn"
 
 @dataclass
 class Recovery:
-    """The outcome of a recovery.
+    """Result of a recovery.
 
-    rows: rows recovered of each stream. losses: for each damaged file what could not be read, in
-    words. notes: everything else that was done.
+    rows: recovered rows per stream. losses: unreadable data per damaged file, as text. notes: all other actions.
     """
 
     path: Path
@@ -61,15 +60,16 @@ class Recovery:
 
     @property
     def nothing_to_do(self) -> bool:
-        """Whether the run was complete already."""
+        """Whether the run was already complete."""
         return not (self.rows or self.losses or self.notes)
 
 
 def recover(path: Path) -> Recovery:
-    """Turn what a crash left into a run that can be read, with exit status `recovered`.
+    """Recover an interrupted run, with exit status `recovered`.
 
-    Raises FileError when there is nothing to recover from or a process is still recording it,
-    CellError when the disk refuses, also to be read.
+    Raises FileError if there is nothing to recover or a process is still recording the run, CellError if the disk
+    refuses
+    access.
     """
     try:
         if not path.is_dir():
@@ -83,7 +83,7 @@ def recover(path: Path) -> Recovery:
             durable.close(lock)
     except (OSError, pa.ArrowException) as error:
         reason, file = getattr(error, "strerror", None), getattr(error, "filename", None)
-        # The system names some files by a number, which says nothing.
+        # The operating system reports some files by a bare number.
         words = f"{reason}: {file!r}" if reason and isinstance(file, str) else str(reason or error)
         raise CellError(str(path), f"cannot be recovered: {words}", f"{_remedy(error)}; nothing was lost") from error
 
@@ -113,7 +113,7 @@ def _repaired(path: Path) -> Recovery:
 
 def _manifest_of(path: Path, done: Recovery) -> Manifest:
     with suppress(FileNotFoundError):
-        read_bytes(path / MANIFEST, MOST_BYTES)  # one that the disk does not give now is neither missing nor damaged
+        read_bytes(path / MANIFEST, MOST_BYTES)  # a manifest refused by the disk is neither missing nor damaged
     try:
         return load_manifest(path)
     except UnknownTestError:
@@ -133,7 +133,7 @@ def _manifest_of(path: Path, done: Recovery) -> Manifest:
 
 
 def _with_sound_ledger(path: Path, manifest: Manifest, done: Recovery) -> Manifest:
-    """Return the manifest of a run whose ledger can be appended to; where there is none, it is made."""
+    """Return the manifest of a run with an appendable ledger, creating the ledger if absent."""
     ledger = read_ledger(path)
     if manifest.version > 1 and ledger.entries:
         if ledger.unread:
@@ -157,7 +157,7 @@ def _with_sound_ledger(path: Path, manifest: Manifest, done: Recovery) -> Manife
 
 
 def _opening_in(path: Path) -> bytes | None:
-    """Return the manifest as a chunk of the run carries it; None if no chunk does."""
+    """Return the manifest from any chunk of the run; None if no chunk contains it."""
     for file in sorted(path.iterdir()):
         if parse_chunk(file.name) and (opening := opening_in(read_bytes(file, MOST_BYTES))):
             with suppress(ValidationError):
@@ -168,7 +168,7 @@ def _opening_in(path: Path) -> bytes | None:
 
 @dataclass
 class _Repair:
-    """opening: the manifest as the chunks of this run carry it."""
+    """Repair in progress. opening: manifest according to the chunks."""
 
     path: Path
     manifest: Manifest
@@ -226,7 +226,7 @@ class _Repair:
             self._list(chunk)
 
     def _closed(self, stream: str, number: int) -> Chunk | None:
-        """The Parquet file of a chunk, if it is there and whole."""
+        """Return the Parquet file of a chunk if it is present and complete."""
         file = self.path / chunk_name(stream, number)
         data = read_bytes(file, MOST_BYTES) if file.exists() else b""
         listed = next((c for c in self.manifest.chunks if c.file == file.name), None)
@@ -258,7 +258,7 @@ class _Repair:
 
     def _seal(self) -> None:
         was, entries, claimed = self.manifest, read_ledger(self.path).entries, Claim(Counter())
-        for torn in self.path.glob(f"{LEDGER}{TORN}*"):  # so that an interruption forgets nothing of what they claim
+        for torn in self.path.glob(f"{LEDGER}{TORN}*"):  # so that an interruption preserves the claims
             claimed |= claim_in(read_bytes(torn, MOST_BYTES), entries[0].opening if entries else None)
         row_counts = {stream: self._rows(stream) for stream in self.manifest.all_streams}
         counters = {stream: dict(counts) for stream, counts in (was.counters or self._count()).items()}
@@ -277,7 +277,7 @@ class _Repair:
         self.done.notes.append(f"{LEDGER}: sealed as recovered")
 
     def _rows(self, stream: str) -> int:
-        """Return one more than the number of the last row of a stream."""
+        """Return the number of rows of a stream, from the number of the last row."""
         end = 0
         for chunk in self.manifest.chunks_of(stream):
             end = chunk.rows + (end if chunk.first_row is None else chunk.first_row)

@@ -1,9 +1,10 @@
-"""How long runs are kept: which of them may go, which of these have to, and the one function that deletes.
+"""Retention of runs: selection of the runs to delete, and the only function that deletes.
 
-Only a whole run that was exported and is not kept may go, oldest first. Whatever is in doubt stays: a run being
-recorded, one that crashed, a manifest or marks that cannot be read, a directory that is no run. A deletion first
-takes the run's name away, so that one that is cut off leaves no half run behind, but a `.deleted` directory that the
-next round removes.
+Only a complete, exported run without protection may be deleted, oldest first. Doubtful cases stay: a run being
+recorded, a
+crashed run, an unreadable manifest or marks file, any other directory. A deletion first renames the run to `.deleted`,
+so
+an interrupted deletion leaves no partial run, and the next round removes the remains.
 """
 
 from __future__ import annotations
@@ -29,9 +30,9 @@ _DAY_S = 86400.0
 
 @dataclass(frozen=True)
 class RunInfo:
-    """What is known of a run from its directory. ended_s: Unix time of its end, or of its start if it has none.
+    """Facts about a run directory. ended_s: Unix time of the end, or of the start without an end.
 
-    status: the manifest's exit status, or `crashed`, or `damaged` where manifest or marks cannot be read.
+    status: exit status of the manifest, or `crashed`, or `damaged` if manifest or marks are unreadable.
     """
 
     path: Path
@@ -43,7 +44,7 @@ class RunInfo:
 
     @property
     def may_go(self) -> bool:
-        """Whether retention may delete it."""
+        """Whether retention may delete the run."""
         if self.manifest is None or self.marks is None or self.status in ("recording", "crashed", "damaged"):
             return False
         return bool(self.marks.exports) and not self.marks.kept
@@ -51,17 +52,16 @@ class RunInfo:
 
 @dataclass(frozen=True)
 class Decision:
-    """delete: what has to go, in this order; over: bytes beyond the limit that are left, since nothing more may go."""
+    """delete: runs to delete, in order. over: bytes above the limit that cannot be freed."""
 
     delete: tuple[RunInfo, ...]
     over: int
 
 
 def survey(runs: Path, denied: Callable[[Path], object] = lambda _: None) -> Iterator[RunInfo]:
-    """Return every run in a directory that this user may read, in order of name, and call `denied` with each
-    directory that this user may not.
+    """Yield all readable runs of a directory in order of name, and call `denied` with each unreadable directory.
 
-    Raises FileError where there is no such directory.
+    Raises FileError if the directory does not exist.
     """
     try:
         entries = sorted(runs.iterdir())
@@ -72,7 +72,7 @@ def survey(runs: Path, denied: Callable[[Path], object] = lambda _: None) -> Ite
             if path.name.startswith(".") or path.is_symlink() or not is_run(path):
                 continue
             seen = look(path)
-        except FileNotFoundError:  # deleted or moved away meanwhile
+        except FileNotFoundError:  # deleted or moved in the meantime
             continue
         except PermissionError:
             denied(path)
@@ -81,10 +81,10 @@ def survey(runs: Path, denied: Callable[[Path], object] = lambda _: None) -> Ite
 
 
 def look(run: Path) -> RunInfo:
-    """Return what is known of one run from its directory. Raises FileNotFoundError if it is gone."""
+    """Return the facts about a run directory. Raises FileNotFoundError if it is gone."""
     size = 0
     for file in run.iterdir():
-        with suppress(FileNotFoundError):  # a run that is being recorded makes files and removes them
+        with suppress(FileNotFoundError):  # files of a run being recorded come and go
             size += file.stat().st_size
     changed_s = (run / (MANIFEST if (run / MANIFEST).exists() else LEDGER)).stat().st_mtime
     try:
@@ -99,7 +99,7 @@ def look(run: Path) -> RunInfo:
 
 
 def decide(runs: Sequence[RunInfo], limits: Retention, now_s: float) -> Decision:
-    """Decide what has to be deleted: what is too old, then the oldest until the rest fits."""
+    """Select the runs to delete: expired runs, then the oldest until the rest fits."""
     free = sorted((info for info in runs if info.may_go), key=lambda info: info.ended_s)
     old = [info for info in free if limits.days is not None and now_s - info.ended_s > limits.days * _DAY_S]
     allowed = int(limits.gigabytes * 1e9) if limits.gigabytes is not None else 2**63
@@ -114,7 +114,7 @@ def decide(runs: Sequence[RunInfo], limits: Retention, now_s: float) -> Decision
 
 
 def delete(run: Path) -> bool:
-    """Delete a run after checking again that it may be deleted; False if it may not. Raises OSError."""
+    """Delete a run after repeating the check; False if deletion is not allowed. Raises OSError."""
     lock = durable.try_lock(run)
     if lock is None:
         return False
@@ -131,6 +131,6 @@ def delete(run: Path) -> bool:
 
 
 def clear(runs: Path) -> None:
-    """Remove what interrupted deletions have left, as far as possible."""
+    """Remove the remains of interrupted deletions, as far as possible."""
     for gone in runs.glob(f".*{_DELETED}"):
         shutil.rmtree(gone, ignore_errors=True)

@@ -1,7 +1,6 @@
-"""Reading a run: all chunks of each stream as arrays, or one line saying why not.
+"""Read a run: all chunks of each stream as arrays, or an error.
 
-A number that was not measured is worse than no number, so every chunk is checked against its SHA-256
-and its row count before a value of it is handed on.
+A wrong number is worse than a missing one, so the SHA-256 and row count of every chunk are verified before use.
 """
 
 from __future__ import annotations
@@ -25,12 +24,12 @@ from rigs.files import read_bytes
 
 @dataclass(frozen=True)
 class Run:
-    """A recorded or imported run.
+    """Recorded or imported run.
 
-    streams: for each sample stream its columns by name, each an array of n rows in file units (the
-    fixed columns of `daq.store.chunk`, then the values). faults: a row each, with at_ns, stream,
-    kind, detail, count, sequence. table: what an imported run holds instead of streams, its columns
-    and rows in the order of the file; None in a recorded run.
+    streams: columns of each sample stream by name, each an array of n rows in file units (the fixed columns of
+    `daq.store.chunk`, then the values). faults: one row each, with at_ns, stream, kind, detail, count, sequence. table:
+    columns
+    of an imported run in file order; None in a recorded run.
     """
 
     path: Path
@@ -41,8 +40,7 @@ class Run:
 
     @cached_property
     def readings_sha256(self) -> str:
-        """What was measured, as a digest: copies of a run have the same, and so have runs into which one table was
-        imported twice, whose files differ by the run's name and time."""
+        """Digest of the measurements, equal for copies of a run and for repeated imports of a table."""
         if self.table is None:
             return sha256("".join(chunk.sha256 for chunk in self.manifest.chunks).encode())
         plain, rows = self.table.replace_schema_metadata(None).combine_chunks(), pa.BufferOutputStream()
@@ -52,9 +50,9 @@ class Run:
 
 
 def read_run(path: Path) -> Run:
-    """Read a whole run.
+    """Read a complete run.
 
-    Raises FileError when it is missing, still being recorded, crashed and not recovered, or damaged.
+    Raises FileError if the run is missing, damaged, still being recorded, or crashed and not recovered.
     """
     manifest = closed_manifest(path)
     streams = {}
@@ -66,9 +64,9 @@ def read_run(path: Path) -> Run:
 
 
 def closed_manifest(path: Path) -> Manifest:
-    """Return the manifest of a run that was closed, whose streams may then be read.
+    """Return the manifest of a closed run, whose streams can be read.
 
-    Raises FileError when it is missing, still being recorded, or crashed and not recovered.
+    Raises FileError if the run is missing, still being recorded, or crashed and not recovered.
     """
     manifest = load_manifest(path)
     recording = manifest.exit_status == "recording"
@@ -83,9 +81,9 @@ def closed_manifest(path: Path) -> Manifest:
 
 
 def is_unclosed(path: Path) -> bool:
-    """Return whether a crash left this run: it was not closed, and no process writes it.
+    """Return whether a crash left this run unclosed, with no process writing it.
 
-    Raises FileError when there is no manifest that can be read.
+    Raises FileError if the manifest is missing or unreadable.
     """
     manifest = load_manifest(path)
     try:
@@ -96,28 +94,27 @@ def is_unclosed(path: Path) -> bool:
 
 
 def left_over(path: Path, manifest: Manifest) -> list[Path]:
-    """Return the files of a run that is not being recorded which only a crash leaves."""
+    """Return files left by a crash in a run that is not being recorded."""
     listed = {chunk.file for chunk in manifest.chunks}
     unlisted = {file for file in path.glob("*.parquet") if file.name not in listed}
     return sorted(unlisted | {*path.glob("*.arrow"), *path.glob(f"*{TEMPORARY}")})
 
 
 def read_stream(path: Path, manifest: Manifest, stream: str) -> pa.Table:
-    """Return all rows of one stream, in the order of its chunks.
+    """Return all rows of a stream, in order of the chunks.
 
-    Raises FileError for the first chunk that is missing, damaged or not as the manifest says.
+    Raises FileError for the first chunk that is missing, damaged or different from the manifest.
     """
     schema = manifest.arrow_schema(stream)
     tables = [read_chunk(path, chunk, schema) for chunk in manifest.chunks_of(stream)]
-    # Not `schema.empty_table()`, which imports pandas where that is installed, as `daq.store.chunk` says.
+    # Not `schema.empty_table()`, which imports pandas if installed; see `daq.store.chunk`.
     return pa.concat_tables([pa.Table.from_batches([], schema), *tables])
 
 
 def chunks_of(path: Path, manifest: Manifest, stream: str) -> Iterator[dict[str, np.ndarray[Any, Any]]]:
-    """Return the columns (n,) of a stream, each in the unit of its name, chunk by chunk in the memory of one, without
-    `sequence`.
+    """Yield the columns (n,) of a stream chunk by chunk, each in the unit of its name, without `sequence`.
 
-    Raises FileError as `read_stream` does, for what was read until then.
+    Raises FileError like `read_stream`, after yielding the valid chunks.
     """
     schema = manifest.arrow_schema(stream)
     columns = [name for name in schema.names if name != "sequence"]
@@ -127,8 +124,10 @@ def chunks_of(path: Path, manifest: Manifest, stream: str) -> Iterator[dict[str,
 
 
 def read_chunk(path: Path, chunk: Chunk, schema: pa.Schema, columns: Sequence[str] | None = None) -> pa.Table:
-    """Return the rows of one chunk, or some of their columns. Raises FileError if it is missing, damaged or differs
-    from the manifest."""
+    """Return the rows of a chunk, or some columns. Raises FileError if the chunk is missing, damaged or different from
+    the
+    manifest.
+    """
     file = path / chunk.file
     remedy = "restore the file from a copy of the run"
     try:
@@ -154,8 +153,10 @@ def read_chunk(path: Path, chunk: Chunk, schema: pa.Schema, columns: Sequence[st
 
 
 def _array(column: pa.ChunkedArray) -> np.ndarray[Any, Any]:
-    """A column as one array; where all its values are the same to the bit, as most stamps of a gauge that streams, a
-    view of a single one, which takes no memory."""
+    """Return a column as an array. Identical values, like most stamps of a streaming gauge, become a view of a single
+    value
+    without memory.
+    """
     pieces = [piece_of(chunk) for chunk in column.chunks]
     first = next((piece[:1] for piece in pieces if len(piece)), None)
     if first is not None and all((_bits(piece) == _bits(first)).all() for piece in pieces):

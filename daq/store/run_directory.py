@@ -1,18 +1,20 @@
-"""The directory of a run that is recorded: its name, the writer's lock on it, its manifest, its ledger, and its end.
+"""Directory of a run being recorded: name, lock, manifest, ledger, and disk space.
 
-A recording ends cleanly while there still is room for that on its disk. Closing a run puts the Parquet file of each
-open chunk beside it before the chunk goes, and some lines in the ledger: `RunWriter.room_to_close` adds up the files
-from what is open now. The margin is for the lines, and for what cannot be added up: what others write to the disk
-between two looks half a second apart. To begin takes more than to go on, so that a disk on the edge is not filled with
-runs of a second each.
+A recording ends while the disk still has room to close it. Closing writes the Parquet file of each open chunk before
+deleting the chunk, and some lines of the ledger: `RunWriter.room_to_close` adds up the files. A margin covers the lines
+and other processes writing to the disk within half a second. Starting requires more room than continuing, so that a
+nearly full disk is not filled with runs of a second each.
 
-A daemon runs for months, so the memory that closing a chunk took is returned, and nothing is loaded later.
+A daemon runs for months, so the memory used for closing a chunk is returned to the system, and all modules are loaded
+at
+the start.
 
-A directory that a command makes is there whole or not at all: it is filled under a hidden name, and gets its own at the
-end. A command that was interrupted while it wrote left half a run, which was neither a run nor free for the next try.
-What is hidden is no run to any command. It is removed where the command fails or is interrupted, and also where a
-signal ends it. What SIGKILL or a power cut leaves of it is removed by the next command that writes beside it: a command
-that fills such a directory holds a lock on it, which the system gives up with the process.
+A directory created by a command is complete or absent: it is filled under a hidden name and renamed at the end.
+Earlier,
+an interrupted command left a partial run that blocked the next attempt. Commands ignore hidden directories. A failed or
+interrupted command removes its hidden directory, also on signals. Remains of a SIGKILL or power cut are removed by the
+next command in the same place: a command locks the directory it fills, and the system releases the lock with the
+process.
 """
 
 from __future__ import annotations
@@ -40,11 +42,11 @@ from rigs.errors import CellError
 
 MARGIN_BYTES = 16 << 20
 TO_BEGIN_BYTES = 64 << 20
-"""A full chunk of a robot (200 000 rows of 13 columns, 20 MB), closed, and the margin."""
+"""A full chunk of a robot (200 000 rows of 13 columns, 20 MB), the closed copy, and the margin."""
 
 
 class NearlyFull(CellError):
-    """The error for a disk that is nearly full, on which everything can still be written and closed."""
+    """The disk is nearly full, but all data can still be written and closed."""
 
     def __init__(self, place: Path, free: int, needed: int) -> None:
         problem = f"disk nearly full: {free / 1e6:.1f} MB free, {needed / 1e6:.1f} MB needed"
@@ -63,45 +65,47 @@ _LARGE_BYTES = 1 << 20
 
 
 def keep_large_blocks_apart() -> None:
-    """Let the C library map blocks of a megabyte and more by themselves, so that each goes back as it is freed.
+    """Make the C library map blocks of a megabyte and more separately, so that each is returned when freed.
 
-    glibc raises that limit to the largest block it has seen freed, some 20 MB for a chunk; from then on it keeps room
-    for one in the arena of each thread that ever closed one, and the daemon grows in steps for its first hours
-    (mallopt(3)). Other C libraries have no such call, and no such arenas.
+    glibc raises this limit to the largest freed block, about 20 MB for a chunk. It then reserves that much in the arena
+    of
+    each thread that ever closed a chunk, and the daemon grows in steps during its first hours (mallopt(3)). Other C
+    libraries
+    have no such call and no such arenas.
     """
     if mallopt := getattr(ctypes.CDLL(None), "mallopt", None):
         mallopt(_M_MMAP_THRESHOLD, _LARGE_BYTES)
 
 
 def load_all_of_arrow() -> None:
-    """Have Arrow import what it imports with its first array, before stamps and rows matter.
+    """Make Arrow import its lazy dependencies before recording.
 
-    That is pandas, wherever it is installed: half a second of one core in the thread that drains the readers.
+    This includes pandas if installed: half a second of one core in the thread that drains the readers.
     """
     pa.array([0])
 
 
 def give_back() -> None:
-    """Return the memory that Arrow keeps for later to the system."""
+    """Return the memory cached by Arrow to the system."""
     pa.default_memory_pool().release_unused()
 
 
 _TIMED = re.compile(r"[0-9]{8}T[0-9]{6}[.0-9]*Z")
-"""The UTC time that some names begin with; their directories are named after them alone."""
+"""UTC time at the start of a run name; such names become the directory name unchanged."""
 _WHO_DELETES = "find out what deletes or moves runs"
 
 
 class RunRemoved(CellError):
-    """The error for a run whose directory is gone while it is recorded."""
+    """The directory of the run disappeared during recording."""
 
     def __init__(self, run: Path) -> None:
         super().__init__(str(run), "the directory was removed during the recording", _WHO_DELETES)
 
 
 def require_files(run: Path, open_files: Mapping[Path, int]) -> None:
-    """Raise RunRemoved for a run that is gone, CellError where its manifest or an open file is. Raises OSError.
+    """Raise RunRemoved if the run directory is gone, CellError if the manifest or an open file is. Raises OSError.
 
-    open_files: descriptor of each by its path.
+    open_files: descriptors by path.
     """
     if not run.is_dir():
         raise RunRemoved(run)
@@ -113,11 +117,10 @@ def require_files(run: Path, open_files: Mapping[Path, int]) -> None:
 
 
 def create_run_directory(runs: Path, manifest: Manifest, companions: Mapping[str, bytes]) -> tuple[Path, int, Ledger]:
-    """Create a fresh directory `<UTC time>_<name>` under runs, with the files that belong beside the rig file.
+    """Create a new directory `<UTC time>_<name>` under runs, with the companion files of the rig file.
 
-    Return it with the run's lock and its ledger.
-
-    Raises NearlyFull if there is too little room to begin, OSError if the disk refuses.
+    Returns the directory, the lock and the ledger. Raises NearlyFull without sufficient room, OSError if the disk
+    refuses.
     """
     durable.make_directories(runs)
     require_room(runs, TO_BEGIN_BYTES + sum(map(len, companions.values())))
@@ -143,8 +146,10 @@ def create_run_directory(runs: Path, manifest: Manifest, companions: Mapping[str
 
 
 def write_beside(path: Path, companions: Mapping[str, bytes]) -> None:
-    """Write the files that belong beside the rig file of a run into its directory, durably. The rig file has the digest
-    of each, and the manifest that of the rig file. Raises OSError."""
+    """Write the companion files of the rig file into a run directory durably. Raises OSError.
+
+    The rig file contains their digests, and the manifest contains the digest of the rig file.
+    """
     for name, content in companions.items():
         durable.replace(path / name, content)
 
@@ -155,17 +160,17 @@ except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
 _OURS = re.compile(rf"\.[0-9a-f]{{16}}{re.escape(durable.TEMPORARY)}")
-"""The name of a hidden directory."""
+"""Name of a hidden directory."""
 _TRIES = 3
-"""Between the making of a directory and its lock there are microseconds, in which another command may look."""
+"""Attempts; microseconds pass between creating and locking a directory, in which a second command may interfere."""
 _ENDS = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
 
 @contextmanager
 def new_directory(path: Path) -> Iterator[Path]:
-    """Give a hidden directory beside `path`, which has that name once the block has ended.
+    """Provide a hidden directory that is renamed to `path` at the end of the block.
 
-    Raises FileExistsError where something has the name, and any other OSError of a disk that refuses.
+    Raises FileExistsError if the name is taken, and any other OSError of the disk.
     """
     _hold_free(path)
     durable.make_directories(path.parent)
@@ -179,10 +184,11 @@ def new_directory(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def files_into(directory: Path, *, over: bool = False) -> Iterator[Path]:
-    """Give a hidden directory whose files are in `directory` once the block has ended: all of them, or none.
+    """Provide a hidden directory whose files move to `directory` at the end of the block: all of them or none.
 
-    over: they take the place of files that are there; then each is the old one or the new one, whole. Raises
-    FileExistsError with the path of a file that is there otherwise, and any other OSError of a disk that refuses.
+    over: existing files are replaced; each file is then completely old or new. Otherwise raises FileExistsError with
+    the path
+    of an existing file. Raises any other OSError of the disk.
     """
     if not os.path.lexists(directory):
         with new_directory(directory) as made:
@@ -206,7 +212,7 @@ def files_into(directory: Path, *, over: bool = False) -> Iterator[Path]:
 
 
 def surely(remove: Callable[[], object]) -> None:
-    """Remove what is left over, and once more where Ctrl-C comes just then."""
+    """Call a clean-up function, and repeat it after Ctrl-C."""
     try:
         remove()
     except BaseException:
@@ -216,21 +222,21 @@ def surely(remove: Callable[[], object]) -> None:
 
 @contextmanager
 def removed_at_signals(directory: str | Path, before: Callable[[], None] = lambda: None) -> Iterator[None]:
-    """Signals that end this process at once remove a directory first, unless they are handled or ignored already.
+    """Remove a directory before this process ends by a signal, unless the signal is already handled or ignored.
 
-    before: called first, by this process alone and not by one that was forked of it.
+    before: called first, in this process only and not in forked ones.
     """
     owner = os.getpid()
 
     def leave(number: int, _: object) -> None:
-        # No exception does this: one that is raised within a fork is ignored, and the signal would be lost.
-        if os.getpid() == owner:  # and not a process that was forked, which shares the directory
+        # Raising an exception would not work: within a fork it is ignored, and the signal would be lost.
+        if os.getpid() == owner:  # not in a forked process, which shares the directory
             before()
             shutil.rmtree(directory, ignore_errors=True)
         signal.signal(number, signal.SIG_DFL)
         os.kill(os.getpid(), number)
 
-    is_main = threading.current_thread() is threading.main_thread()  # no other may handle signals
+    is_main = threading.current_thread() is threading.main_thread()  # only the main thread may handle signals
     numbers = [number for number in _ENDS if is_main and signal.getsignal(number) is signal.SIG_DFL]
     try:
         for number in numbers:
@@ -246,17 +252,17 @@ def _hidden(parent: Path) -> Iterator[Path]:
     for directory in parent.glob(f".*{durable.TEMPORARY}"):
         if _OURS.fullmatch(directory.name) and not directory.is_symlink():
             fd = _lock_of(directory)
-            if fd is not None:  # of a process that was killed while it filled it
+            if fd is not None:  # left by a killed process
                 shutil.rmtree(directory, ignore_errors=True)
                 os.close(fd)
-    # A hidden directory that no other command removes; the lock is None where the disk has none
+    # Hidden directory protected from other commands; the lock is None if the disk has no locks
     for _ in range(_TRIES):
         made = parent / f".{secrets.token_hex(8)}{durable.TEMPORARY}"
         durable.make_directory(made)
         fd = _lock_of(made)
         if fd is not None and os.path.lexists(made):
             break
-        if fd is not None:  # another command took it for left over, just before the lock
+        if fd is not None:  # removed by a second command just before the lock
             os.close(fd)
     try:
         with removed_at_signals(made):
@@ -268,7 +274,7 @@ def _hidden(parent: Path) -> Iterator[Path]:
 
 
 def _lock_of(directory: Path) -> int | None:
-    """Return a descriptor that locks a directory, None where another process does, or there are no locks."""
+    """Return the descriptor of a directory lock; None if it is taken, or locks are not supported."""
     if fcntl is None:
         return None
     try:

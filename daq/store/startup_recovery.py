@@ -1,8 +1,8 @@
-"""Recovery of the runs that a crash left behind, at the next start: in a thread of its own, so reading begins at once.
+"""Recover crashed runs at start-up, in a separate thread, so that reading starts immediately.
 
-Only what a crash of the store can leave is touched: a run whose manifest can be read, that was not
-closed, and that no process holds the lock of; another daemon may share the directory. Anything else is
-reported and left to a person and `rig recover`.
+Only clear cases are recovered: a run with a readable manifest, not closed, and not locked by a process, because a
+second
+daemon may share the directory. All other cases are logged and left to the operator and `rig recover`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ log = logging.getLogger("rigd")
 
 
 class StartupRecovery(clock.Thread):
-    """Recovers every unclosed run of a directory, the latest first, and ends."""
+    """Recovers every unclosed run of a directory, latest first."""
 
     def __init__(self, runs: Path) -> None:
         super().__init__(name="recover", daemon=True)
@@ -28,11 +28,11 @@ class StartupRecovery(clock.Thread):
         self._stop_asked = clock.Event()
 
     def stop(self) -> None:
-        """Ask the thread to end after the run it is at; a recovery that is cut off can be done again."""
+        """Request the end after the present run; an interrupted recovery can be repeated."""
         self._stop_asked.set()
 
     def run(self) -> None:
-        """Recover the runs until `stop`: the body of the thread."""
+        """Recover runs until `stop`."""
         try:
             paths = sorted(filter(_may_be_run, self._runs.iterdir()), reverse=True)
         except FileNotFoundError:
@@ -48,21 +48,21 @@ class StartupRecovery(clock.Thread):
                     recover_and_log(path)
             except RigError as error:
                 log.warning("not recovered: %s", error)
-            except Exception:  # no odd old run may keep the cell from recording new ones
+            except Exception:  # a damaged old run must not prevent new recordings
                 log.exception("%s: not recovered because of an internal error; run: rig recover %s", path, path)
 
 
 def _may_be_run(path: Path) -> bool:
-    """Return whether this may be a run: not other directories, nor a start that was cut off before any recording."""
+    """Return whether this may be a run; false for other directories and for starts without recorded data."""
     try:
         return path.is_dir() and any(file.name == MANIFEST or parse_chunk(file.name) for file in path.iterdir())
-    except OSError as error:  # as lost+found, where the runs have a disk of their own
+    except OSError as error:  # for example lost+found on a separate disk
         log.info("%s: not searched for a crashed run: %s", path, error.strerror)
         return False
 
 
 def recover_and_log(path: Path) -> None:
-    """Recover one run and log what came of it. Raises RigError."""
+    """Recover a run and log the result. Raises RigError."""
     done = recover(path)
     if done.nothing_to_do:
         return

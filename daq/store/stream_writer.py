@@ -1,10 +1,10 @@
-"""One stream being recorded: rows in, frames on the disk, a Parquet chunk when it is full.
+"""Writer of a single stream: rows in, frames on the disk, a Parquet chunk at the end.
 
-The recording chunk is only ever appended to, and deleted only when the Parquet file made from it is
-durable and in the ledger. After a failed write its length is put back to the last whole frame.
-One that is full is ended, and the next begins when the disk has all of it: so a crash leaves no hole between
-the two, and another thread makes the Parquet file while this one writes on. Until then rows stay pending,
-for as long as one sync takes. Raises plain OSError; the run's writer says it to a person.
+The recording chunk is append-only, and deleted only when the Parquet file is durable and in the ledger. After a failed
+write it is truncated to the last complete frame. A full chunk is ended, and the next one begins when the disk has
+stored all of it: a crash leaves no gap between them, and a second thread creates the Parquet file while this thread
+continues. Until then rows are pending, for the duration of one sync. Raises plain OSError, converted by the run's
+writer.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from daq.store.ledger import Chunk, chunk_name, sha256
 
 @dataclass
 class OpenChunk:
-    """A recording chunk: complete frames up to `size`, how much of it is synced, and whether it was ended."""
+    """Recording chunk: complete frames up to `size`, the synced part, and whether it was ended."""
 
     path: Path
     number: int
@@ -42,12 +42,12 @@ class OpenChunk:
 
     @property
     def is_synced(self) -> bool:
-        """Whether all of it is on the disk, under its name."""
+        """Whether the whole chunk and its name are on the disk."""
         return self.named and self.synced == self.size
 
     @property
     def has_vanished(self) -> bool:
-        """Whether its name is gone; not where the disk does not answer."""
+        """Whether the file name is gone; false if the disk does not respond."""
         with suppress(OSError):
             return not durable.is_named(self.fd, self.path)
         return False
@@ -63,14 +63,14 @@ class OpenChunk:
         self.size += len(data)
 
     def end(self) -> None:
-        """Append the end mark, once: what comes after it may have failed and be tried again."""
+        """Append the end mark once; later steps may fail and be repeated."""
         if not self.ended:
             self.append(END)
             self.ended = True
 
 
 class Pending:
-    """Rows that wait to be written: samples in blocks, or faults."""
+    """Rows to be written: samples in blocks, or faults."""
 
     def __init__(self) -> None:
         self._parts: list[Sequence[Row]] = []
@@ -83,13 +83,13 @@ class Pending:
         return iter(self.rows())
 
     def extend(self, rows: Iterable[Row]) -> None:
-        """Take rows behind those that wait."""
+        """Add rows at the end."""
         part = rows if isinstance(rows, Samples) else list(rows)
         self._parts.append(part)
         self._count += len(part)
 
     def rows(self) -> Sequence[Row]:
-        """Return all of them."""
+        """Return all rows."""
         if all(isinstance(part, Samples) for part in self._parts):
             return Samples.joined(cast("list[Samples]", self._parts))
         return [row for part in self._parts for row in part]
@@ -97,14 +97,14 @@ class Pending:
 
 @dataclass(frozen=True)
 class Sync:
-    """A chunk's frames on their way to the disk; call `wait` once, in any thread."""
+    """Sync of a chunk; call `wait` once, in any thread."""
 
     chunk: OpenChunk
     fd: int
     size: int
 
     def wait(self) -> None:
-        """Wait until all frames are on the disk, and note it in the chunk. Raises OSError."""
+        """Wait until all frames are on the disk, and record this in the chunk. Raises OSError."""
         try:
             durable.sync(self.fd)
         finally:
@@ -118,7 +118,7 @@ class Sync:
 class StreamWriter:
     """Writes one stream of a run: pending rows, recording chunks and closed chunks.
 
-    open: what is written to, or waits to be synced once it was ended. full: ended, synced and being closed.
+    open: chunk being written, or ended and awaiting its sync. full: chunks ended, synced and being closed.
     """
 
     run: Path
@@ -131,27 +131,29 @@ class StreamWriter:
     full: OpenChunk | None = None
 
     def append(self, rows: Iterable[Row]) -> None:
-        """Keep rows until the next write."""
+        """Store rows until the next write."""
         self.pending.extend(rows)
 
     def unclosed(self) -> list[OpenChunk]:
-        """Return the chunks that are not Parquet files yet, in order."""
+        """Return the chunks not yet converted to Parquet, in order."""
         return [chunk for chunk in (self.full, self.open) if chunk]
 
     def lost(self) -> int:
-        """Return the rows that go when the files are closed: pending, or in a file that has no name any more."""
+        """Return the number of rows lost at the end: pending, or in a file without a name."""
         return len(self.pending) + sum(chunk.rows for chunk in self.unclosed() if chunk.has_vanished)
 
     def bytes_to_close(self) -> int:
-        """Return the bytes needed at most to write what is pending, and then a Parquet file beside each chunk.
+        """Return the maximum bytes needed to write the pending rows and a Parquet file per chunk.
 
-        Parquet is no larger than Arrow's frames, which hold the same columns and a head for each batch.
+        Parquet is no larger than the Arrow frames, which contain the same columns and a head per batch.
         """
         pending = 8 * len(self.schema) * len(self.pending)
         return 2 * pending + sum(chunk.size for chunk in self.unclosed())
 
     def write(self) -> None:
-        """Append what is pending as one batch, in a new chunk if none is open; later, where one waits to be synced."""
+        """Append the pending rows as one batch, in a new chunk if none is open; deferred while a chunk awaits its
+        sync.
+        """
         if self.open and self.open.ended:
             if self.full or not self.open.is_synced:
                 return
@@ -173,28 +175,28 @@ class StreamWriter:
         self.rows += batch.num_rows
 
     def begin_sync(self) -> Sync | None:
-        """Return what there is to sync, or None."""
+        """Return the next sync, or None."""
         chunk = self.open
         return None if chunk is None or chunk.is_synced else Sync(chunk, durable.again(chunk.fd), chunk.size)
 
     def finish(self, chunk: OpenChunk) -> Chunk:
-        """End a chunk of this stream, prove that it reads back, and put its Parquet file beside it."""
+        """End a chunk, verify that it can be read, and write the Parquet file."""
         chunk.end()
         if not chunk.is_synced:
             Sync(chunk, durable.again(chunk.fd), chunk.size).wait()
-        salvaged = salvage(durable.read(chunk.fd), self.schema)  # also where its name has vanished
+        salvaged = salvage(durable.read(chunk.fd), self.schema)  # also without a file name
         if salvaged.damage or salvaged.rows != chunk.rows:
             raise OSError(errno.EIO, f"{chunk.path.name} reads back {salvaged.damage or 'short'}")
         return store_chunk(self.run, self.stream, chunk.number, salvaged, self.schema)
 
     def forget(self, chunk: OpenChunk) -> None:
-        """Delete a chunk whose rows are in a Parquet file that the ledger lists."""
+        """Delete a chunk whose Parquet file is in the ledger."""
         self._release(chunk)
         with suppress(FileNotFoundError):
             durable.remove(chunk.path)
 
     def release(self) -> None:
-        """Close the open files and leave them where they are."""
+        """Close the open files without deleting them."""
         for chunk in self.unclosed():
             self._release(chunk)
 
@@ -207,7 +209,7 @@ class StreamWriter:
 
 
 def store_chunk(run: Path, stream: str, number: int, salvaged: Salvage, schema: pa.Schema) -> Chunk:
-    """Make a Parquet chunk of verified batches, durably. Raises OSError."""
+    """Write verified batches as a Parquet chunk durably. Raises OSError."""
     table = table_of(salvaged.batches, schema)
     data = to_parquet(table)
     path = run / chunk_name(stream, number)
@@ -216,7 +218,7 @@ def store_chunk(run: Path, stream: str, number: int, salvaged: Salvage, schema: 
 
 
 def describe(file: str, stream: str, table: pa.Table, data: bytes) -> Chunk:
-    """Return the ledger's record of a chunk of at least one row."""
+    """Return the ledger record of a chunk with at least one row."""
     about = {"file": file, "stream": stream, "rows": table.num_rows, "sha256": sha256(data)}
     if stream == TABLE:
         return Chunk(**about, first_ns=0, last_ns=0, first_row=0)

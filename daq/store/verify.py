@@ -1,4 +1,4 @@
-"""Is a run whole? Everything that its manifest and its ledger promise, compared with the files."""
+"""Verify that a run is complete: compare manifest and ledger with the files."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from rigs.errors import FileError
 from rigs.files import read_bytes
 
 END_UNKNOWN = "before its end, which was never sealed: rows after the last one may be missing"
-"""What is known of the end of a run that was cut off, by a crash or by somebody."""
+"""Description of the end of an interrupted run."""
 
 
 @dataclass(frozen=True)
 class Gap:
-    """Rows of a stream that are in no chunk: how many, and the number of the first."""
+    """Missing rows of a stream: count, and number of the first."""
 
     stream: str
     first: int
@@ -40,10 +40,11 @@ class Gap:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a run was found to be. problems: what is wrong with it, one line each, beside the rows that are missing.
+    """Result of a verification. problems: defects other than missing rows, one line each.
 
-    end_known: whether anything says where the run ended; without that nothing proves that its last rows are there.
-    seal: SHA-256 of the seal in its ledger, which `rig record stop` printed; empty without one.
+    end_known: whether the end of the run is recorded; otherwise the last rows may be missing. seal: SHA-256 of the
+    seal,
+    printed by `rig record stop`; empty without a seal.
     """
 
     path: Path
@@ -56,12 +57,12 @@ class Verdict:
 
     @property
     def lines(self) -> list[str]:
-        """Everything that is wrong, a line each; empty if nothing is."""
+        """All defects, one line each; empty for a complete run."""
         return [*self.problems, *(f"{self.path}: {gap}" for gap in self.gaps)]
 
     @property
     def summary(self) -> str:
-        """The verdict in one line: whole, recovered, or not whole."""
+        """Result in one line: whole, recovered, or not whole."""
         missing = sum(gap.rows for gap in self.gaps)
         if self.problems or (missing and not self.is_recovered):
             return f"{self.path}: not whole"
@@ -74,7 +75,7 @@ class Verdict:
 
 @dataclass
 class _Stream:
-    """What was read of one stream. end: one more than the number of its last row; doubled rows count twice in held."""
+    """Content of a stream. end: number after the last row. Repeated rows count twice in held."""
 
     name: str
     rows_read: int = 0
@@ -82,26 +83,26 @@ class _Stream:
     gaps: list[Gap] = field(default_factory=list)
     problems: list[str] = field(default_factory=list)
     faults: Counter[tuple[str, str]] = field(default_factory=Counter)
-    """How many faults the stream of faults has, by stream and kind."""
+    """Number of faults in the fault stream, by stream and kind."""
 
     def skip_to(self, row: int) -> None:
-        """Go on at a row; the rows before it are missing."""
+        """Continue at a row; the rows before it are missing."""
         if row > self.end:
             self.gaps.append(Gap(self.name, self.end, row - self.end))
         self.end = row
 
 
 def verify(path: Path) -> list[str]:
-    """Return what is wrong with a run, one line each; empty if nothing is. See `judge`."""
+    """Return the defects of a run, one line each; empty for a complete run. See `judge`."""
     return judge(path).lines
 
 
 def judge(path: Path) -> Verdict:
-    """Return whether a run is whole.
+    """Verify that a run is complete.
 
-    Reads every byte: that each chunk is there, unchanged and as declared, that no chunk and no row is missing or
-    doubled, that there are as many rows and faults as were counted when the run ended, that no file is left over,
-    and that the ledger is sealed.
+    Reads every byte: each chunk must be present, unchanged and as declared; no chunk or row may be missing or repeated;
+    rows
+    and faults must match the counts at the end of the run; no surplus files; the ledger must be sealed.
     """
     try:
         manifest = load_manifest(path)
@@ -112,11 +113,11 @@ def judge(path: Path) -> Verdict:
     problems = [problem for stream in streams for problem in stream.problems]
     recovered = manifest.exit_status == "recovered"
     is_recorded = manifest.exit_status == "recording" and durable.may_be_locked(path)
-    # While a run is recorded, each chunk enters the ledger once it is full.
+    # During recording, a chunk enters the ledger when it is full.
     leftovers = [] if is_recorded else left_over(path, manifest)
     place = "manifest" if manifest.version == 1 else "ledger"
     unlisted = [f"{file}: is not in the {place}; {to_recover(path)}" for file in leftovers]
-    if not problems:  # a chunk that cannot be read explains every number that does not fit
+    if not problems:  # an unreadable chunk explains all count mismatches
         problems = _counters(path, manifest, {stream.name: stream for stream in streams})
     return Verdict(
         path,
@@ -140,7 +141,7 @@ def _read_ledger(path: Path) -> Verified:
 
 
 def _ledger(path: Path, manifest: Manifest, verified: Verified) -> list[str]:
-    """What is wrong with the ledger, or with an imported run whose ledger lists no table."""
+    """Return defects of the ledger, including a missing table in an imported run."""
     if manifest.version > 1 and not verified.entries:
         return [f"{path / LEDGER}: is missing or damaged from its first line on; {to_recover(path)}"]
     if manifest.version > 1 and verified.unread and manifest.exit_status != "recording":
@@ -163,8 +164,10 @@ def _manifest(path: Path, manifest: Manifest, *, is_recorded: bool) -> list[str]
 
 
 def _beside(path: Path, manifest: Manifest) -> list[str]:
-    """What is wrong with the calibrations beside a run, of which the rig file in the manifest has the digests (older
-    runs have none), and with its marks."""
+    """Return defects of the calibrations next to a run, using the digests in the rig file (absent in older runs), and
+    of the
+    marks.
+    """
     problems = []
     for file in sorted(path.glob(f"*{CALIBRATION}")):
         try:
@@ -207,7 +210,7 @@ def _read(path: Path, manifest: Manifest, stream: str) -> _Stream:
 
 
 def _follow(read: _Stream, file: Path, rows: pa.Table) -> None:
-    """Go through the row numbers of a chunk: each should be one more than the one before."""
+    """Check that the row numbers of a chunk continue without gaps."""
     sequence = rows["sequence"].to_numpy()
     for i in np.flatnonzero(np.diff(sequence, prepend=read.end - 1) != 1):
         expected = read.end if i == 0 else int(sequence[i - 1]) + 1
@@ -223,9 +226,9 @@ def _follow(read: _Stream, file: Path, rows: pa.Table) -> None:
 
 
 def _counters(path: Path, manifest: Manifest, streams: Mapping[str, _Stream]) -> list[str]:
-    """Compare what was counted during the recording with what was read.
+    """Compare the counts of the recording with the content.
 
-    Only a run that ended in order has all its faults on the disk.
+    Only a run ended in order has all faults on the disk.
     """
     problems = []
     for stream, counts in manifest.counters.items():

@@ -1,10 +1,11 @@
-"""The recording of a run, from its first row to its exit status.
+"""Writer of a run, from the first row to the exit status.
 
-One thread owns a writer. It appends rows and writes them, which a kill does not reach. What takes the disk's time is
-`Work` for another thread, one piece at a time: to sync, so that what came so far survives a power cut, and to close a
-chunk that is full. A disk that refuses makes a `CellError` and condemns the writer, because after a failed fsync it is
-unknown what is on the disk; what was synced before stays readable, `close` saves what it still can, and `rig recover`
-does the rest. `NearlyFull` comes before that: it condemns nothing, and the run can be closed whole.
+One thread owns a writer. It appends rows and writes them to the operating system, where they survive a kill. Slow disk
+operations are `Work` for a second thread, one at a time: syncing, which protects the data from a power cut, and closing
+a
+full chunk. If the disk refuses, a `CellError` is raised and the writer is unusable, because the disk content is unknown
+after a failed fsync; earlier synced data stays readable, `close` saves as much as possible, and `rig recover` does the
+rest. `NearlyFull` comes earlier: the writer stays usable, and the run can be closed completely.
 """
 
 from __future__ import annotations
@@ -41,20 +42,20 @@ from rigs.text import as_argument
 CHUNK_ROWS = 200_000
 """Closing a chunk of this size takes about 0.2 s (7 columns and 6 joints)."""
 CHUNK_AGE_NS = 600 * 10**9
-"""A slow gauge's rows become Parquet within ten minutes."""
+"""Rows of a slow gauge become Parquet within ten minutes."""
 MOST_PENDING = 100_000
-"""Rows of a stream in memory while the disk does not take the chunk before them: minutes at 500 Hz."""
+"""Limit of pending rows per stream while the previous chunk is not stored: minutes at 500 Hz."""
 
 
 @dataclass(frozen=True)
 class Work:
-    """Work that waits for the disk. synced: rows of each sample stream that are on the disk when it is done."""
+    """Disk operation. synced: rows per sample stream on the disk afterwards."""
 
     steps: Sequence[Callable[[], None]]
     synced: Mapping[str, int] | None = None
 
     def wait(self) -> None:
-        """Do all steps, once, in any thread. Raises the first OSError or ArrowException of them."""
+        """Execute all steps once, in any thread. Raises the first OSError or ArrowException."""
         errors = [error for step in self.steps if (error := _attempt(step))]
         if errors:
             raise errors[0]
@@ -62,24 +63,24 @@ class Work:
 
 @dataclass
 class RunWriter:
-    """Writes a run that is being recorded; made by `create`, ended by `close`."""
+    """Writes a run; created by `create`, finished by `close`."""
 
     path: Path
     manifest: Manifest
     _writers: dict[str, StreamWriter]
     _lock: int
     _ledger: Ledger
-    """Only `Work` and `close` append to it."""
+    """Appended by `Work` and `close` only."""
     device: int
-    """Number of the disk that holds the run."""
+    """Device number of the disk."""
     _chunk_rows: int
     _failure: CellError | None = None
     _anchors: deque[Clock] = field(default_factory=deque)
-    """Anchors that are not in the ledger yet."""
+    """Anchors not yet in the ledger."""
     seal: str = ""
-    """After `close`: SHA-256 of the seal in its ledger, which stands for all that the run holds."""
+    """After `close`: SHA-256 of the seal, which covers all data of the run."""
     lost: Counter[str] = field(default_factory=Counter)
-    """After `close`: samples of each stream that it could not save, themselves or as a count of dropped ones."""
+    """After `close`: unsaved samples per stream, including unsaved drop counts."""
 
     @classmethod
     def create(  # noqa: PLR0913 - what a manifest needs to know
@@ -100,13 +101,13 @@ class RunWriter:
         companions: Mapping[str, bytes] | None = None,
         chunk_rows: int = CHUNK_ROWS,
     ) -> RunWriter:
-        """Start a run in a fresh directory `<UTC time>_<name>` under runs, its manifest and ledger on the disk.
+        """Start a run in a new directory `<UTC time>_<name>` under runs, with manifest and ledger on the disk.
 
-        A name that begins with a UTC time of its own is the directory's as it is.
-
-        streams: value columns of each sample stream. follows: the run that this one goes on from.
-        companions: content of the files that belong beside the rig file, by name.
-        Raises FileError for unusable names, CellError when the disk refuses (NearlyFull when it soon would).
+        A name that begins with a UTC time is used unchanged. streams: value columns of each sample stream. follows: the
+        run
+        continued by this one. companions: content of the files next to the rig file, by name. Raises FileError for
+        invalid names,
+        CellError if the disk refuses (NearlyFull if it soon would).
         """
         manifest = new_manifest(
             name=name,
@@ -133,38 +134,39 @@ class RunWriter:
         return cls(path, manifest, writers, lock, ledger, os.fstat(lock).st_dev, chunk_rows)
 
     def append(self, stream: str, samples: Iterable[Sample]) -> None:
-        """Take samples of one stream; they are kept in memory until `write` or `sync`."""
+        """Append samples of a stream, stored in memory until `write` or `sync`."""
         self._writers[stream].append(samples)
 
     def append_faults(self, stream: str, faults: Iterable[Fault]) -> None:
-        """Take faults that happened on one stream."""
+        """Append faults of a stream."""
         self._writers[FAULTS].append((stream, fault) for fault in faults)
 
     def is_behind(self, stream: str) -> bool:
-        """Return whether so much of a stream, or of faults, waits for the disk that no more should be appended."""
+        """Return whether too many rows of the stream, or faults, wait for the disk."""
         return max(len(self._writers[name].pending) for name in (stream, FAULTS)) >= MOST_PENDING
 
     def stored(self) -> dict[str, int]:
-        """Return the rows of each sample stream handed to the system so far, which are on the disk after a sync."""
+        """Return the rows per sample stream handed to the operating system; they are on the disk after a sync."""
         return {stream: self._writers[stream].rows for stream in self.manifest.streams}
 
     def room_to_close(self) -> int:
-        """Return the bytes needed at most to write what is pending, close every chunk and end the run.
+        """Return the maximum bytes needed to write the pending rows, close all chunks and end the run.
 
-        The opening manifest is in the head of a chunk once and in its Parquet file three times.
+        The opening manifest is in the head of a chunk once and in the Parquet file three times.
         """
         chunks = sum(writer.bytes_to_close() for writer in self._writers.values())
         return chunks + 4 * len(self._writers) * len(self.manifest.opening())
 
     def anchor(self) -> None:
-        """Keep the present time for the ledger, since the wall clock has been set; the next sync saves it."""
+        """Store both clocks after a step of the wall clock; saved by the next sync."""
         self._anchors.append(clock_now())
 
     def write(self) -> None:
-        """Hand everything taken so far to the operating system: that survives a kill.
+        """Hand all rows to the operating system, where they survive a kill.
 
-        Raises NearlyFull, with nothing written, while there is still the room to close; else CellError, also for a
-        file that has vanished, after which everything can still be closed, and RunRemoved if the directory is gone.
+        Raises NearlyFull before writing if there would be no room to close. Raises CellError for other failures,
+        including a
+        vanished file, after which closing is still possible, and RunRemoved if the directory is gone.
         """
         with self._guarded():
             chunks = {chunk.path: chunk.fd for writer in self._writers.values() if (chunk := writer.open)}
@@ -173,12 +175,12 @@ class RunWriter:
             self._write()
 
     def sync(self) -> None:
-        """Write, and return when everything written so far is on the disk. Raises the errors of `write`."""
+        """Write, and return when all rows are on the disk. Raises the errors of `write`."""
         self.write()
         self._do(self.begin_sync())
 
     def begin_sync(self) -> Work:
-        """Return the work that syncs everything written so far; full or old chunks end with it and come first."""
+        """Return the operation that syncs all written rows; full or old chunks come first and are ended by it."""
         with self._guarded():
             for writer in self._writers.values():
                 chunk = writer.open
@@ -187,12 +189,12 @@ class RunWriter:
                 if chunk.rows >= self._chunk_rows or clock.now_ns() - chunk.born_ns >= CHUNK_AGE_NS:
                     chunk.end()
             syncs = [sync for writer in self._writers.values() if (sync := writer.begin_sync())]
-            syncs.sort(key=lambda sync: not sync.chunk.ended)  # whose next rows are held back
+            syncs.sort(key=lambda sync: not sync.chunk.ended)  # the next rows of these chunks are waiting
             anchored = [self._save_anchors] if self._anchors else []
             return Work([*(sync.wait for sync in syncs), *anchored], self.stored())
 
     def roll(self) -> bool:
-        """Close a chunk that was ended; return False if there is none. Raises the errors of `write`."""
+        """Close an ended chunk; return False if there is none. Raises the errors of `write`."""
         self.write()
         work = self.begin_roll()
         if work:
@@ -200,15 +202,15 @@ class RunWriter:
         return work is not None
 
     def begin_roll(self) -> Work | None:
-        """Return the work that closes the oldest chunk that was ended and synced; None if there is none.
+        """Return the operation that closes the oldest ended and synced chunk; None if there is none.
 
-        One, since it takes its time, in which nothing is synced: several streams' may be due at once.
+        A single chunk, because closing takes time without syncs, and several streams may be due together.
         """
         full = [(chunk.born_ns, name) for name, writer in self._writers.items() if (chunk := writer.full)]
         return Work([partial(self._roll, self._writers[min(full)[1]]), give_back]) if full else None
 
     def end_work(self, error: BaseException | None) -> None:
-        """Note the outcome of work: the error that `Work.wait` raised, or None. Raises CellError for an error."""
+        """Record the outcome of an operation: the error of `Work.wait`, or None. Raises CellError for an error."""
         with self._guarded():
             if error:
                 raise error
@@ -217,10 +219,11 @@ class RunWriter:
         self.end_work(_attempt(work.wait))
 
     def close(self, exit_status: Ending, reason: str, counters: Mapping[str, Mapping[str, int]]) -> None:
-        """End the run: close every chunk and seal the ledger with how and why it ended. Any thread, no work pending.
+        """End the run: close all chunks and seal the ledger with status and reason. Any thread, no pending operation.
 
-        counters: faults by stream and kind; samples are set to what was stored. Does all it can, lets go
-        of the run, and only then raises CellError for what it could not do.
+        counters: faults by stream and kind; sample counts are set to the stored rows. All steps are attempted and the
+        run is
+        released before a CellError is raised.
         """
         steps = [] if self._failure else [self._write]
         steps += [partial(self._end, writer) for writer in self._writers.values()]
@@ -241,7 +244,7 @@ class RunWriter:
             self.seal = self._ledger.last
         sealed = not unsealed
         self.lost.update({stream: self._writers[stream].lost() for stream in self.manifest.streams})
-        for row in [] if sealed else self._writers[FAULTS].pending:  # recovery counts the faults that are stored
+        for row in [] if sealed else self._writers[FAULTS].pending:  # recovery counts the stored faults
             if isinstance(row, tuple) and row[1].kind is FaultKind.DROPPED:
                 self.lost[row[0]] += row[1].count
         for writer in self._writers.values():
@@ -256,7 +259,7 @@ class RunWriter:
             writer.write()
 
     def _end(self, writer: StreamWriter) -> None:
-        """Close all that there is of a stream, with the rows that a sync held back."""
+        """Close all chunks of a stream, including rows delayed by a sync."""
         while writer.unclosed():
             self._roll(writer)
             if not self._failure:
@@ -264,7 +267,7 @@ class RunWriter:
 
     def _roll(self, writer: StreamWriter) -> None:
         chunk = writer.unclosed()[0]
-        if chunk.rows:  # none when the disk refused the first frame
+        if chunk.rows:  # empty if the disk refused the first frame
             self._ledger.append(Entry(chunk=writer.finish(chunk)))
         writer.forget(chunk)
 

@@ -1,1 +1,1 @@
-"""Links to instruments as byte streams: serial ports, TCP and UDP; the loop that runs a conversation; raw captures."""
+"""Links to instruments as byte streams (serial, TCP, UDP), the conversation loop, and raw captures."""

@@ -1,14 +1,14 @@
-"""A capture: the raw bytes of every link, each piece with its stamp, in a file that a person can read.
+r"""Capture file: the raw bytes of every link with their stamps, as readable text.
 
-    # rig capture 1
-    # stream g1: /dev/ttyUSB0, 4800 7E2
-    81273645120938 g1 + /dev/ttyUSB0
-    81273645204411 g1 > ?\\r
-    81273690012874 g1 < +00.12
-    81273690013020 g1 - the device was unplugged
+# rig capture 1
+# stream g1: /dev/ttyUSB0, 4800 7E2
+81273645120938 g1 + /dev/ttyUSB0
+81273645204411 g1 > ?\r
+81273690012874 g1 < +00.12
+81273690013020 g1 - the device was unplugged
 
-`>` was sent, `<` came, `+` the link opened, `-` it was lost, `!` so many pieces found no room. Bytes that do not print
-are written as Python writes them. A piece is what one read or write of the system carried; nothing is cut or joined.
+`>` means sent, `<` received, `+` link opened, `-` link lost, `!` number of dropped pieces. Non-printable bytes are
+written in Python notation. A piece is the data of one read or write, never split or joined.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from rigs.files import read_bytes
 
 HEAD = "# rig capture 1"
 MOST_BYTES = 1_000_000_000
-"""Largest capture that is read. An hour of three busy streams has 0.5 GB."""
+"""Largest capture that can be read. An hour of three busy streams has 0.5 GB."""
 _LINE = re.compile(r"(\d{1,19}) (\S{1,64}) ([><+!-]) (.*)")
 
 
 class Mark(StrEnum):
-    """The kind of a line in a capture."""
+    """Kind of a capture line."""
 
     SENT = ">"
     CAME = "<"
@@ -39,8 +39,10 @@ class Mark(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Piece:
-    """Something that happened on the link of a stream. at_ns: of the host's monotonic clock, before a write, after a
-    read. data: the bytes, or for the other marks a text in ASCII."""
+    """Event on the link of a stream.
+
+    at_ns: host monotonic time, before a write or after a read. data: the bytes, or ASCII text for the other marks.
+    """
 
     at_ns: int
     stream: str
@@ -48,20 +50,20 @@ class Piece:
     data: bytes
 
     def line(self) -> str:
-        """Return the piece as a line of the file."""
+        """Format the piece as a line of the file."""
         return f"{self.at_ns} {self.stream} {self.mark} {self.data.decode('latin-1').encode('unicode_escape').decode()}"
 
 
 @dataclass(frozen=True)
 class Capture:
-    """The content of a capture file. pieces: in order. cut: whether it ends within a line, as after a crash."""
+    """Content of a capture file, in order. cut: whether the file ends within a line, as after a crash."""
 
     pieces: tuple[Piece, ...]
     cut: bool
 
     @property
     def streams(self) -> tuple[str, ...]:
-        """The names of the streams with any pieces, in order of their first piece."""
+        """Names of the streams, in order of their first piece."""
         return tuple(dict.fromkeys(piece.stream for piece in self.pieces))
 
     def of(self, stream: str) -> tuple[Piece, ...]:
@@ -70,7 +72,7 @@ class Capture:
 
 
 def read_capture(path: Path) -> Capture:
-    """Read a capture file. Raises FileError that names the first line that cannot be read."""
+    """Read a capture file. Raises FileError with the first invalid line."""
     try:
         text = read_bytes(path, MOST_BYTES).decode()
     except (OSError, ValueError) as error:

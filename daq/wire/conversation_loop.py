@@ -1,8 +1,7 @@
-"""Runs a conversation on a link: the one loop behind every gauge, every robot and every emulator.
+"""The conversation loop for every gauge, robot and emulator.
 
-Between the arrival of bytes and their stamp stand one `select` and one `read`. Where a conversation gathers
-(`daq.protocol.conversation.Gathering`) nothing else happens for some time: bytes are stamped as they come, and read
-together.
+One `select` and one `read` lie between the arrival of bytes and their stamp. While a conversation gathers
+(`daq.protocol.conversation.Gathering`), bytes are only stamped on arrival and decoded together afterwards.
 """
 
 from __future__ import annotations
@@ -15,25 +14,27 @@ from daq.protocol.conversation import Arrival, Conversation, Gathering, Item, St
 from daq.wire.links import LinkLost
 
 _LONGEST_WAIT_S = 0.2
-"""The limit lets a request to stop take effect, and keeps the watchdog fed on a silent link."""
+"""Limit that lets a stop request take effect and feeds the watchdog on a silent link."""
 _ALIVE_NS = 5_000_000
-"""How seldom a loop that turns faster says so: what is done then (the watchdog's beat, the port's counts, giving way)
-would take a tenth of a poll."""
+"""Shortest interval between calls of `alive` in a fast loop: the calls (heartbeat, counters, giving way) would
+otherwise
+take a tenth of a poll.
+"""
 _MOST_GATHERED_BYTES = 65_536
-"""As much as one read of a link brings: a peer that floods is decoded in pieces of some 2 ms each."""
+"""Limit of one read: data of a flooding peer is decoded in pieces of about 2 ms each."""
 
 
 class ByteLink(Protocol):
-    """What the loop needs from a link."""
+    """Interface of a link for the loop."""
 
     def read(self, timeout_s: float) -> bytes:
-        """Return what has come within the time; empty if nothing came. Raises LinkLost."""
+        """Return the data received within the time-out; empty after a time-out. Raises LinkLost."""
 
     def write(self, data: bytes) -> None:
-        """Send all of the data. Raises LinkLost."""
+        """Send all data. Raises LinkLost."""
 
     def set_dtr(self, on: bool) -> None:
-        """Set the modem line DTR, where there is one. Raises LinkLost."""
+        """Set the modem line DTR if present. Raises LinkLost."""
 
 
 def run_conversation(
@@ -43,11 +44,11 @@ def run_conversation(
     ended: Callable[[], bool],
     alive: Callable[[], None] = lambda: None,
 ) -> None:
-    """Run the conversation on the link until `ended` is true or the conversation hangs up. Raises LinkLost.
+    """Run the conversation until `ended` is true or the conversation hangs up. Raises LinkLost.
 
-    The stamp is taken before a write and right after a read, so that the device's reading lies between
-    the two whatever the scheduler does. `alive` is called at least every 0.2 s, as much later as is gathered, and at
-    most every 5 ms.
+    Stamps are taken before a write and right after a read, so the reading of the device lies between both stamps
+    whatever the
+    scheduler does. `alive` is called at least every 0.2 s plus the gathering time, and at most every 5 ms.
     """
     gathering = conversation if isinstance(conversation, Gathering) else None
     step = conversation.connected(clock.now_ns())
@@ -82,7 +83,7 @@ def run_conversation(
 
 
 def _gathered(link: ByteLink, first: Arrival, gather_ns: int) -> tuple[list[Arrival], LinkLost | None]:
-    """Read on, and do nothing but stamp; return what came, and how the link was lost if it was."""
+    """Read and stamp without decoding; return the arrivals, and the error if the link was lost."""
     arrivals, size = [first], len(first[0])
     now_ns, until_ns = first[1], first[1] + gather_ns
     try:

@@ -1,19 +1,18 @@
-"""Links: the only place that touches a serial device or a socket.
+"""Links: the only module that touches serial devices and sockets.
 
-Every link is a file descriptor with a name, read with a time limit and stamped by its reader.
+A link is a named file descriptor, read with a time limit and stamped by its reader.
 
-A TCP peer that vanishes (power cut, cable, a program that hangs) closes nothing: a connection that brings nothing
-for `dead_s` is lost. The system notices a computer that is gone somewhat earlier, and reports it in its own words.
+A vanished TCP peer (power cut, cable, hung program) closes nothing, so a connection without data for `dead_s` counts as
+lost. The operating system detects an absent computer somewhat earlier, with its own error message.
 
-Who may speak at a port of ours: the sender of what made a sample, until it is silent, and only that one is answered and
-read. UDP has no connections at all (`UdpLink`); over TCP one program at a time may be connected (`ListeningLink`).
+A listening port accepts one sender: the first one whose data forms a sample, until it falls silent. UDP has no
+connections at all (`UdpLink`); over TCP one program at a time can be connected (`ListeningLink`).
 
-Reading goes straight to the descriptor, since one `select` and one `read` a piece is what keeps the stamps close to the
-arrival.
+Reads go straight to the descriptor: one `select` and one `read` per piece keep the stamp close to the arrival.
 
-What a rig file calls a port is a serial device, or an address of the network, the instrument's or our own. pyserial
-opens and configures serial devices, and locks them (`daq.wire.serial_port`). Nothing listens unless the rig file says
-so, and then at the address that it names and nowhere else.
+A port in a rig file is a serial device or a network address, remote or local. pyserial opens, configures and locks
+serial
+devices (`daq.wire.serial_port`). Nothing listens unless the rig file requests it, and only at the given address.
 """
 
 from __future__ import annotations
@@ -38,22 +37,22 @@ from rigs.schema.links import Line, ModemLines, tcp_address, udp_address
 
 _WRITE_S = 2.0
 DEAD_S = 10.0
-"""A TCP connection that brings nothing for so long is lost, unless the instrument is given more time to answer."""
+"""Default time without data after which a TCP connection is lost; slow instruments may have a longer limit."""
 _REPORT_EVERY_S = 1.0
 _COARSE_S = 0.02
-"""A wait of so long may end a millisecond late."""
+"""Waits above this length may end a millisecond late."""
 
 
 Address = tuple[Any, ...]
-"""The address of a peer as the system gives it: host, port, and more for IPv6."""
+"""Peer address as the operating system reports it: host, port, and more for IPv6."""
 
 
 class LinkLost(Exception):
-    """The other end is gone: unplugged, closed or reset."""
+    """The peer is gone: unplugged, closed or reset."""
 
 
 class Link:
-    """An open byte stream in both directions."""
+    """Open byte stream in both directions."""
 
     def __init__(self, name: str, fd: int, close: Callable[[], None], dead_s: float = math.inf) -> None:
         self.name = name
@@ -67,11 +66,11 @@ class Link:
         return self._fd
 
     def read(self, timeout_s: float) -> bytes:
-        """Return what has come, waiting at most `timeout_s` for it; empty if nothing came. Raises LinkLost."""
+        """Return the available data, waiting at most `timeout_s`; empty after a time-out. Raises LinkLost."""
         try:
             if timeout_s < _COARSE_S:
                 came = bool(select.select([self._fd], [], [], max(0.0, timeout_s))[0])
-            else:  # this takes half of what `select` does, and whole milliseconds
+            else:  # takes half the time of `select`, in whole milliseconds
                 came = bool(self._poll.poll(1e3 * timeout_s))
             if not came:
                 if clock.now_s() - self._heard_s > self._dead_s:
@@ -94,7 +93,7 @@ class Link:
         return poll
 
     def write(self, data: bytes) -> None:
-        """Send all of the data. Raises LinkLost, also if the line accepts nothing for some seconds."""
+        """Send all data. Raises LinkLost, also if the line accepts no data for several seconds."""
         try:
             while data:
                 try:
@@ -106,23 +105,23 @@ class Link:
             raise LinkLost(str(error)) from None
 
     def set_dtr(self, on: bool) -> None:
-        """Set the modem line DTR, on a port that has it. Raises LinkLost."""
+        """Set the modem line DTR if the port has it. Raises LinkLost."""
 
     def close(self) -> None:
-        """Close the device; this is safe to call twice, and for a device that is gone."""
+        """Close the device; repeated calls and absent devices are harmless."""
         with contextlib.suppress(OSError):
             self._close()
 
     def note_items(self, items: Sequence[Item]) -> None:
-        """Take note of what the conversation made of the data that was read last."""
+        """Inform the link of the items decoded from the last data."""
 
     def take_ignored(self) -> list[Fault]:
-        """Return, as faults, what came since the last call and is in no item: from other senders, or damaged."""
+        """Return ignored data since the last call as faults: from other senders, or damaged."""
         return []
 
 
 class SerialLink(Link):
-    """A serial port; what it counts as lost and damaged is looked up once a second."""
+    """Serial port; its error counters are polled once a second."""
 
     def __init__(self, name: str, device: serial.Serial) -> None:
         super().__init__(name, device.fileno(), device.close)
@@ -155,9 +154,9 @@ class SerialLink(Link):
 
 
 class UdpLink(Link):
-    """A UDP port: a read gives one datagram, a write sends one.
+    """UDP port: one datagram per read and write.
 
-    peer: the only sender that is answered and read; None for the first one whose datagram makes a sample.
+    peer: the accepted sender; None until a datagram forms a sample.
     """
 
     def __init__(self, name: str, sock: socket.socket, peer: Address | None) -> None:
@@ -168,7 +167,9 @@ class UdpLink(Link):
         self._strangers = _Strangers("datagrams")
 
     def read(self, timeout_s: float) -> bytes:
-        """Return the next datagram of the peer, waiting at most `timeout_s`; empty if none came. Raises LinkLost."""
+        """Return the next datagram of the peer, waiting at most `timeout_s`; empty after a time-out. Raises
+        LinkLost.
+        """
         try:
             if not select.select([self], [], [], max(0.0, timeout_s))[0]:
                 return b""
@@ -184,7 +185,7 @@ class UdpLink(Link):
         return data
 
     def write(self, data: bytes) -> None:
-        """Answer the sender that was read last. Raises LinkLost."""
+        """Answer the last sender. Raises LinkLost."""
         if self._sender is None:
             return
         try:
@@ -195,7 +196,7 @@ class UdpLink(Link):
             raise LinkLost(str(error)) from None
 
     def note_items(self, items: Sequence[Item]) -> None:
-        """A sample makes its sender the peer; after a silence anyone may be it."""
+        """Accept the sender of a sample as the peer; after a silence any sender can become the peer."""
         if self._peer_is_fixed:
             return
         for item in items:
@@ -209,10 +210,11 @@ class UdpLink(Link):
 
 
 class ListeningLink(Link):
-    """A TCP port of ours, read once a program has connected to it; one at a time.
+    """Listening TCP port, with one connected program at a time.
 
-    A second program is refused while the first one makes samples. Where the first makes none the link is lost: it
-    is opened again for the next one that connects, with a new conversation, since half a line may have come.
+    A second program is refused while the first one delivers samples. If the first one delivers none, the link is lost
+    and
+    reopened for the next program with a new conversation, because a partial line may have been received.
     """
 
     def __init__(self, name: str, server: socket.socket, dead_s: float) -> None:
@@ -224,18 +226,18 @@ class ListeningLink(Link):
         self._strangers = _Strangers("connections")
 
     def read(self, timeout_s: float) -> bytes:
-        """Return what the program has sent, waiting at most `timeout_s`; empty if nothing came. Raises LinkLost."""
+        """Return the received data, waiting at most `timeout_s`; empty after a time-out. Raises LinkLost."""
         waited: list[socket.socket | Link] = [self._server, *([self._caller] if self._caller else [])]
         try:
             ready = select.select(waited, [], [], max(0.0, timeout_s))[0]
         except (OSError, ValueError) as error:
             raise LinkLost(str(error)) from None
-        if self._server in ready and self._caller not in ready:  # what has come may be what makes it the one to read
+        if self._server in ready and self._caller not in ready:  # data already received may prove the present caller
             self._accept()
         return self._caller.read(0.0) if self._caller else b""
 
     def write(self, data: bytes) -> None:
-        """Send to the program that is connected; without one the data are dropped. Raises LinkLost."""
+        """Send to the connected program, or drop the data if there is none. Raises LinkLost."""
         if self._caller:
             self._caller.write(data)
 
@@ -245,7 +247,7 @@ class ListeningLink(Link):
         super().close()
 
     def note_items(self, items: Sequence[Item]) -> None:
-        """A sample makes a program the one that is read, until it is silent."""
+        """Accept the program that delivered a sample, until it falls silent."""
         for item in items:
             if not isinstance(item, Fault):
                 self._makes_samples = True
@@ -259,7 +261,7 @@ class ListeningLink(Link):
         try:
             sock, address = self._server.accept()
         except OSError:
-            return  # it has hung up before it was answered
+            return  # the caller hung up before the answer
         if self._caller is None:
             set_up_tcp(sock, self._dead_s)
             self._caller, self._peer = Link(self.name, sock.fileno(), sock.close, self._dead_s), address
@@ -272,7 +274,7 @@ class ListeningLink(Link):
 
 
 class _Strangers:
-    """What came from others than the peer: counted, and reported once a second."""
+    """Data from senders other than the peer, reported once a second."""
 
     def __init__(self, subject: str) -> None:
         self._subject = subject
@@ -299,8 +301,9 @@ def _address_text(address: Address | None) -> str:
 
 
 def set_up_tcp(sock: socket.socket, dead_s: float) -> None:
-    """Send at once, never block, and let the system probe a silent peer, and give up data that is not acknowledged,
-    before `dead_s`."""
+    """Configure a TCP socket: no delay, non-blocking, keep-alive probes and a limit on unacknowledged data below
+    `dead_s`.
+    """
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     part_s = max(1, round(dead_s / 5))
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
@@ -316,7 +319,7 @@ _OURS = (
     "give an address of this computer, to which the controller sends, and a port above 1023 that no other program uses"
 )
 _QUEUE = 1 << 20
-"""Bytes of datagrams that may wait for a reader held up; the system may allow fewer."""
+"""Bytes of datagrams queued for a delayed reader; the operating system may allow fewer."""
 
 
 def open_link(
@@ -328,10 +331,11 @@ def open_link(
     listens: bool = False,
     modem: ModemLines | None = None,
 ) -> Link:
-    """Open the port of a rig file; `name` is the stream that it belongs to.
+    """Open a port of the rig file for the stream `name`.
 
-    dead_s: when a TCP connection that brings nothing is lost. listens: the address is ours, and not the other end's.
-    modem: the modem lines of a serial port, None for both on. Raises CellError with the remedy.
+    dead_s: time without data after which a TCP connection is lost. listens: whether the address is local. modem: modem
+    lines
+    of a serial port, None for both on. Raises CellError with the remedy.
     """
     if address := tcp_address(port):
         return _listen(name, address, dead_s) if listens else _open_tcp(name, address, dead_s)
@@ -384,7 +388,7 @@ def _listen(name: str, address: tuple[str, int], dead_s: float) -> Link:
     except UnicodeError:
         raise CellError(where, "the host name is not valid", "correct the port in the rig file") from None
     except OSError as error:
-        # Without what Python adds to the words of the system; a name that is not known has a negative number.
+        # The plain system message, without Python's additions; unknown names have a negative number.
         why = os.strerror(error.errno) if error.errno and error.errno > 0 else error.strerror or str(error)
         raise CellError(where, f"cannot listen: {why}", _OURS) from None
     server.setblocking(False)

@@ -1,7 +1,6 @@
-"""Opening a serial device with pyserial: its line settings, its modem lines, and what to do where it does not open.
+"""Open serial devices with pyserial: line settings, modem lines, and remedies for failures.
 
-pyserial has both modem lines on unless they are set otherwise. Those that a cable takes its power from are set before
-the first byte.
+pyserial switches both modem lines on by default. Lines that power a cable are set before the first byte.
 """
 
 from __future__ import annotations
@@ -21,21 +20,20 @@ _PLUGGED = ("ttyUSB*", "ttyACM*", "ttyXRUSB*", "rfcomm*")
 _BUILT_IN = ("ttyS*", "ttyAMA*")
 _LASTING = ("dev/rig", "dev/serial/by-id", "dev/serial/by-path")
 _IFLAG = 0
-"""Place of the input modes in what tcgetattr gives."""
+"""Index of the input modes in the result of tcgetattr."""
 _COUNTS = struct.Struct("@20i")
-"""`struct serial_icounter_struct` of linux/serial.h: what `TIOCGICOUNT` fills in."""
+"""`struct serial_icounter_struct` of linux/serial.h, filled by `TIOCGICOUNT`."""
 _PLACES = {"overrun": 7, "wrong framing": 6, "wrong parity": 8, "no room in the port": 10}
-"""Places of its counts of lost and damaged characters, by their names in a report."""
+"""Indices of the counters of lost and damaged characters, by their names in a report."""
 _TIOCGICOUNT = 0x545D
-"""asm-generic/ioctls.h; x86 and ARM have it, and the termios of Python does not."""
+"""From asm-generic/ioctls.h, valid for x86 and ARM; absent from Python's termios."""
 _BITS = {7: serial.SEVENBITS, 8: serial.EIGHTBITS}
 
 
 def port_names(root: Path = Path("/")) -> list[str]:
-    """Return the serial ports of this computer, by the name to write into a rig file: one that lasts, if any.
+    """Return the serial ports of this computer by their most permanent names.
 
-    Those that are plugged in come first, then those that are built in; names without a chip behind them are left out.
-    root: where /dev and /sys are.
+    Pluggable ports precede built-in ones; names without hardware are left out. root: parent of /dev and /sys.
     """
     files = [file for folder in _LASTING if (root / folder).is_dir() for file in sorted((root / folder).iterdir())]
     files += sorted(file for kind in _PLUGGED for file in (root / "dev").glob(kind))
@@ -47,12 +45,12 @@ def port_names(root: Path = Path("/")) -> list[str]:
 
 
 def is_built_in(port: str) -> bool:
-    """Return whether a port is part of the computer, so that it is there also where nothing is plugged into it."""
+    """Return whether a port is part of the computer and therefore present with nothing plugged in."""
     return any(Path(port).resolve().match(f"/dev/{kind}") for kind in _BUILT_IN)
 
 
 def _has_chip(name: str, root: Path) -> bool:
-    """Whether a built-in port is more than a name: a PC has /dev/ttyS0 to 31, most of them without a chip."""
+    """Return whether hardware exists: a PC lists /dev/ttyS0 to 31, mostly without a chip."""
     try:
         return (root / "sys/class/tty" / name / "type").read_text().strip() != "0"  # PORT_UNKNOWN of serial_core.h
     except OSError:
@@ -68,8 +66,9 @@ def open_serial(name: str, port: str, line: Line, modem: ModemLines | None) -> s
             raise CellError(where, "no such port", f"plug it in, or correct the port; ports here: {ports}")
         device = _configured(port, line, modem)
         if line.parity != "N":
-            # Have the system pass on NUL, which no reading holds, for a character of wrong parity.  pyserial has
-            # such a one passed on as it is: a digit of which the line turned a bit would be another digit.
+            # Report a character with wrong parity as NUL, which never occurs in a reading. By default pyserial passes
+            # such a character
+            # on unchanged, and a flipped bit could turn a digit into a different digit.
             fd = device.fileno()
             settings = termios.tcgetattr(fd)
             settings[_IFLAG] |= termios.INPCK
@@ -100,16 +99,16 @@ def _configured(port: str, line: Line, modem: ModemLines | None) -> serial.Seria
     except termios.error as error:
         if error.args[0] != errno.EINVAL:
             raise
-        # A port without a line (a pty, some adapters) takes no parity; its bytes come as they are.
+        # A port without a physical line (a pty, some adapters) rejects parity; its bytes pass unchanged.
         device.bytesize, device.parity, device.stopbits = serial.EIGHTBITS, serial.PARITY_NONE, serial.STOPBITS_ONE
         device.open()
     return device
 
 
 def line_errors(fd: int) -> dict[str, int]:
-    """Return how many characters the port has counted as lost or damaged, by what happened to them.
+    """Return the counters of lost and damaged characters by cause.
 
-    Empty where it does not count: a pty, and adapters whose driver has no such counts.
+    Empty for a pty, and for adapters whose driver does not count.
     """
     try:
         counts = _COUNTS.unpack(fcntl.ioctl(fd, _TIOCGICOUNT, bytes(_COUNTS.size)))

@@ -1,8 +1,9 @@
-"""The arm library: what makers publish of their arms, one YAML file an arm, named as the arm.
+"""Arm library: published data of robot arms, one YAML file per arm, named after the arm.
 
-A file holds the `robot:` section of a rig file, the repeatability of the data sheet, and where each of its numbers
-comes from. What no source has is left out of the file. `robot:` is the last key, so that the rest of the text from
-there is the section with its comments, ready to be pasted.
+A file contains the `robot:` section of a rig file, the repeatability of the data sheet, and the sources of all numbers.
+Unpublished values are absent. `robot:` is the last key, so that the remaining text is a section with comments, ready to
+be
+pasted.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ _SECTION = "\nrobot:\n"
 
 
 class Sources(Part):
-    """Where the numbers of an arm come from. second, third: what its geometry is held against."""
+    """Sources of an arm's numbers. second, third: used to check the geometry."""
 
     geometry: str
     second: str
@@ -36,17 +37,17 @@ class Sources(Part):
 
 
 class ArmFile(Part):
-    """A file of the library."""
+    """File of the library."""
 
     maker: str
     model: str
     note: str = ""
-    """What a person should know of this arm: siblings that it may be taken for, numbers that were derived."""
+    """Remarks for users: similar arms, derived numbers."""
     repeatability_mm: float | None = Field(default=None, gt=0, le=10)
-    """Pose repeatability RP (ISO 9283) of the data sheet."""
+    """Pose repeatability RP (ISO 9283) from the data sheet."""
     sources: Sources
     frames: str
-    """Where the base frame and the flange frame stand."""
+    """Location of base frame and flange frame."""
     robot: Robot
 
     @model_validator(mode="after")
@@ -60,7 +61,7 @@ class ArmFile(Part):
 
 @dataclass(frozen=True)
 class Arm:
-    """An arm of the library. text: the `robot:` section of a rig file, with its comments."""
+    """Arm of the library. text: `robot:` section of a rig file, with comments."""
 
     name: str
     maker: str
@@ -74,7 +75,7 @@ class Arm:
 
 
 def arm_names() -> tuple[str, ...]:
-    """Return the names of all arms, in alphabetical order."""
+    """Return the names of all arms in alphabetical order."""
     return tuple(sorted(file.stem for file in _FOLDER.glob("*.yaml")))
 
 
@@ -89,7 +90,7 @@ def rig_text_of(name: str) -> str:
 
 
 def load_arm(name: str) -> Arm:
-    """Return an arm by its name, as people write it. Raises FileError with the names that are near."""
+    """Load an arm by name, in any common spelling. Raises FileError with similar names."""
     names = arm_names()
     library_name = the_same(name, names)
     if library_name is None:
@@ -102,7 +103,7 @@ def load_arm(name: str) -> Arm:
 
 @cache
 def _parsed(name: str, text: str, where: str) -> Arm:
-    """The arm of a file's text. Raises RigFileError."""
+    """Parse the text of an arm file. Raises RigFileError."""
     root, data = read_yaml(text, where)
     try:
         file = ArmFile.model_validate(data)

@@ -1,8 +1,9 @@
-"""The vocabulary of effects: why link side = reported + effect. One effect a file of this folder, named as the effect.
+"""Registry of effects (link side = reported + effect), one per file of this folder, named after the effect.
 
-A file that is put here, or a class of another package that is offered to `rig.effects`
-(`rigs/schema/plugins.py`), is at once an effect of rig files and a candidate of every simulation, fit, plan, diagnosis
-and correction: `rigs.effects.X` is its class. What an effect has to say of itself stands in `rigs/schema/effect.py`.
+A file added here, or a class offered by another package under `rig.effects` (`rigs/schema/plugins.py`), immediately
+becomes an effect of rig files and a candidate of every simulation, fit, plan, diagnosis and correction:
+`rigs.effects.X`
+is its class. `rigs/schema/effect.py` defines the interface of an effect.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from rigs.schema.effect import size_field as size_field
 
 
 def _class_in(name: str) -> type[Effect]:
-    """The effect in a file. Raises ImportError for a file without a whole effect of its name."""
+    """Return the effect defined in a file. Raises ImportError if there is no complete effect of that name."""
     members: list[Any] = list(vars(importlib.import_module(f"{__name__}.{name}")).values())
     for member in members:
         is_effect = isinstance(member, type) and issubclass(member, Effect)
@@ -36,7 +37,7 @@ def _class_in(name: str) -> type[Effect]:
 
 
 def _whole(name: str, cls: type[Effect]) -> type[Effect]:
-    """The class, which says all that an effect has to say of itself. Raises ImportError."""
+    """Return the class if it implements the complete interface. Raises ImportError."""
     missing = sorted(cls.__abstractmethods__) + ["STAGE"] * (not hasattr(cls, "STAGE"))
     if missing := missing + ["its one size"] * (len(size_fields(cls)) != 1):
         raise ImportError(f"{name}: {cls.__name__} does not say {', '.join(missing)}")
@@ -44,7 +45,7 @@ def _whole(name: str, cls: type[Effect]) -> type[Effect]:
 
 
 def _of_others(own: frozenset[str]) -> dict[str, type[Effect]]:
-    """The whole effects that other packages offer."""
+    """Return the complete effects offered by other packages."""
     found = {}
     for name, cls in plugins.offered("rig.effects", Effect, own).items():  # type: ignore[type-abstract]
         try:
@@ -56,7 +57,7 @@ def _of_others(own: frozenset[str]) -> dict[str, type[Effect]]:
 
 _OWN: dict[str, type[Effect]] = {file.name: _class_in(file.name) for file in pkgutil.iter_modules(__path__)}
 VOCABULARY: dict[str, type[Effect]] = dict(sorted((_OWN | _of_others(frozenset(_OWN))).items()))
-"""Every effect by name, in the order of the alphabet."""
+"""All effects by name, in alphabetical order."""
 
 if TYPE_CHECKING:
     AnyEffect = Effect
@@ -66,29 +67,31 @@ else:
 
 
 def turned(axis: int, angle_deg: float) -> Effect:
-    """The effect that turns a joint (1 … 6) by a constant: what scatters, and what derivatives are taken by."""
+    """Return the effect that turns a joint (1 … 6) by a constant, for scatter and derivatives."""
     return next(effect for cls in VOCABULARY.values() if (effect := cls.turning(axis, angle_deg)))
 
 
 def changed(axis: int, key: str, delta: float) -> Effect:
-    """The effect that changes a constant of an axis (1 … 6), called as in the rig file, by delta mm or degrees."""
+    """Return the effect that changes a constant of an axis (1 … 6), named as in the rig file, by delta mm or
+    degrees.
+    """
     return next(effect for cls in VOCABULARY.values() if (effect := cls.changing(axis, key, delta)))
 
 
 def play_of_joint(axis: int, width_deg: float) -> Effect:
-    """The effect that is a play of a joint (1 … 6)."""
+    """Return the effect that represents backlash of a joint (1 … 6)."""
     cls = next(cls for cls in VOCABULARY.values() if cls.PLACE == AT_AXIS and cls.STRAIGHT == 0)
     return cls.model_validate({"effect": cls.model_fields["effect"].default, "axis": axis, "width_deg": width_deg})
 
 
 def swing(frequency_hz: float, amplitude_mm: float) -> Effect:
-    """The effect that is a swing of the link."""
+    """Return the effect that represents a vibration of the link."""
     return next(effect for cls in VOCABULARY.values() if (effect := cls.swinging(frequency_hz, amplitude_mm)))
 
 
 @cache
 def late_stamps() -> tuple[Effect, ...]:
-    """The effects of the stamps, each at its healthy size. They have a size and no other key that must be given."""
+    """Return the effects of the stamps, each at its healthy size; they need no parameter other than the size."""
     names = [name for name, cls in VOCABULARY.items() if cls.STAGE == "time"]
     return tuple(healthy(VOCABULARY[name].model_validate({"effect": name})) for name in names)
 

@@ -1,9 +1,10 @@
-"""Backlash: the link lags behind in a play, -w/2 while q rises, +w/2 while it falls.
+"""Backlash: the link lags by half the width, -w/2 while q rises, +w/2 while it falls.
 
-`transit` spreads the crossing, as several plays of different width side by side would (Prandtl and Ishlinskii).
-`preload` is the share of the play in which gravity, and not friction, holds a flank: there the link lies where the
-torque presses it, and no reversal shows. A joint that gravity does not load, as that of a vertical axis, shows the
-whole play.
+`transit` spreads the crossing, as several elements of different width would (Prandtl-Ishlinskii). `preload` is the
+share
+of the width in which gravity rather than friction determines the flank: there the link rests where the torque pushes
+it,
+and a reversal has no effect. A joint without gravity torque, such as a vertical axis, shows the full width.
 """
 
 from __future__ import annotations
@@ -30,20 +31,23 @@ from rigs.schema.vocabulary import Build
 
 _SPREAD = np.linspace(-0.9, 0.9, 7)
 _FIRM_NM = 1.0
-"""A torque of this size presses the flank firmly; below, it gives way smoothly."""
+"""Torque that presses the flank firmly; below, the transition is smooth."""
 _SPECTRUM = (0.1, 0.25, 0.5, 0.75, 1.25, 1.5, 2.0, 3.0, 4.0)
 _SHARE = 0.05
-"""Widths of plays, in widths of the effect, that a real joint may have in place of a part of it, and the standard
-deviation of each part. Friction is approached gradually and wind-up adds to it, so the hysteresis of a joint has a
-spectrum of widths (Prandtl and Ishlinskii), and its height is that of the effect. Chosen: with five widths what was
-left of a play of 0.62° was named a servo lag."""
+"""Widths of elements, relative to the effect, that may replace a part of it, and the standard deviation of each part.
+
+Friction builds up gradually and wind-up adds to it, so the hysteresis of a joint has a spectrum of widths
+(Prandtl-Ishlinskii), and the effect gives its height. Chosen: with five widths the remainder of a backlash of 0.62° was
+named a servo lag.
+"""
 
 
 class Backlash(Effect):
-    """A play of `width_deg`: the link lags, -w/2 while q rises, +w/2 while it falls, and crosses it at a reversal.
+    """Backlash of `width_deg`: the link lags, -w/2 while q rises, +w/2 while it falls, and crosses at a reversal.
 
-    transit: how gradual the crossing is, 0 sharp, 1 spread over twice the play; preload: share of the play in which
-    gravity holds the flank.
+    transit: gradual crossing, 0 sharp, 1 spread over twice the width. preload: share of the width in which gravity
+    determines
+    the flank.
     """
 
     effect: Literal["backlash"] = "backlash"
@@ -56,7 +60,7 @@ class Backlash(Effect):
     PLACE = AT_AXIS
     STRAIGHT = 0.0
     MOST = 200.0
-    """As wide as a rig file may state it, 2°: servos of hobby arms have 0.9° when they are new."""
+    """Largest width in a rig file, 2°: new servos of hobby arms have 0.9°."""
     FREE = (FreeShape("transit", 0.2, 0.4, tried=(1.0,)), FreeShape("preload", 0.0, 0.15, tried=(1.0,)))
 
     def apply(self, scene: S) -> S:
@@ -73,7 +77,7 @@ class Backlash(Effect):
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[Backlash]]:
-        """One at each joint."""
+        """One per joint."""
         return at_each_axis(cls, scope)
 
     def usual_times(self, build: Build) -> float:
@@ -92,18 +96,18 @@ class Backlash(Effect):
         )
 
     def compensation(self) -> Compensation:
-        """It has a history, which no target has."""
+        """Not possible by targets, because a spike depends on the history."""
         return Compensation(
             "none", "depends on where the joint came from: only the same approach direction to every target helps"
         )
 
     @property
     def idle(self) -> str:
-        """It shows where a joint turns back."""
+        """Only visible at reversals."""
         return f"axis {self.axis} does not turn back"
 
     def departures(self) -> Departures:
-        """Where in its play the joint began, and how it crosses it."""
+        """Initial position in the width, and the form of the crossing."""
         half_deg = self.width_deg / 2
         free = scaled(self, 1.0, preload=0.0)
         spectrum = tuple(((_SHARE / ratio, scaled(free, ratio, transit=0.0)), (-_SHARE, free)) for ratio in _SPECTRUM)

@@ -1,4 +1,4 @@
-"""Ball form: lobes around the ball, met at the angle at which the link touches it."""
+"""Form error of the ball: lobes around it, at the contact angle of the link."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _NEIGHBOUR = 0.25
 
 
 class BallForm(Effect):
-    """The ball is not round: `lobes` around it."""
+    """Form error of the ball with `lobes` around it."""
 
     effect: Literal["ball_form"] = "ball_form"
     lobes: int = Field(ge=_FEWEST, le=_MOST)
@@ -28,12 +28,12 @@ class BallForm(Effect):
     PLACE = Place(r"(?P<lobes>\d+)", "3 (lobes)")
 
     def apply(self, scene: S) -> S:
-        """Where the ball stands proud the distance reads longer."""
+        """Increase the distance at the high parts of the ball."""
         return scene.with_form(self.amplitude_mm * np.sin(self.lobes * scene.contact + np.radians(self.phase_deg)))
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[BallForm]]:
-        """Few lobes, where there is a ball."""
+        """Few lobes, if there is a ball."""
         return [[cls(lobes=lobes) for lobes in _LIKELY]] if scope.gauges else []
 
     def plain(self, joint: str) -> str:
@@ -46,7 +46,7 @@ class BallForm(Effect):
         return Compensation("none", "belongs to the ball, which the robot's controller cannot correct")
 
     def departures(self) -> Departures:
-        """Lobes are not all alike: one more and one fewer."""
+        """Unequal lobes: one more and one fewer."""
         near = [lobes for lobes in (self.lobes - 1, self.lobes + 1) if _FEWEST <= lobes <= _MOST]
         return Departures(
             tuple(

@@ -1,4 +1,4 @@
-"""Base sags: what the arm stands on goes down on one side, where the arm leans that way."""
+"""Sag of the base: the support of the arm yields on the side to which the arm leans."""
 
 from __future__ import annotations
 
@@ -12,13 +12,14 @@ _WAYS: tuple[About, ...] = ("x", "y")
 
 
 class BaseSags(Effect):
-    """The base rises by `mm_per_Nm` of the moment about its x or y: its support stands beside the arm, as a column's
-    guide does."""
+    """The base rises by `mm_per_Nm` of the moment about its x or y, as with a support beside the arm, such as a
+    column guide.
+    """
 
     effect: Literal["base_sags"] = "base_sags"
     way: About
     mm_per_Nm: float = size(0.1, 1e-5)
-    """Healthy: derived, the tilt of a good base (`base_yields`, 0.09 µrad/Nm) at 100 mm beside its support."""
+    """Healthy value, derived: tilt of a good base (`base_yields`, 0.09 µrad/Nm) at 100 mm from its support."""
 
     STAGE = "tool"
     DEED = "mount"
@@ -27,12 +28,12 @@ class BaseSags(Effect):
     MOST = 400.0
 
     def apply(self, scene: S) -> S:
-        """The whole arm moved along the z of its base."""
+        """Move the whole arm along the z axis of its base."""
         return scene.raised(self.mm_per_Nm * scene.moment()[:, _WAYS.index(self.way)])
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[BaseSags]]:
-        """Each way."""
+        """One per direction."""
         return [[cls(way=way)] for way in _WAYS]
 
     def plain(self, joint: str) -> str:
@@ -42,15 +43,15 @@ class BaseSags(Effect):
         return "the base sags as the arm leans: bolt it down firmly and stiffen what it stands on"
 
     def compensation(self) -> Compensation:
-        """It depends on the posture alone."""
+        """Depends on the posture only."""
         return BY_TARGETS
 
     @property
     def seat(self) -> str:
-        """The way."""
+        """Direction."""
         return self.way
 
     @property
     def idle(self) -> str:
-        """It shows where the moment changes."""
+        """Only visible if the moment changes."""
         return "the arm's moment about its base hardly changes, or the rig file states no masses"

@@ -1,4 +1,4 @@
-"""Gauge baseline: the gauges stand further apart than the rig file says, evenly about their middle."""
+"""Gauge baseline: the distance between the gauges is larger than in the rig file, evenly about the middle."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from rigs.schema.scene import S
 
 
 class GaugeBaseline(Effect):
-    """The gauges stand further apart than the rig file says."""
+    """Distance between the gauges larger than in the rig file."""
 
     effect: Literal["gauge_baseline"] = "gauge_baseline"
     delta_mm: float = size(10, 0.05)
@@ -20,7 +20,7 @@ class GaugeBaseline(Effect):
     DEED = "enter"
 
     def apply(self, scene: S) -> S:
-        """Each gauge moves out by half; one gauge alone has no baseline."""
+        """Move each gauge outwards by half; a single gauge has no baseline."""
         offsets_mm = scene.offsets_mm
         if len(offsets_mm) < 2:
             return scene
@@ -28,7 +28,7 @@ class GaugeBaseline(Effect):
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[GaugeBaseline]]:
-        """One, where two gauges are read."""
+        """One, if two gauges are read."""
         return [[cls()]] if len(scope.gauges) > 1 else []
 
     def plain(self, joint: str) -> str:

@@ -1,4 +1,4 @@
-"""Cyclic gauge error: the interpolation of a scale's period, a sine of the reading itself."""
+"""Cyclic gauge error: interpolation error of a scale period, a sine of the reading."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _HARMONIC = 0.15
 
 
 class GaugeCyclic(Effect):
-    """Interpolation error of a gauge's scale: `amplitude_mm` once each `period_mm`."""
+    """Interpolation error of a gauge's scale: `amplitude_mm` once per `period_mm`."""
 
     effect: Literal["gauge_cyclic"] = "gauge_cyclic"
     gauge: Gauge
@@ -41,13 +41,13 @@ class GaugeCyclic(Effect):
     STRETCHED = (StretchedShape("period_mm", 0.05),)
 
     def apply(self, scene: S) -> S:
-        """A sin(2 pi g / period + phase)."""
+        """Add A sin(2 pi g / period + phase)."""
         phase = np.radians(self.phase_deg)
         return scene.read(self.gauge, lambda g: g + self.amplitude_mm * np.sin(2 * np.pi * g / self.period_mm + phase))
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[GaugeCyclic]]:
-        """At each gauge, the periods of usual scales."""
+        """Periods of usual scales at each gauge."""
         return [[cls(gauge=gauge, period_mm=period) for period in _PERIODS_MM] for gauge in scope.gauges]
 
     def plain(self, joint: str) -> str:
@@ -62,7 +62,7 @@ class GaugeCyclic(Effect):
         return OF_THE_GAUGES
 
     def departures(self) -> Departures:
-        """The second harmonic: two signals of a scale are never quite alike."""
+        """The second harmonic, because the two signals of a scale are never exactly equal."""
         return Departures(
             tuple(
                 (_HARMONIC, self.model_copy(update={"period_mm": self.period_mm / 2, "phase_deg": phase}))

@@ -1,4 +1,4 @@
-"""Gauge dead band: a plunger that sticks follows only after some motion, like a play."""
+"""Gauge dead band: a sticking plunger follows only after some motion, like backlash."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from rigs.schema.scene import S, play
 
 
 class GaugeDeadBand(Effect):
-    """A plunger sticks: it follows only after this much."""
+    """Motion before a sticking plunger follows."""
 
     effect: Literal["gauge_dead_band"] = "gauge_dead_band"
     gauge: Gauge
@@ -31,16 +31,18 @@ class GaugeDeadBand(Effect):
     PLACE = AT_GAUGE
     STRAIGHT = 0.0
     FORM_U = 0.2
-    """A lag of the readings shows how far a plunger lags, and hardly whether it drags along or jumps free. Chosen: a
-    band of 40 µm of another generator came out as 30.0 ± 0.3 without it."""
+    """The readings show the size of the lag, but hardly whether the plunger drags or jumps. Chosen: without it, a band
+    of 40 µm
+    of a different generator gave 30.0 ± 0.3.
+    """
 
     def apply(self, scene: S) -> S:
-        """The play operator on the reading."""
+        """Apply the play operator to the reading."""
         return scene.read(self.gauge, lambda g: play(g, self.width_mm / 2))
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[GaugeDeadBand]]:
-        """One at each gauge."""
+        """One per gauge."""
         return at_each_gauge(cls, scope)
 
     def plain(self, joint: str) -> str:
@@ -54,5 +56,5 @@ class GaugeDeadBand(Effect):
         return OF_THE_GAUGES
 
     def departures(self) -> Departures:
-        """How the plunger came to a target."""
+        """Approach of the plunger to a target."""
         return Departures(stick=(self.gauge, self.width_mm / 2))

@@ -1,4 +1,4 @@
-"""Gauge drift: a reading that moves with time."""
+"""Gauge drift: a reading that changes with time."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from rigs.schema.scene import S
 
 
 class GaugeDrift(Effect):
-    """A gauge drifts with time."""
+    """Drift of a gauge with time."""
 
     effect: Literal["gauge_drift"] = "gauge_drift"
     gauge: Gauge
@@ -21,12 +21,12 @@ class GaugeDrift(Effect):
     PLACE = AT_GAUGE
 
     def apply(self, scene: S) -> S:
-        """Linear from the run's begin."""
+        """Linear from the start of the run."""
         return scene.read(self.gauge, lambda g: g + self.mm_per_min * (scene.t_s - scene.t_s[0]) / 60)
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[GaugeDrift]]:
-        """One at each gauge."""
+        """One per gauge."""
         return at_each_gauge(cls, scope)
 
     def plain(self, joint: str) -> str:

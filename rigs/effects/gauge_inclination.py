@@ -1,4 +1,4 @@
-"""Gauge inclination: a gauge that stands askew measures along its own axis, the cosine error."""
+"""Gauge inclination: cosine error of a tilted gauge, which measures along its own axis."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from rigs.schema.scene import S
 
 
 class GaugeInclination(Effect):
-    """A gauge stands askew by this angle and reads 1/cos too much."""
+    """Tilt of a gauge, which reads 1/cos too much."""
 
     effect: Literal["gauge_inclination"] = "gauge_inclination"
     gauge: Gauge
@@ -22,12 +22,12 @@ class GaugeInclination(Effect):
     PLACE = AT_GAUGE
 
     def apply(self, scene: S) -> S:
-        """g / cos(angle)."""
+        """Divide the reading by cos(angle)."""
         return scene.read(self.gauge, lambda g: g / np.cos(np.radians(self.angle_deg)))
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[GaugeInclination]]:
-        """One at each gauge."""
+        """One per gauge."""
         return at_each_gauge(cls, scope)
 
     def plain(self, joint: str) -> str:

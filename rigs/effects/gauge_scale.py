@@ -1,4 +1,4 @@
-"""Gauge scale: a gauge reads too much by a share of its reading."""
+"""Gauge scale: a relative error of the reading."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from rigs.schema.scene import S
 
 
 class GaugeScale(Effect):
-    """A gauge reads too much by this share."""
+    """Relative error of a gauge's reading."""
 
     effect: Literal["gauge_scale"] = "gauge_scale"
     gauge: Gauge
@@ -20,12 +20,12 @@ class GaugeScale(Effect):
     PLACE = AT_GAUGE
 
     def apply(self, scene: S) -> S:
-        """g (1 + relative)."""
+        """Multiply the reading by (1 + relative)."""
         return scene.read(self.gauge, lambda g: g * (1 + self.relative))
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[GaugeScale]]:
-        """One at each gauge."""
+        """One per gauge."""
         return at_each_gauge(cls, scope)
 
     def plain(self, joint: str) -> str:

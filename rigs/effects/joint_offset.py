@@ -13,7 +13,7 @@ from rigs.schema.vocabulary import Build
 
 
 class JointOffset(Effect):
-    """The datum location error: link = reported + offset."""
+    """Datum location error: link = reported + offset."""
 
     effect: Literal["joint_offset"] = "joint_offset"
     axis: Axis
@@ -24,15 +24,15 @@ class JointOffset(Effect):
     PART = "constants"
     PLACE = AT_AXIS
     MOST = 250.0
-    """As far as a rig file may state it, 5°: the zero of a hobby servo is set by the eye."""
+    """Largest offset in a rig file, 5°: the zero of a hobby servo is set by eye."""
 
     def apply(self, scene: S) -> S:
-        """The joint stands off by a constant."""
+        """Turn the joint by a constant."""
         return scene.turned(self.axis, np.radians(self.offset_deg))
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[JointOffset]]:
-        """One at each joint."""
+        """One per joint."""
         return at_each_axis(cls, scope)
 
     def plain(self, joint: str) -> str:
@@ -42,21 +42,22 @@ class JointOffset(Effect):
         return f"re-master axis {self.axis}, which stands {self.offset_deg:+.4f}° further than it reports, or enter it"
 
     def compensation(self) -> Compensation:
-        """The controller's own zero of the joint."""
+        """By the controller's zero of the joint."""
         return Compensation("joint zero", constant=(self.axis, "q_deg"))
 
     def usual_times(self, build: Build) -> float:
-        """Light arms show twice as much: zeros of a UR10's axes 2 to 4 are off by up to 0.06°; source: Landgraf et al.,
-        2021. Servos ten times: a person sets their zeros by the eye, and the teeth of a horn do the rest; assumed,
-        so that a zero off by 1° is a fault."""
+        """Twice for light arms: zeros of axes 2 to 4 of a UR10 are off by up to 0.06° (Landgraf et al., 2021). Ten
+        times for servos,
+        with zeros set by eye and limited by the teeth of a horn; assumed, so that an offset of 1° is a fault.
+        """
         return {"industrial": 1.0, "servo": 10.0}.get(build, 2.0)
 
     @property
     def symbol(self) -> str:
-        """It is a zero."""
+        """Symbol of a zero."""
         return f"zero of axis {self.axis}"
 
     @classmethod
     def turning(cls, axis: int, angle_deg: float) -> JointOffset:
-        """This is how a joint turned by a constant is described."""
+        """Describe a joint turned by a constant."""
         return cls(axis=axis, offset_deg=angle_deg)

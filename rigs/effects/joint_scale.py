@@ -49,7 +49,7 @@ class JointScale(Effect):
         )
 
     def compensation(self) -> Compensation:
-        """It depends on the posture alone."""
+        """Depends on the posture only."""
         return BY_TARGETS
 
     def usual_times(self, build: Build) -> float:

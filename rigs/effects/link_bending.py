@@ -1,4 +1,4 @@
-"""Link bending: the link after an axis bends under the torque at that axis; its end moves, the joint does not."""
+"""Link bending: the link after an axis bends under the torque at that axis; its end moves without turning."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from rigs.schema.part import Axis
 from rigs.schema.scene import S
 
 _NOTHING_MM = 1e-6
-"""A link that is no longer across its axis bends nowhere."""
+"""Lever arm across the axis below which a link cannot bend."""
 
 
 class LinkBending(Effect):
-    """The link after `axis` bends under gravity: its end moves by `mm_per_Nm` times the torque, the joint does not."""
+    """Bending of the link after `axis` under gravity: its end moves by `mm_per_Nm` times the torque."""
 
     effect: Literal["link_bending"] = "link_bending"
     axis: Axis
@@ -26,8 +26,7 @@ class LinkBending(Effect):
     PLACE = AT_AXIS
 
     def apply(self, scene: S) -> S:
-        """Everything beyond the link moves, without turning, across the link and in the plane that the torque acts
-        in."""
+        """Move everything after the link, without turning, across the link in the plane of the torque."""
         joint, z, end = scene.link_after(self.axis)
         across = np.cross(z, end - joint)
         length = np.linalg.norm(across, axis=1, keepdims=True)
@@ -37,7 +36,7 @@ class LinkBending(Effect):
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[LinkBending]]:
-        """One after each joint."""
+        """One per joint."""
         return at_each_axis(cls, scope)
 
     def plain(self, joint: str) -> str:
@@ -47,10 +46,10 @@ class LinkBending(Effect):
         return f"the link after axis {self.axis} bends: enter the payload as it is; look for a loose flange or bolts"
 
     def compensation(self) -> Compensation:
-        """It depends on the posture alone."""
+        """Depends on the posture only."""
         return BY_TARGETS
 
     @property
     def idle(self) -> str:
-        """It shows where a link carries."""
+        """Only visible under load."""
         return f"gravity does not bend the link after axis {self.axis}"

@@ -1,4 +1,4 @@
-"""Link geometry: a constant of the arm is not what the rig file says."""
+"""Link geometry: a constant of the arm that differs from the rig file."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ Constant = Literal["a", "alpha", "d", "beta"]
 _CONSTANTS: tuple[Constant, ...] = ("a", "alpha", "d", "beta")
 _IN_WORDS: dict[Constant, str] = {"a": "length a", "d": "offset d", "alpha": "twist alpha", "beta": "twist beta"}
 _KEYS: dict[Constant, str] = {"a": "a_mm", "alpha": "alpha_deg", "beta": "beta_deg", "d": "d_mm"}
-"""The keys of the fields in a rig file."""
+"""Keys of the fields in a rig file."""
 _PARALLEL = 1e-3
 """Sine of the angle between two axes below which they are parallel."""
 
 
 class LinkGeometry(Effect):
-    """A wrong link constant: `field` of `axis` is `delta` (mm or degrees) more than the rig file says."""
+    """Wrong link constant: `field` of `axis` is larger than in the rig file by `delta` (mm or degrees)."""
 
     effect: Literal["link_geometry"] = "link_geometry"
     axis: Axis
@@ -30,8 +30,8 @@ class LinkGeometry(Effect):
 
     STAGE = "arm"
     DEED = "enter"
-    STRAIGHT = 0.02  # at all of a healthy size what is not straight would already show
-    # Hayati's beta is one more than four parameters a joint need.
+    STRAIGHT = 0.02  # beyond this share of a healthy size non-linearity would be visible
+    # Hayati's beta exceeds the four parameters of a joint.
     PLACE = Place(
         r"(?:(?P<axis>[1-7])(?:\.(?P<field>a|alpha|d|beta))?)?",
         "3.a",
@@ -39,7 +39,7 @@ class LinkGeometry(Effect):
     )
 
     def apply(self, scene: S) -> S:
-        """The arm with that constant changed."""
+        """Change the constant of the arm."""
         return scene.with_constant(self.field, self.axis, self.delta if self._length else np.radians(self.delta))
 
     @classmethod
@@ -49,7 +49,7 @@ class LinkGeometry(Effect):
             [cls(axis=axis, field=field)]
             for axis in scope.axes
             for field in _CONSTANTS
-            # Hayati's angle is for a joint parallel to the one before; elsewhere it only repeats the others.
+            # Hayati's angle applies to a joint parallel to the previous one; otherwise it is redundant.
             if field != "beta" or (axis > 1 and abs(np.sin(np.radians(scope.twist_deg[axis - 1]))) < _PARALLEL)
         ]
 
@@ -63,12 +63,14 @@ class LinkGeometry(Effect):
         )
 
     def compensation(self) -> Compensation:
-        """It is a constant already."""
+        """Is a constant."""
         return Compensation("link constant", constant=(self.axis, _KEYS[self.field]))
 
     def usual_times(self, build: Build) -> float:
-        """Light arms show twice as much: a UR10 0.78 mm and 0.089° in two series (Landgraf et al., 2021, as rig fits
-        them). Angles of printed brackets ten times, assumed: an edge of 30 mm is printed to 0.1 mm."""
+        """Twice for light arms: 0.78 mm and 0.089° for a UR10 in two series (Landgraf et al., 2021, as fitted by rig).
+        Ten times for
+        angles of printed brackets, assumed: an edge of 30 mm is printed to 0.1 mm.
+        """
         if build == "servo" and not self._length:
             return 10.0
         return 1.0 if build == "industrial" else 2.0
@@ -85,17 +87,17 @@ class LinkGeometry(Effect):
 
     @classmethod
     def changing(cls, axis: int, key: str, delta: float) -> LinkGeometry:
-        """This is how a wrong constant is described."""
+        """Describe a wrong constant."""
         unchanged = cls.model_validate({"axis": axis, "field": key.rsplit("_", 1)[0]})
         return unchanged.model_copy(update={"delta": delta})
 
     @property
     def symbol(self) -> str:
-        """Craig's symbol: a, alpha and beta belong to the link before."""
+        """Craig's symbol: a, alpha and beta belong to the previous link."""
         return f"{self.field}{self.axis if self.field == 'd' else self.axis - 1}"
 
     def unit(self, parameter: str) -> str:
-        """mm of lengths, degrees of angles."""
+        """mm for lengths, degrees for angles."""
         return "mm" if self._length else "deg"
 
     @property

@@ -1,6 +1,6 @@
-"""Link growth: the bar between tool and ball, or the holder of the gauges, grows as it warms up.
+"""Link growth: thermal expansion of the bar between tool and ball, or of the gauge holder.
 
-It moves both gauges alike, and nothing of the arm: two gauges that drift alike are one growth.
+Both gauges change equally while the arm is unaffected: two gauges with equal drift are one growth.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from rigs.schema.scene import S
 
 
 class LinkGrowth(Effect):
-    """The bar between tool and ball grows with run time: by `growth_mm` in the end, with a time constant."""
+    """Growth of the bar between tool and ball with run time: `growth_mm` finally, with a time constant."""
 
     effect: Literal["link_growth"] = "link_growth"
     growth_mm: float = size(1, 0.002)
-    """Healthy: 20 ppm, as of the arm, of a bar of 100 mm."""
+    """Healthy value: 20 ppm, as for the arm, of a bar of 100 mm."""
     time_constant_s: float = shape(1, 1e5, 600.0)
 
     STAGE = "gauge"
@@ -37,13 +37,15 @@ class LinkGrowth(Effect):
     STRETCHED = (StretchedShape("time_constant_s", 0.7),)
 
     def apply(self, scene: S) -> S:
-        """growth_mm (1 - exp(-t / time constant)) less between tool and ball, so that every gauge shows less."""
+        """Reduce the distance between tool and ball by growth_mm (1 - exp(-t / time constant)), so every gauge shows
+        less.
+        """
         growth = self.growth_mm * warmed(scene.t_s, self.time_constant_s)
         return scene.all_read(lambda g: g - growth[:, None])
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[LinkGrowth]]:
-        """Quick and slow ones, where joints turn while gauges are read."""
+        """Fast and slow, if joints turn during the readings."""
         return [[cls(time_constant_s=tau) for tau in WARMING_S]] if scope.timed else []
 
     def plain(self, joint: str) -> str:
@@ -53,9 +55,9 @@ class LinkGrowth(Effect):
         return "both gauges drift alike, as the link between tool and ball warms up: let it warm up before measuring"
 
     def compensation(self) -> Compensation:
-        """It is no part of the robot."""
+        """Not possible, because the link is not a part of the robot."""
         return Compensation("none", "belongs to the ball link, which the robot's controller cannot correct")
 
     def departures(self) -> Departures:
-        """Not all of it warms up alike."""
+        """Uneven warming."""
         return Departures(alike=warming_parts(self))

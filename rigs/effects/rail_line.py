@@ -1,4 +1,4 @@
-"""Rail line: the line along which a rail carries the arm is not what the rig file and the controller take it for."""
+"""Rail line: the direction of a rail differs from the rig file and the controller."""
 
 from __future__ import annotations
 
@@ -24,13 +24,14 @@ _REMEDIES: dict[Way, str] = {
 
 
 class RailLine(Effect):
-    """The base stands `mm_per_m` further off for each metre of the rail: `along` it (its scale), `across` it and level,
-    or `up`, across both."""
+    """Displacement of the base by `mm_per_m` per metre of the rail: `along` it (scale), `across` it horizontally, or
+    `up`.
+    """
 
     effect: Literal["rail_line"] = "rail_line"
     way: Way
     mm_per_m: float = size(50, 0.05)
-    """Healthy: racks of quality 6 (DIN 3962) are within 0.036 mm on a metre, levels and lasers align as well."""
+    """Healthy value: racks of quality 6 (DIN 3962) are within 0.036 mm per metre; levels and lasers align as well."""
 
     STAGE = "tool"
     DEED = "mount"
@@ -38,12 +39,12 @@ class RailLine(Effect):
     PLACE = Place("(?P<way>along|across|up)?", "along", {"way": _WAYS})
 
     def apply(self, scene: S) -> S:
-        """The arm moved, as far as the rail stands along its way."""
+        """Move the arm in proportion to the rail position."""
         return scene.along_rail(self.mm_per_m * np.eye(3)[_WAYS.index(self.way)])
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[RailLine]]:
-        """Each way, where a rail was moved."""
+        """One per direction, if a rail was moved."""
         return [[cls(way=way)] for way in _WAYS] if scope.rail else []
 
     def plain(self, joint: str) -> str:
@@ -53,10 +54,10 @@ class RailLine(Effect):
         return f"the arm stands {self.mm_per_m:+.4f} mm off for each metre of the rail: {_REMEDIES[self.way]}"
 
     def compensation(self) -> Compensation:
-        """It depends on where the rail stands, which a target says."""
+        """Depends on the rail position, which is part of a target."""
         return BY_TARGETS
 
     @property
     def seat(self) -> str:
-        """The way."""
+        """Direction."""
         return self.way

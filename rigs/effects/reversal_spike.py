@@ -1,4 +1,4 @@
-"""Wind-up at reversal: after each turn the link hangs back against the new direction, and relaxes."""
+"""Wind-up at reversal: after each reversal the link deflects against the new direction, and relaxes."""
 
 from __future__ import annotations
 
@@ -23,12 +23,14 @@ from rigs.schema.scene import S
 _SLOWER = 4.0
 _DECAYS_S = (0.1, 0.3, 1.0)
 _GONE = 40.0
-"""Times its decay after which nothing is left of a spike: exp(-40) is 4e-18, less than a double resolves beside 1."""
+"""Decay times after which a spike is exactly negligible: exp(-40) is 4e-18, below the resolution of a double at 1."""
 
 
 class ReversalSpike(Effect):
-    """Wind-up at each reversal, `amplitude_deg` against the new direction, that relaxes within `decay_s`; `slow` of it
-    takes four times as long, and it needs `rise` of that time to wind up."""
+    """Wind-up of `amplitude_deg` against the new direction at each reversal, relaxing within `decay_s`.
+
+    slow: share that relaxes four times as slowly. rise: rise time as a share of the decay.
+    """
 
     effect: Literal["reversal_spike"] = "reversal_spike"
     axis: Axis
@@ -43,7 +45,7 @@ class ReversalSpike(Effect):
     STRETCHED = (StretchedShape("decay_s", 0.7),)
 
     def apply(self, scene: S) -> S:
-        """A spike at each reversal, exp(-t / decay), in part four times as slow, once it has risen."""
+        """Add a spike at each reversal, exp(-t / decay), partly four times as slow, after its rise."""
         t_s, gone_s = scene.t_s, _GONE * self.decay_s * (_SLOWER if self.slow else 1.0)
         deviation = np.zeros(len(t_s))
         for when, direction in scene.reversals(self.axis):
@@ -57,7 +59,7 @@ class ReversalSpike(Effect):
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[ReversalSpike]]:
-        """At each joint that turns back while it is read, quick and slow ones."""
+        """Fast and slow spikes at each joint that reverses during the readings."""
         return [[cls(axis=axis, decay_s=decay) for decay in _DECAYS_S] for axis in scope.axes if scope.timed]
 
     def plain(self, joint: str) -> str:
@@ -67,14 +69,14 @@ class ReversalSpike(Effect):
         return f"axis {self.axis} sticks at reversals: inspect brake, seals, grease and the tuning of the servo"
 
     def compensation(self) -> Compensation:
-        """It has a history, which no target has."""
+        """Not possible by targets, because a spike depends on the history."""
         return Compensation("none", "fades after each reversal: only a pause, or the same approach direction, helps")
 
     @property
     def idle(self) -> str:
-        """It shows where a joint turns back."""
+        """Only visible at reversals."""
         return f"axis {self.axis} does not turn back"
 
     def departures(self) -> Departures:
-        """It may begin sooner or later, and fade at a target for any time."""
+        """Earlier or later start, and any decay time at a target."""
         return Departures(jolt=(self.axis, abs(self.amplitude_deg), self.decay_s), fades=True)

@@ -1,4 +1,4 @@
-"""Servo lag: where the feedback is the command, the link comes later."""
+"""Servo lag: the link follows later than the feedback, if the feedback is the command."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from rigs.schema.scene import S
 
 
 class ServoLag(Effect):
-    """The link follows the feedback late, where the feedback is the command and not the encoder."""
+    """Delay of the link relative to the feedback, if the feedback is the command instead of the encoder."""
 
     effect: Literal["servo_lag"] = "servo_lag"
     axis: Axis
@@ -21,13 +21,13 @@ class ServoLag(Effect):
     PLACE = AT_AXIS
 
     def apply(self, scene: S) -> S:
-        """The joint stands where it was reported `lag_s` before."""
+        """Use the joint angle reported `lag_s` earlier."""
         axis = self.axis - 1
         return scene.turned(self.axis, (scene.reported_at(scene.t_s - self.lag_s) - scene.q)[:, axis])
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[ServoLag]]:
-        """One at each joint that turns while it is read."""
+        """One per joint that turns during the readings."""
         return at_each_axis(cls, scope) if scope.timed else []
 
     def plain(self, joint: str) -> str:
@@ -38,5 +38,5 @@ class ServoLag(Effect):
         return f"axis {self.axis} is {late_ms:.3g} ms late: record encoder angles, not commands, or tune the servo"
 
     def compensation(self) -> Compensation:
-        """A target stands still."""
+        """Not needed, because a target is at rest."""
         return Compensation("none", "shows in motion only: a slower path helps, another target does not")

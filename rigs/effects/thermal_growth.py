@@ -1,4 +1,4 @@
-"""Thermal growth: every length of the arm grows alike, so the tool moves away from the base."""
+"""Thermal growth: uniform expansion of all lengths of the arm, which moves the tool away from the base."""
 
 from __future__ import annotations
 
@@ -20,14 +20,16 @@ from rigs.schema.part import Axis
 from rigs.schema.scene import S
 
 _PARTS = (2, 3, 4, 6)
-"""Joints beyond which an arm may grow by itself: its upper arm, its forearm, its wrist and its tool."""
+"""Joints after which a part of the arm may grow separately: upper arm, forearm, wrist and tool."""
 _PART_SHARE = 0.3
-"""Standard deviation of what the arm beyond such a joint grows more, as a share of the whole. Chosen: motors sit in the
-joints, and a cast base grows little."""
+"""Standard deviation of the additional growth after such a joint, as a share of the total. Chosen: motors heat the
+joints,
+and a cast base grows little.
+"""
 
 
 class ThermalGrowth(Effect):
-    """Every length grows with run time: by `ppm` in the end, with a time constant."""
+    """Growth of every length with run time: `ppm` finally, with a time constant."""
 
     effect: Literal["thermal_growth"] = "thermal_growth"
     ppm: float = size(2000, 20)
@@ -40,13 +42,13 @@ class ThermalGrowth(Effect):
     STRETCHED = (StretchedShape("time_constant_s", 0.7),)
 
     def apply(self, scene: S) -> S:
-        """ppm (1 - exp(-t / time constant)) of the way from base to tool."""
+        """Scale the vector from base to tool by ppm (1 - exp(-t / time constant))."""
         growth = self.ppm * 1e-6 * warmed(scene.t_s, self.time_constant_s)
         return scene.shifted(growth[:, None] * (scene.T[:, :3, 3] - scene.base_mm))
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[ThermalGrowth]]:
-        """Quick and slow ones, where gauges are read: poses have no time."""
+        """Fast and slow, if gauges are read: poses have no time."""
         return [[cls(time_constant_s=tau) for tau in WARMING_S]] if scope.gauges else []
 
     def plain(self, joint: str) -> str:
@@ -56,11 +58,11 @@ class ThermalGrowth(Effect):
         return "the arm grows as it warms up: warm it up before measuring, or measure faster"
 
     def compensation(self) -> Compensation:
-        """A target has no time."""
+        """Not possible, because a target has no time."""
         return Compensation("none", "changes with run time: warming up helps, a fixed target does not")
 
     def departures(self) -> Departures:
-        """Not all of the arm warms up alike: a part of it may grow faster or slower, and more or less."""
+        """Uneven warming: parts of the arm may grow faster, slower, more or less."""
         keys = {"ppm": self.ppm, "time_constant_s": self.time_constant_s}
         return Departures(
             beside=tuple((_PART_SHARE, _GrowthBeyond(axis=axis, **keys)) for axis in _PARTS),
@@ -69,11 +71,11 @@ class ThermalGrowth(Effect):
 
 
 class _GrowthBeyond(ThermalGrowth):
-    """The arm beyond a joint grows more than the rest: it stands beside a growth of the whole and is never named."""
+    """Additional growth of the arm after a joint, modelled together with the uniform growth and never named."""
 
     axis: Axis
 
     def apply(self, scene: S) -> S:
-        """ppm (1 - exp(-t / time constant)) of the way from the joint to the tool."""
+        """Scale the vector from the joint to the tool by ppm (1 - exp(-t / time constant))."""
         growth = self.ppm * 1e-6 * warmed(scene.t_s, self.time_constant_s)
         return scene.shifted(growth[:, None] * (scene.T[:, :3, 3] - scene.link_after(self.axis)[0]))

@@ -1,4 +1,4 @@
-"""Transmission error: a gear that runs ahead and behind with the angle of the joint, A sin(N q + phase)."""
+"""Transmission error: periodic angle error of a gear, A sin(N q + phase)."""
 
 from __future__ import annotations
 
@@ -26,17 +26,23 @@ from rigs.schema.part import Axis
 from rigs.schema.scene import S
 
 _MOST_ORDER, _MOST_OF_STANDS = 200, 100
-"""Orders of the waves that are tried: on circles, which joints drive slowly, and where a robot stands. Stands show the
-sum of all waves, whose higher orders hardly show: with waves up to 60, 100 and 200 a turn, poses of one series of a
-UR10 left 240, 245 and 248 µm of another, and those of the other 275, 253 and 252 µm."""
+"""Highest orders of the waves tried: on circles, where joints turn slowly, and for static poses.
+
+Poses show the sum of all waves, of which higher orders are hardly visible: with waves up to 60, 100 and 200 per turn, a
+fit to poses of one UR10 series left 240, 245 and 248 µm in a second series, and vice versa 275, 253 and 252 µm.
+"""
 _MOST_WAVES = 135
-"""Waves on the stretch that a joint turns, of which a wave more than these is shorter than what readings resolve: three
-readings a wave, of the 400 that a lap of 8 s has at 50 Hz."""
+"""Limit of waves within the range of a joint; more would be shorter than the resolution: three readings per wave, of
+the 400
+readings in a lap of 8 s at 50 Hz.
+"""
 _HARMONIC = 0.15
 
 
 class TransmissionError(Effect):
-    """Gear error `amplitude sin(order q + phase)`, `order` in cycles a turn; `third` of it at three times the order."""
+    """Gear error `amplitude sin(order q + phase)`, `order` in cycles per turn, with a share `third` at three times
+    the order.
+    """
 
     effect: Literal["transmission_error"] = "transmission_error"
     axis: Axis
@@ -47,23 +53,23 @@ class TransmissionError(Effect):
 
     STAGE = "joint"
     PART = "curve"
-    # A gear left open begins with an eccentric wheel and twice that.
+    # An open gear starts with eccentricity and twice its order.
     PLACE = Place(
         rf"(?:(?P<axis>[1-7])(?::(?P<order>{NUMBER}))?)?", "4:2 (axis:order)", {"axis": EVERY_AXIS, "order": "12"}
     )
     FREE = (FreeShape("third", 0.0, 0.3),)
-    # What goes less often than once a turn does not come back with the joint: no gear makes it.
+    # A period of more than a turn does not repeat with the joint: gears do not cause it.
     STRETCHED = (StretchedShape("order", 0.03, least=0.5, low=1.0),)
 
     def apply(self, scene: S) -> S:
-        """N = 1 is an eccentric wheel; the gear ratio, twice the wave generator, the tooth mesh are others."""
+        """N = 1 is eccentricity; the gear ratio, twice the wave generator and the tooth mesh are other orders."""
         turn = self.order * scene.q[:, self.axis - 1] + np.radians(self.phase_deg)
         wave = np.sin(turn) + self.third * np.sin(3 * turn) if self.third else np.sin(turn)
         return scene.turned(self.axis, np.radians(self.amplitude_deg) * wave)
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[TransmissionError]]:
-        """Waves of each joint, by order: as dense as the readings part them."""
+        """Waves of each joint by order, as dense as the readings can distinguish."""
         most = _MOST_ORDER if scope.timed else _MOST_OF_STANDS
         return [
             [cls(axis=axis, order=order) for order in _orders_for(scope.turned[axis - 1], most)] for axis in scope.axes
@@ -79,11 +85,11 @@ class TransmissionError(Effect):
         )
 
     def compensation(self) -> Compensation:
-        """It depends on the posture alone."""
+        """Depends on the posture only."""
         return BY_TARGETS
 
     def departures(self) -> Departures:
-        """Harmonics: no gear makes a pure wave."""
+        """Harmonics, because real gears deviate from a pure sine."""
         return Departures(
             tuple(
                 (_HARMONIC, self.model_copy(update={"order": n * self.order, "phase_deg": phase, "third": 0.0}))
@@ -94,7 +100,9 @@ class TransmissionError(Effect):
 
 
 def _orders_for(turned: float, most: int) -> list[int]:
-    """Orders as far apart as a joint that turns so far (in turns) parts, low ones by a third; fits find the rest."""
+    """Return orders distinguishable over the range of the joint (in turns), low ones denser by a third; fits refine
+    them.
+    """
     orders, order = [], 1.0
     while order <= most:
         if order * turned < _MOST_WAVES:

@@ -1,4 +1,4 @@
-"""Vibration: the link swings, and all gauges with it."""
+"""Vibration of the link, seen equally by all gauges."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rigs.schema.scene import S
 
 
 class Vibration(Effect):
-    """The link swings."""
+    """Vibration of the link."""
 
     effect: Literal["vibration"] = "vibration"
     frequency_hz: float = Field(gt=0, le=500)
@@ -24,13 +24,13 @@ class Vibration(Effect):
     PLACE = Place(rf"(?P<frequency_hz>{NUMBER})", "8.5 (Hz)")
 
     def apply(self, scene: S) -> S:
-        """A sin(2 pi f t + phase) on every reading."""
+        """Add A sin(2 pi f t + phase) to every reading."""
         wave = np.sin(2 * np.pi * self.frequency_hz * scene.t_s + np.radians(self.phase_deg))
         return scene.all_read(lambda g: g + self.amplitude_mm * wave[:, None])
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[Vibration]]:
-        """An empty list: its phase is new in each run, see `swinging`."""
+        """Return no forms, because the phase changes in each run; see `swinging`."""
         return []
 
     def plain(self, joint: str) -> str:
@@ -42,10 +42,10 @@ class Vibration(Effect):
         )
 
     def compensation(self) -> Compensation:
-        """It swings about every target."""
+        """Not possible, because the link vibrates about every target."""
         return Compensation("none", "swings about the target: only its cause can be removed")
 
     @classmethod
     def swinging(cls, frequency_hz: float, amplitude_mm: float) -> Vibration:
-        """This is what a swing of the link is."""
+        """Describe a vibration of the link."""
         return cls(frequency_hz=frequency_hz, amplitude_mm=amplitude_mm)

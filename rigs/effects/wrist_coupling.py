@@ -1,4 +1,4 @@
-"""Wrist coupling: the motion of one wrist axis leaks into another through their common gears."""
+"""Wrist coupling: motion of a wrist axis turns a second one through common gears."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _WRIST = ((-3, -2), (-3, -1), (-2, -1))
 
 
 class WristCoupling(Effect):
-    """Motion of one wrist axis leaks into another: link[to] gains `ratio` times q[from]."""
+    """Motion of a wrist axis turns a second one: link[to] gains `ratio` times q[from]."""
 
     effect: Literal["wrist_coupling"] = "wrist_coupling"
     from_axis: Axis
@@ -26,12 +26,12 @@ class WristCoupling(Effect):
     PLACE = Place(r"(?P<from_axis>[1-7])\.(?P<to_axis>[1-7])", "4.5 (from.to)")
 
     def apply(self, scene: S) -> S:
-        """The driven axis gains a share of the driving one's angle."""
+        """Add a share of the driving axis to the driven axis."""
         return scene.turned(self.to_axis, self.ratio * scene.q[:, self.from_axis - 1])
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[WristCoupling]]:
-        """From each axis of the wrist to those that its gears run past."""
+        """From each axis of the wrist to the axes after it."""
         return [[cls(from_axis=scope.axes[start], to_axis=scope.axes[end])] for start, end in _WRIST]
 
     def plain(self, joint: str) -> str:
@@ -41,10 +41,10 @@ class WristCoupling(Effect):
         return f"motion of axis {self.from_axis} leaks into axis {self.to_axis}: correct the wrist's coupling ratio"
 
     def compensation(self) -> Compensation:
-        """It depends on the posture alone."""
+        """Depends on the posture only."""
         return BY_TARGETS
 
     @property
     def seat(self) -> str:
-        """The axis that moves and the axis that follows, `4>5`."""
+        """Driving and driven axis, `4>5`."""
         return f"{self.from_axis}>{self.to_axis}"

@@ -1,1 +1,1 @@
-"""The parts of a rig file, one a file, and what every effect has."""
+"""Parts of a rig file, one per module, and the interface of effects."""

@@ -1,7 +1,6 @@
-"""The condition of a robot beside its joints: columns and codes that are the same for every maker.
+"""Condition of a robot in addition to its joint angles: maker-independent columns and codes.
 
-Each interface translates what its controller shows. What a controller does not show, or shows in a code that is not
-known, is nan: it is never assumed.
+Each interface translates the controller's data. Values that are missing or have an unknown code are nan, never assumed.
 """
 
 from __future__ import annotations
@@ -12,17 +11,17 @@ from enum import IntEnum
 
 PROGRAM, SAFETY, MOTORS, SPEED, PAYLOAD = "program_state", "safety_state", "motors_on", "speed_percent", "payload_kg"
 FULL_PERCENT = 99.5
-"""A speed below this is lowered: controllers show it in whole percent."""
+"""Limit of a reduced speed: controllers show whole percent."""
 TEMPERATURES = tuple(f"temperature{axis}_c" for axis in range(1, 7))
-"""Temperatures of the joints in °C."""
+"""Joint temperatures in °C."""
 CURRENTS = tuple(f"current{axis}_a" for axis in range(1, 7))
-"""Currents of the joints' motors in A."""
+"""Joint motor currents in A."""
 CONDITION = (PROGRAM, SAFETY, MOTORS, SPEED, PAYLOAD, *TEMPERATURES, *CURRENTS)
 """All columns of the condition."""
 
 
 class ProgramState(IntEnum):
-    """What the program on the controller does (`program_state`)."""
+    """State of the program on the controller (`program_state`)."""
 
     STOPPED = 0
     RUNNING = 1
@@ -30,7 +29,7 @@ class ProgramState(IntEnum):
 
 
 class SafetyState(IntEnum):
-    """What the controller's safety functions do (`safety_state`)."""
+    """State of the controller's safety functions (`safety_state`)."""
 
     NORMAL = 0
     REDUCED = 1
@@ -45,7 +44,7 @@ class SafetyState(IntEnum):
 
 
 STOPPED = frozenset(SafetyState) - {SafetyState.NORMAL, SafetyState.REDUCED}
-"""The states in which the robot does not move by program."""
+"""States in which programs cannot move the robot."""
 UNDISTURBED = {
     PROGRAM: float(ProgramState.RUNNING),
     SAFETY: float(SafetyState.NORMAL),
@@ -55,11 +54,13 @@ UNDISTURBED = {
     **dict.fromkeys(TEMPERATURES, 30.0),
     **dict.fromkeys(CURRENTS, 0.0),
 }
-"""What a robot shows while it drives a test as it should: joints that are warm, and motors that nothing loads."""
+"""Condition during an undisturbed test: warm joints, unloaded motors."""
 
 
 def condition_words(shown: Mapping[str, float]) -> Iterator[tuple[str, bool]]:
-    """Yield what is known of a condition in words, each with whether it disturbs a test: a stop, a lowered speed …"""
+    """Yield the known parts of a condition as text, each with a flag for disturbances such as a stop or a reduced
+    speed.
+    """
     if shown.get(SAFETY, math.nan) in STOPPED:
         yield words_of(SafetyState(int(shown[SAFETY]))), True
     if shown.get(MOTORS) == 0:
@@ -76,5 +77,5 @@ def condition_words(shown: Mapping[str, float]) -> Iterator[tuple[str, bool]]:
 
 
 def words_of(state: IntEnum) -> str:
-    """Return a state as a person calls it: `protective stop`."""
+    """Return a state as text, for example `protective stop`."""
     return state.name.lower().replace("_", " ")

@@ -1,11 +1,12 @@
-"""The tests that a rig is set up for (docs/conventions.md), circle for yaw and roll, hemisphere, repeatability,
-touches, and the cube of ISO 9283; and when recordings start and end by themselves, and how long runs are kept.
+"""Tests of a rig (docs/conventions.md): circle for yaw and roll, hemisphere, repeatability, touches, and the cube of
+ISO 9283; automatic recording, and retention of runs.
 
-Bounds keep a slip of the pen from becoming a program of millions of poses.
+Bounds prevent a typing error from creating a program with millions of poses.
 
-A rule waits either for the robot's signal to take a value, or for a motion: the robot stands at one posture and
-goes from there to another. Postures are joint angles as the controller reports them, which `rig automatic RUN` takes
-from a recorded lap: nothing here needs to know the arm.
+A rule waits for a value of the robot's signal, or for a motion: the robot stands at one posture and moves to another.
+Postures are joint angles reported by the controller, taken by `rig automatic RUN` from a recorded lap, independent of
+the
+arm's kinematics.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ _LONGEST_LAP_S = 1800.0
 
 
 class _AboutTheBall(Part):
-    """Where targets lie about the base-ball."""
+    """Position of targets relative to the base-ball."""
 
     centre_mm: Vector
     normal: Vector = (0.0, 0.0, 1.0)
@@ -58,21 +59,22 @@ def not_in_metres(value: object) -> object:
 
 
 class Circle(_AboutTheBall):
-    """A circle about the base-ball, driven acw and cw with the tool pointing at its centre.
+    """Circle about the base-ball, driven acw and cw with the tool pointing at its centre.
 
-    normal: of its plane; zero: where phi = 0 lies, projected onto the plane; posture_deg: joint angles near the
-    start of the acw circle, which say which of the arm's solutions the program uses.
+    normal: of the plane. zero: direction of phi = 0, projected onto the plane. posture_deg: joint angles near the start
+    of the
+    acw circle, which select the solution of the inverse kinematics.
     """
 
     radius_mm: float = Field(default=70.0, ge=1, le=2000)
     speed_mm_s: float = Field(default=25.0, ge=0.5, le=2000)
     laps: int = Field(default=2, ge=1, le=50)
-    """Driven in each direction, with a way back between them: one lap says nothing about its own slow noise."""
+    """Laps in each direction, with a return in between: a single lap cannot show slow noise."""
     start_deg: Angle = 0.0
     lead_deg: float = Field(default=10.0, ge=0, le=90)
-    """Arc driven before the lap to come to speed, and after it to stop; not analysed."""
+    """Lead-in and lead-out arc for acceleration and stopping; not analysed."""
     eccentricity_mm: Vector = (0.0, 0.0, 0.0)
-    """Base-ball less circle centre, in the world: known only where the cell is emulated or simulated."""
+    """Base-ball less circle centre, in the world frame; known only for emulated or simulated cells."""
 
     _in_mm = field_validator("radius_mm", mode="before")(not_in_metres)
 
@@ -87,18 +89,19 @@ class Circle(_AboutTheBall):
 class Hemisphere(_AboutTheBall):
     """Targets on a half sphere about the base-ball, each with several tool orientations.
 
-    normal: to the middle of the hemisphere, towards the robot's working side, polar angle 0; zero: where azimuth 0
-    lies, projected onto the hemisphere's base.
+    normal: direction to the middle of the hemisphere, polar angle 0, towards the robot's working side. zero: direction
+    of
+    azimuth 0, projected onto the base of the hemisphere.
     """
 
     radius_mm: float = Field(default=400.0, ge=1, le=10_000)
     step_deg: float = Field(default=30.0, ge=5, le=90)
-    """Between targets, in polar angle and in azimuth."""
+    """Angle between targets, in polar angle and in azimuth."""
     polar_max_deg: float = Field(default=90.0, gt=0, le=180)
-    """Where the outermost ring lies."""
+    """Polar angle of the outermost ring."""
     orientations: int = Field(default=3, ge=1, le=15)
     visits: int = Field(default=2, ge=1, le=20)
-    """How often the program goes through all targets and orientations: what differs between visits is the scatter."""
+    """Repetitions of all targets and orientations; the differences between visits are the scatter."""
 
     _in_mm = field_validator("radius_mm", mode="before")(not_in_metres)
 
@@ -116,12 +119,12 @@ SocketName = Annotated[str, Field(min_length=1, max_length=40)]
 
 
 class SocketDistance(Part):
-    """A distance between two sockets that is known: of one part, measured or as it was made."""
+    """Known distance between two sockets of a part, measured or by design."""
 
     between: tuple[SocketName, SocketName]
     distance_mm: float = Field(gt=0, le=10_000)
     u_mm: float = Field(default=0.05, gt=0, le=100)
-    """Its standard uncertainty."""
+    """Standard uncertainty of the distance."""
 
     _in_mm = field_validator("distance_mm", mode="before")(not_in_metres)
 
@@ -133,16 +136,16 @@ class SocketDistance(Part):
 
 
 class Touch(Part):
-    """The ball on the tool seated in sockets that are fixed in the world, by hand or by a program, in many postures.
+    """Touch test: the ball on the tool is seated in fixed sockets, by hand or by a program, in many postures.
 
-    No gauge reads it: that a ball which is seated again is at the same place is all that is measured.
+    No gauge is read: the measurement is that a seated ball returns to the same place.
     """
 
     sockets: Annotated[tuple[SocketName, ...], Field(min_length=1, max_length=50)]
     ball_mm: Vector = (0.0, 0.0, 100.0)
-    """Where about the ball's centre is from the tool frame; where it is exactly is found."""
+    """Approximate ball centre in the tool frame; the exact position is estimated."""
     touches: int = Field(default=40, ge=1, le=2000)
-    """Touches that a recording asks for, over all sockets."""
+    """Number of touches requested by a recording, over all sockets."""
     distances: tuple[SocketDistance, ...] = ()
 
     @model_validator(mode="after")
@@ -155,41 +158,47 @@ class Touch(Part):
 
 
 class Instrument(Pose):
-    """Where the tracker's frame stands in the world, measured without the poses of the test: by the robot's mounting
-    holes, or by axes 1 and 2 turned alone."""
+    """Pose of the tracker frame in the world, measured independently of the test poses: by the robot's mounting holes,
+    or by
+    turning axes 1 and 2 only.
+    """
 
     u_mm: float = Field(default=0.0, ge=0, le=100)
-    """Standard uncertainty of a coordinate at the cube that this frame brings."""
+    """Standard uncertainty of a coordinate at the cube caused by this frame."""
 
 
 class Iso9283(Part):
-    """The cube of ISO 9283:1998, 6.8, for a tracker: five poses P1 … P5 on its inclined plane, paths on the same plane.
+    """The cube of ISO 9283:1998, 6.8, for a tracker: five poses P1 … P5 on its inclined plane, and paths on the same
+    plane.
 
-    What is not given is found where the arm has room: the largest cube, the tool pointing down or outwards. Edges are
+    Missing values are computed from the arm's range: the largest cube, with the tool pointing down or outwards. Edges
+    are
     parallel to the axes of the robot's base.
     """
 
     centre_mm: Vector | None = None
-    """P1, in the world; where the tool is at posture_deg, if that alone is given."""
+    """P1 in the world frame; by default the tool position at posture_deg, if given."""
     side_mm: float | None = Field(default=None, ge=20, le=5000)
     posture_deg: Posture | None = None
-    """Joint angles near P1, whose orientation of the tool is kept in all poses."""
+    """Joint angles near P1, whose tool orientation applies to all poses."""
     rises: Literal["x", "-x", "y", "-y"] = "x"
-    """Along which direction of the base the inclined plane rises; four planes are those of the standard."""
+    """Direction of the base along which the inclined plane rises; the standard allows four planes."""
     cycles: int = Field(default=30, ge=3, le=1000)
-    """P5 P4 P3 P2 P1 so many times; the standard asks 30."""
+    """Repetitions of P5 P4 P3 P2 P1; 30 in the standard."""
     joint_speed_deg_s: float = Field(default=30.0, gt=0, le=1000)
-    """Fastest joint between poses; the standard asks the rated speed, which you dare once the way is known."""
+    """Speed of the fastest joint between poses; the standard requires the rated speed, for use once the path is
+    known.
+    """
     path_speed_mm_s: float = Field(default=250.0, gt=0, le=10_000)
-    """Speed along the paths, of which the programs drive 100, 50 and 10 %."""
+    """Speed along the paths; the programs use 100, 50 and 10 %."""
     path_cycles: int = Field(default=10, ge=3, le=200)
-    """The standard asks 10."""
+    """10 in the standard."""
     instrument: Instrument | None = None
-    """Without it the frame is fitted to the poses themselves, which makes AP and AT smaller than they are."""
+    """Tracker frame; if absent, the frame is fitted to the poses, which makes AP and AT too small."""
 
 
 class Tests(Part):
-    """The tests of a rig; leave out what it is not set up for."""
+    """Tests of a rig; omit the ones without a set-up."""
 
     circle: Circle | None = None
     hemisphere: Hemisphere | None = None
@@ -199,22 +208,22 @@ class Tests(Part):
 
 
 NEAR_DEG = 0.5
-"""A robot whose joints are all so near to a posture stands there; programs come back to within 0.02°."""
+"""Joint distance within which a robot stands at a posture; programs return to within 0.02°."""
 STILL_DEG = 0.02
-"""Encoders at rest flicker by less; the slowest circle moves some joint by more in a second."""
+"""Joint motion per second that counts as standstill: encoder noise is smaller, and the slowest circle is faster."""
 STOOD_S = 0.3
-"""A robot that only passes its start posture does not stand there so long."""
+"""Time at standstill; a robot passing its start posture stays for less."""
 _LEAST_MOVE_DEG = 4 * NEAR_DEG
 
 
 class When(Part):
-    """What starts a recording: a signal's value, or a motion."""
+    """Start condition of a recording: a signal value or a motion."""
 
     signal: int | None = Field(default=None, ge=-(2**31), lt=2**31)
     from_deg: Posture | None = None
-    """Where the robot stands before it moves."""
+    """Posture before the motion."""
     to_deg: Posture | None = None
-    """Where it then goes: some degrees on, which distinguishes cw from acw."""
+    """Posture after a few degrees of motion, which distinguishes cw from acw."""
 
     @model_validator(mode="after")
     def _one_kind(self) -> When:
@@ -227,7 +236,7 @@ class When(Part):
         return self
 
     def overlaps(self, when: When) -> bool:
-        """Whether one and the same event would be both."""
+        """Return whether an event can satisfy both conditions."""
         if self.from_deg and self.to_deg and when.from_deg and when.to_deg:
             reach = (math.dist(self.from_deg, self.to_deg) + math.dist(when.from_deg, when.to_deg)) / 2
             same_start = _apart(self.from_deg, when.from_deg) <= 2 * NEAR_DEG
@@ -236,13 +245,13 @@ class When(Part):
 
 
 class Rule(Part):
-    """One event of the robot, and what is recorded from then on."""
+    """Event of the robot, and the recording it starts."""
 
     when: When
     test: DrivenTest
     direction: Direction | None = None
     still_s: float = Field(default=2.0, ge=0.2, le=3600)
-    """The run ends when the robot has stood still for so long; after a signal, counted from the signal's end."""
+    """Standstill that ends the run; after a signal, counted from the end of the signal."""
 
     @model_validator(mode="after")
     def _directed(self) -> Rule:
@@ -254,17 +263,17 @@ class Rule(Part):
 
     @property
     def title(self) -> str:
-        """`yaw cw`, say."""
+        """For example `yaw cw`."""
         return f"{self.test} {self.direction}" if self.direction else self.test
 
     @property
     def event(self) -> str:
-        """`signal 1: yaw cw`, say."""
+        """For example `signal 1: yaw cw`."""
         return f"{'a motion' if self.when.signal is None else f'signal {self.when.signal}'}: {self.title}"
 
 
 class Automatic(Part):
-    """The rules by which recordings start without a person."""
+    """Rules for automatic recordings."""
 
     rules: Annotated[tuple[Rule, ...], Field(min_length=1, max_length=100)]
 
@@ -277,7 +286,7 @@ class Automatic(Part):
         return self
 
     def lacking(self, *, signal: bool, gauges: int) -> list[str]:
-        """What the rules need and the rig has not: a signal, a second gauge."""
+        """Return missing parts of the rig required by the rules: a signal, a second gauge."""
         unheard = [str(number) for number, rule in enumerate(self.rules, 1) if rule.when.signal is not None]
         paired = [str(number) for number, rule in enumerate(self.rules, 1) if rule.test in CIRCLES]
         lacks = []
@@ -290,7 +299,7 @@ class Automatic(Part):
 
 
 class Retention(Part):
-    """How long and how much is kept of what was exported; what was not is never deleted."""
+    """Time and size limits for exported runs; other runs are never deleted."""
 
     days: float | None = Field(default=None, ge=1, le=36500)
     gigabytes: float | None = Field(default=None, ge=0.001, le=1e6)
@@ -303,5 +312,5 @@ class Retention(Part):
 
 
 def _apart(a_deg: Sequence[float], b_deg: Sequence[float]) -> float:
-    """The largest difference of any joint, in degrees."""
+    """Return the largest joint difference in degrees."""
     return max(abs(a - b) for a, b in zip(a_deg, b_deg, strict=True))

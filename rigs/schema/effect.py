@@ -1,8 +1,10 @@
-"""What every effect has: its keys and physics, where it may sit, its words, its remedy, how a controller corrects it.
+"""Interface of effects: keys and physics, possible seats, wording, remedy, and correction by a controller.
 
-An effect is one class in one file of `rigs/effects/`; nothing else names it. A parameter's unit is in its name; its
-bounds, and the size that a healthy arm shows anyway, are its field's. The size scales an effect and is zero for none;
-shapes say how it looks and need a size to be seen. A wave has a `phase_deg`; a gear's errors have an `order`.
+An effect is one class in one file of `rigs/effects/`, referenced nowhere else. The name of a parameter contains the
+unit;
+the field contains the bounds, and the size shown by a healthy arm. The size scales an effect and is zero for none;
+shapes
+describe its form and are only visible with a size. A wave has a `phase_deg`; gear errors have an `order`.
 """
 
 from __future__ import annotations
@@ -25,9 +27,10 @@ from rigs.schema.vocabulary import FEWEST_AXES, MOST_AXES, Build
 
 Gauge = Literal["g1", "g2"]
 PartKind = Literal["constants", "gravity", "curve", "reversal", "warming", "gauges", "clocks"]
-"""Which part of an arm's error an effect belongs to, as a person thinks of it: link constants and zeros, what yields
-under load, the angle error of a joint over its angle, what happens where a joint turns back, heat, the measuring
-instruments, and the times of readings."""
+"""Part of an arm's error in the user's view: link constants and zeros, elasticity under load, the angle error of a
+joint,
+behaviour at reversals, heat, measuring instruments, and reading times.
+"""
 _PART_OF: dict[Stage, PartKind] = {
     "time": "clocks",
     "arm": "constants",
@@ -38,72 +41,82 @@ _PART_OF: dict[Stage, PartKind] = {
 }
 Use = Literal["joint zero", "link constant", "targets only", "none"]
 Deed = Literal["repair", "remaster", "enter", "mount", "wait"]
-"""What a hand does about an effect: repair a part of the arm, re-master a joint, enter a number, mount ball or gauges
-again, or wait until it is warm."""
+"""Action for an effect: repair a part of the arm, re-master a joint, enter a number, remount ball or gauges, or wait
+for
+thermal equilibrium.
+"""
 PHASE = "phase_deg"
-"""Parameter that makes an effect a wave."""
+"""Parameter of waves."""
 _OF_A_WAVE = 0.1
-"""Part of a wave to which an order is a whole number: no gear has 8.001 teeth."""
+"""Tolerance of a whole order in waves: no gear has 8.001 teeth."""
 SEATS = ("axis", "field", "gauge", "from_axis", "to_axis", "way")
-"""Parameters that say where an effect sits."""
+"""Parameters that give the seat of an effect."""
 
 
 def size(bound: float, healthy: float, *, least: float | None = None) -> Any:
-    """A size: between -bound (or least) and bound, zero has no effect; `healthy` is its spread over good arms."""
+    """Declare a size parameter limited to [-bound or least, bound], zero for no effect; `healthy` is the spread over
+    good arms.
+    """
     return Field(default=0.0, ge=-bound if least is None else least, le=bound, json_schema_extra={"healthy": healthy})
 
 
 def shape(low: float, high: float, default: float) -> Any:
-    """A shape, which may be from low to high."""
+    """Declare a shape parameter limited to [low, high]."""
     return Field(default=default, ge=low, le=high)
 
 
 class Found(Part):
-    """Where an effect of a rig file came from: when, from which runs, how sure, and the gap that it closed."""
+    """Provenance of an effect in a rig file: time, runs, certainty, and the explained gap."""
 
     date: dt.date
     runs: tuple[str, ...]
     sd: dict[str, float] = Field(default_factory=dict)
-    """Standard uncertainty of each fitted parameter, in its own unit."""
+    """Standard uncertainty of each fitted parameter, in the parameter's unit."""
     gap_um: tuple[float, float] | None = None
-    """Root mean square of what was unexplained, before and after, in µm of the readings."""
+    """Unexplained rms before and after, in µm of the readings."""
     correlation: dict[str, float] = Field(default_factory=dict)
-    """Correlation of the size with those of other effects of the same fit, by their names."""
+    """Correlation of the size with other effects of the fit, by name."""
     together: tuple[str, ...] = ()
-    """Effects of the same fit that look like this one: only what they make up together is known."""
+    """Effects of the fit that resemble this one: only their sum is known."""
     rivals: tuple[str, ...] = ()
-    """Effects that the same runs may show instead of this one: measure what separates them before it is corrected."""
+    """Effects that may explain the runs instead: separate them by a measurement before correcting."""
     joints_deg: tuple[tuple[float, float], ...] | None = Field(
         default=None, min_length=FEWEST_AXES, max_length=MOST_AXES
     )
-    """The lowest and the highest angle of each joint in those runs."""
+    """Range of each joint angle in the runs."""
 
 
 @dataclass(frozen=True)
 class Scope:
-    """What runs can show of effects. timed: joints turn while they are read (circles); gauges that are read;
-    twist_deg (axes): the arm's alpha; turned (axes): by how much of a turn each joint turns while it is read."""
+    """Observability of effects in runs.
+
+    timed: joints turn during the readings (circles). gauges: read gauges. twist_deg (axes): alpha of the arm. turned
+    (axes):
+    range of each joint in turns during the readings.
+    """
 
     timed: bool
     gauges: tuple[Gauge, ...]
     twist_deg: tuple[float, ...]
     turned: tuple[float, ...]
     rail: bool = False
-    """Whether a rail carries the arm, and stood in different places."""
+    """Whether the arm is on a rail with several positions."""
     payload_kg: float = 0.0
-    """What the rig file states to hang at the flange, 0 where it does not."""
+    """Payload at the flange in the rig file, 0 if not stated."""
 
     @property
     def axes(self) -> range:
-        """The axes of the arm, from 1."""
+        """Axes of the arm, from 1."""
         return range(1, len(self.twist_deg) + 1)
 
 
 @dataclass(frozen=True)
 class FreeShape:
-    """A shape that is fitted with the size: what is expected, and how far it may be off. tried: the values at which a
-    search looks for it; none where a search does not. stated: whether what is expected was stated, and so holds unless
-    readings say otherwise: a fit that begins elsewhere may be as far off as it begins. low: a fit takes it no lower."""
+    """Shape fitted together with the size: expected value and uncertainty.
+
+    tried: start values of a search; empty if not searched. stated: the expected value was stated and applies unless the
+    readings contradict: a fit starting elsewhere has the distance as its uncertainty. low: lower limit of a fit.
+    """
 
     field: str
     expected: float
@@ -113,14 +126,15 @@ class FreeShape:
     low: float = -math.inf
 
     def spread_from(self, begin: float) -> float:
-        """Return its spread in a fit that begins at a value."""
+        """Return the spread in a fit starting at a value."""
         return max(self.spread, abs(begin - self.expected)) if self.stated else self.spread
 
 
 @dataclass(frozen=True)
 class StretchedShape:
-    """A shape that is fitted from where one of the forms has it, and may be off by a share of that, or by least; a fit
-    takes it no lower than low."""
+    """Shape fitted from its value in a form, with an uncertainty of a share of it, or at least `least`; low: lower
+    limit.
+    """
 
     field: str
     share: float
@@ -130,14 +144,17 @@ class StretchedShape:
 
 @dataclass(frozen=True)
 class Departures:
-    """How nature departs from the page: what may stand beside an effect, because no gear, ball or brake is ideal.
+    """Deviations of real effects from their ideal form, since gears, balls and brakes are not ideal.
 
-    beside: effects and the share of each that is one standard deviation; alike: combinations of effects, each with its
-    shares, that are one standard deviation each and resemble the effect so much that it is first fitted without them;
-    gap: a joint and half its play in degrees, since it is unknown where in it a run began; jolt: a joint, by how many
-    degrees it may be off about each of its turns, and in how many seconds that fades, 0 at once; stick: a gauge and by
-    how many mm it may be off at a target, since it is unknown how the plunger came there; fades: whether it fades while
-    the robot stands at a target, since it is unknown how long it stood.
+    beside: effects, each with the share of one standard deviation. alike: combinations of effects with shares of one
+    standard
+    deviation each, too similar to be included in the first fit. gap: a joint and half its backlash in degrees, because
+    the
+    initial position in the backlash is unknown. jolt: a joint, its deviation in degrees at each reversal, and the decay
+    time
+    in s, 0 for none. stick: a gauge and its deviation in mm at a target, because the approach of the plunger is
+    unknown.
+    fades: whether the effect decays while the robot stands at a target for an unknown time.
     """
 
     beside: tuple[tuple[float, Effect], ...] = ()
@@ -150,8 +167,12 @@ class Departures:
 
 @dataclass(frozen=True)
 class Compensation:
-    """How a controller can make up for an effect. why_not: where it cannot; constant: the axis (from 1) and the key of
-    the number in its rig file, mm or degrees, where it is one; `q_deg` is the joint's angle itself."""
+    """Correction of an effect by a controller.
+
+    why_not: reason if impossible. constant: axis (from 1) and key of the number in the rig file, mm or degrees, if it
+    is a
+    constant; `q_deg` is the joint angle itself.
+    """
 
     use: Use
     why_not: str = ""
@@ -165,8 +186,9 @@ BY_TARGETS = Compensation("targets only")
 
 @dataclass(frozen=True)
 class Place:
-    """How a person writes where an effect sits. pattern: with a group for each parameter; example; every: what a
-    parameter left out stands for."""
+    """Notation of a seat. pattern: expression with a group per parameter. example. every: meaning of omitted
+    parameters.
+    """
 
     pattern: str
     example: str
@@ -176,13 +198,13 @@ class Place:
 NUMBER = r"\d+(?:\.\d+)?"
 NOWHERE = Place("", "")
 EVERY_AXIS = "1234567"
-"""What an axis left out stands for, as far as the arm has these."""
+"""Axes represented by an omitted axis, as far as the arm has them."""
 AT_AXIS = Place("(?P<axis>[1-7])?", "1", {"axis": EVERY_AXIS})
 AT_GAUGE = Place("(?P<gauge>g[12])?", "g1", {"gauge": ("g1", "g2")})
 
 
 class Effect(Part, ABC):
-    """One effect. `found`: where it came from, None where a person wrote it."""
+    """An effect. `found`: provenance; None if written by a person."""
 
     effect: str
     found: Found | None = None
@@ -190,103 +212,110 @@ class Effect(Part, ABC):
     STAGE: ClassVar[Stage]
     PLACE: ClassVar[Place] = NOWHERE
     STRAIGHT: ClassVar[float] = 1.0
-    """Healthy sizes up to which twice the size does twice as much. 0: never, as in a play."""
+    """Largest size, in healthy sizes, with a linear response; 0 for nonlinear effects such as backlash."""
     NEEDS_REPEATS: ClassVar[bool] = False
-    """Whether it shows only in what changes from lap to lap or from run to run: a single lap each way has slow noise
-    that looks like it."""
+    """Whether the effect is only visible in changes between laps or runs: the slow noise of a single lap looks
+    similar.
+    """
     PART: ClassVar[PartKind | None] = None
-    """The part of an arm's error that it belongs to, where its stage does not say that."""
+    """Part of the arm's error, unless determined by the stage."""
     FORM_U: ClassVar[float] = 0.0
-    """Standard uncertainty of the size, as a share of it, that comes from a form which readings hardly show."""
+    """Relative standard uncertainty of the size caused by a form that the readings hardly show."""
     FREE: ClassVar[tuple[FreeShape, ...]] = ()
     STRETCHED: ClassVar[tuple[StretchedShape, ...]] = ()
     DEED: ClassVar[Deed] = "repair"
-    """What a hand does about it."""
+    """Action for this effect."""
     MOST: ClassVar[float] = 120.0
-    """The largest size that a fit may find, in healthy sizes: faults are at most 100, and the simulator was not tested
-    far beyond."""
+    """Largest size in a fit, in healthy sizes: faults are at most 100, and the simulator is not validated far
+    beyond.
+    """
 
     @abstractmethod
     def apply(self, scene: S) -> S:
-        """The scene with the effect in it, over the whole trace; a size of zero is the identity."""
+        """Apply the effect to the scene over the whole trace; a size of zero is the identity."""
 
     @classmethod
     @abstractmethod
     def forms(cls, scope: Scope) -> list[list[Self]]:
-        """A list for each place where it may sit in the runs of a scope, of the forms that it may have there, at size
-        zero. Callers add the second phase of a wave."""
+        """Return the possible forms at size zero, as a list per possible seat in the runs. Callers add the second
+        phase of a wave.
+        """
 
     @abstractmethod
     def plain(self, joint: str) -> str:
-        """What a person calls it; joint: its joint in words, `axis 1 (Theta)`, where it has one."""
+        """Return the everyday name; joint: name of the joint, such as `axis 1 (Theta)`, if any."""
 
     @abstractmethod
     def remedy(self) -> str:
-        """What a person should do, in the imperative, with the size where it is to be entered somewhere."""
+        """Return the action in the imperative, with the size if it must be entered."""
 
     @abstractmethod
     def compensation(self) -> Compensation:
-        """Whether and how a controller can make up for it."""
+        """Return whether and how a controller can correct the effect."""
 
     @classmethod
     def free(cls, payload_kg: float) -> tuple[FreeShape, ...]:
-        """The shapes that are fitted with it, where the rig file states a payload, 0 for none."""
+        """Return the shapes fitted with the effect for a stated payload, 0 for none."""
         return cls.FREE
 
     @property
     def part(self) -> PartKind:
-        """The part of an arm's error that it belongs to."""
+        """Return the part of the arm's error."""
         return self.PART or _PART_OF[self.STAGE]
 
     @property
     def healthy(self) -> float:
-        """What a healthy arm shows of it anyway, in the unit of its size."""
+        """Return the size for a healthy arm, in the unit of the size."""
         return float(_extra(type(self), size_field(self))["healthy"])
 
     def usual_times(self, build: Build) -> float:
-        """How many times the healthy size an arm of a build shows without a fault."""
+        """Return the normal multiple of the healthy size for a build."""
         return 1.0
 
     @property
     def seat(self) -> str:
-        """Where it sits, as answers write it."""
+        """Return the seat in the notation of answers."""
         return str(getattr(self, "axis", getattr(self, "gauge", "")))
 
     @property
     def symbol(self) -> str:
-        """The field's own name of the number that it changes; empty where that has none."""
+        """Return the standard symbol of the changed number; empty if there is none."""
         return ""
 
     @property
     def idle(self) -> str:
-        """The reason why a test that does not move it shows nothing of it."""
+        """Return the reason why a test without the required motion cannot show the effect."""
         return "nothing in these tests moves it"
 
     def unit(self, parameter: str) -> str:
-        """The unit of a parameter, deg, mm and the like; empty for a ratio."""
+        """Return the unit of a parameter, deg, mm or similar; empty for a ratio."""
         if "_per_" in parameter:
             return parameter.replace("_per_", "/")
         return parameter.rsplit("_", 1)[-1] if "_" in parameter else {"ppm": "ppm"}.get(parameter, "")
 
     def departures(self) -> Departures:
-        """How nature departs from it."""
+        """Return the deviations of real effects from the ideal form."""
         return Departures()
 
     @classmethod
     def turning(cls, axis: int, angle_deg: float) -> Effect | None:
-        """The effect that turns a joint by a constant; None of every class but one."""
+        """Return the effect for a joint turned by a constant; implemented by one class."""
         return None
 
     @classmethod
     def changing(cls, axis: int, key: str, delta: float) -> Effect | None:
-        """The effect that changes a constant of an axis, called as in the rig file, by delta mm or degrees; None of
-        every class but one."""
+        """Return the effect for a changed constant of an axis, named as in the rig file, by delta mm or degrees;
+        implemented by one
+        class.
+        """
         return None
 
     @classmethod
     def swinging(cls, frequency_hz: float, amplitude_mm: float) -> Effect | None:
-        """The effect that is a swing of the link; None of every class but one. Its phase is new in each run, so it is
-        looked for in the time of each run, and has no forms."""
+        """Return the effect for a vibration of the link; implemented by one class.
+
+        Its phase changes in each run, so it is searched in the time of each run, and has no forms.
+        """
         return None
 
 
@@ -294,74 +323,74 @@ _E = TypeVar("_E", bound=Effect)
 
 
 def at_each_axis(cls: type[_E], scope: Scope, **values: float) -> list[list[_E]]:
-    """One form at each joint."""
+    """Return one form per joint."""
     return [[cls.model_validate({"axis": axis, **values})] for axis in scope.axes]
 
 
 def at_each_gauge(cls: type[_E], scope: Scope) -> list[list[_E]]:
-    """One form at each gauge that is read."""
+    """Return one form per gauge."""
     return [[cls.model_validate({"gauge": gauge})] for gauge in scope.gauges]
 
 
 def scaled(effect: _E, share: float, **values: float) -> _E:
-    """An effect with a share of its size, and with other values."""
+    """Return an effect with a share of its size, and other changed values."""
     name = size_field(effect)
     return effect.model_copy(update={name: share * getattr(effect, name), **values})
 
 
 def healthy(effect: _E) -> _E:
-    """An effect at the size that a healthy arm shows anyway."""
+    """Return an effect at the size for a healthy arm."""
     return effect.model_copy(update={size_field(effect): effect.healthy})
 
 
 def identity(effect: _E) -> _E:
-    """Which effect it is, whatever its size and shape: only what it has to be given, its place and its form."""
+    """Return the identity of an effect, independent of size and shape: required keys, seat and form."""
     return type(effect).model_validate(
         {name: getattr(effect, name) for name, info in type(effect).model_fields.items() if info.is_required()}
     )
 
 
 def name_of(effect: Effect) -> str:
-    """What an answer names: the effect and where it sits, `gauge_scale g1`, say."""
+    """Return the name of an effect with its seat, for example `gauge_scale g1`."""
     return f"{effect.effect} {effect.seat}".rstrip()
 
 
 def label_of(effect: Effect) -> str:
-    """The name of an effect; gears by order, which are many of one name."""
+    """Return the label of an effect, with the order for gear errors."""
     order = getattr(effect, "order", None)
     return name_of(effect) if order is None else f"{name_of(effect)} order {whole_order(order):g}"
 
 
 def whole_order(order: float) -> float:
-    """The order of a gear's wave as it is said: the number of teeth, where it is one to a tenth of a wave."""
+    """Return the displayed order of a gear wave: the number of teeth if whole to a tenth of a wave."""
     return float(round(order)) if abs(order - round(order)) < _OF_A_WAVE and round(order) > 0 else order
 
 
 def phases(effect: _E) -> tuple[_E, ...]:
-    """An effect, and, where it is a wave, the same a quarter on: together they reach every phase."""
+    """Return an effect, and for a wave also the quarter-shifted effect: together they span every phase."""
     if not is_wave(effect):
         return (effect,)
     return effect, effect.model_copy(update={PHASE: (getattr(effect, PHASE) + 90.0) % 360.0})
 
 
 def is_wave(effect: Effect) -> bool:
-    """Whether its phase is free."""
+    """Return whether an effect has a free phase."""
     return hasattr(effect, PHASE)
 
 
 def is_play(effect: Effect) -> bool:
-    """Whether twice its size never does twice as much."""
+    """Return whether the response of an effect is never linear."""
     return effect.STRAIGHT == 0
 
 
 def size_field(effect: Effect) -> str:
-    """Name of the parameter that scales an effect and is zero for none."""
+    """Return the name of the size parameter."""
     return size_fields(type(effect))[0]
 
 
 @cache
 def size_fields(cls: type[Effect]) -> tuple[str, ...]:
-    """Names of the keys that are declared by `size`: one of every effect that is whole."""
+    """Return the keys declared by `size`: exactly one for a complete effect."""
     return tuple(str(name) for name in cls.model_fields if "healthy" in _extra(cls, name))
 
 
@@ -371,7 +400,7 @@ def _extra(cls: type[Effect], name: str) -> dict[str, Any]:
 
 
 def bounds(effect: Effect, name: str) -> tuple[float, float]:
-    """Lowest and highest value of a parameter, infinite where it has no bound."""
+    """Return the range of a parameter, infinite if unbounded."""
     return _bounds(type(effect), name)
 
 
@@ -384,38 +413,41 @@ def _bounds(cls: type[Effect], name: str) -> tuple[float, float]:
 
 
 def one_sided(effect: Effect) -> bool:
-    """Whether a size cannot be negative: a width, a softness, an amplitude."""
+    """Return whether a size cannot be negative: a width, a compliance, an amplitude."""
     return bounds(effect, size_field(effect))[0] == 0
 
 
 def healthy_size(effect: Effect) -> float:
-    """What a healthy arm shows of it anyway, in the unit of its size."""
+    """Return the size for a healthy arm, in the unit of the size."""
     return effect.healthy
 
 
 def size_of(effect: Effect) -> float:
-    """The size of an effect in healthy sizes."""
+    """Return the size of an effect in healthy sizes."""
     return float(getattr(effect, size_field(effect))) / healthy_size(effect)
 
 
 WARMING_S = (60.0, 300.0, 1200.0)
-"""Time constants that are tried, s. Chosen: factors of about five apart, since a fit then adjusts them."""
+"""Initial time constants in s. Chosen: factors of about five, refined by the fit."""
 SPECTRUM = (0.2, 0.5, 2.0)
-"""Time constants, in those of the effect, with which parts of a real arm may grow: motors and gears warm up faster than
-castings. Chosen."""
+"""Time constants of parts of a real arm, relative to the effect: motors and gears warm up faster than castings.
+Chosen.
+"""
 SPECTRUM_SHARE = 0.25
-"""Standard deviation of the share of each part. Chosen: of an arm a quarter of which warms up five times as fast, 5 %
-made a growth of 149 ppm one of 120 ± 8."""
+"""Standard deviation of each part's share. Chosen: for an arm with a quarter warming up five times as fast, 5 % turned
+a
+growth of 149 ppm into 120 ± 8.
+"""
 
 
 def warmed(t_s: Array, time_constant_s: float) -> Array:
-    """How much of a growth (n,), as a share, has come at times t_s (n,) after the run began."""
+    """Return the share (n,) of a growth reached at times t_s (n,) s after the start of the run."""
     share: Array = -np.expm1(-np.maximum(t_s, 0) / time_constant_s)
     return share
 
 
 def warming_parts(effect: Effect) -> tuple[tuple[tuple[float, Effect], ...], ...]:
-    """How a growth with a time constant may come faster or slower in part: combinations of effects with shares."""
+    """Return combinations of effects with shares for parts of a growth with faster or slower time constants."""
     tau_s = float(getattr(effect, "time_constant_s"))  # noqa: B009 - of those that grow alone
     others = [effect.model_copy(update={"time_constant_s": ratio * tau_s}) for ratio in SPECTRUM]
     return tuple(((SPECTRUM_SHARE, part), (-SPECTRUM_SHARE, effect)) for part in others)

@@ -1,6 +1,6 @@
-"""Where the robot's position comes from: a maker's interface, the axes that an OPC UA server shows by the Robotics
-companion specification (OPC 40010-1), or the joint angles that a ROS 2 system publishes. `interface` is the name of a
-file in `daq/feedback/`."""
+"""Sources of the robot's position: a maker's interface, an OPC UA server with the Robotics companion specification (OPC
+40010-1), or ROS 2 joint states. `interface` is the name of a file in `daq/feedback/`.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _NODE = re.compile(r"(ns=\d{1,5};)?(i=\d{1,10}|s=.+)")
 
 
 class OPCUARobotics(Part):
-    """OPC UA for Robotics: a server with a MotionDeviceSystem in its DeviceSet, from which is only read."""
+    """OPC UA for Robotics: a server with a MotionDeviceSystem in its DeviceSet, read only."""
 
     driver: ClassVar[str] = "daq.apps.opc_ua.robotics"
     listens: ClassVar[bool] = False
@@ -37,20 +37,22 @@ class OPCUARobotics(Part):
     interface: Literal["opc_ua_robotics"]
     port: Port
     path: str = Field(default="", pattern=r"^(/[^\s\x00-\x1f]{0,200})?$")
-    """The path of the server's endpoint, as `/UA/Robot` of `opc.tcp://robot:4840/UA/Robot`."""
+    """Path of the server's endpoint, such as `/UA/Robot` in `opc.tcp://robot:4840/UA/Robot`."""
     device: str | None = Field(default=None, min_length=1, max_length=200)
-    """The browse name of the robot below MotionDevices, where the server has several."""
+    """Browse name of the robot below MotionDevices, if the server has several."""
     axes: tuple[AxisName, AxisName, AxisName, AxisName, AxisName, AxisName] | None = None
-    """Browse names of q1 … q6 below Axes; or node ids of the variables of their positions, as `ns=2;s=A1.Pos`. Without
-    them the robot must have six axes whose names end in numbers."""
+    """Browse names of q1 … q6 below Axes, or node ids of the position variables, such as `ns=2;s=A1.Pos`. By default
+    the robot
+    must have six axes with names ending in numbers.
+    """
     units: Literal["deg", "rad"] | None = None
-    """The unit of the angles, where the server does not state it (EngineeringUnits)."""
+    """Angle unit, if the server does not state it (EngineeringUnits)."""
     rate_hz: float = Field(default=100, ge=1, le=500)
-    """How often the server is asked to sample; it may do so less often."""
+    """Requested sampling rate; the server may reduce it."""
     condition: bool = True
-    """Whether the condition of the robot is read as well: task, stops, drives, speed, load, temperatures of motors."""
+    """Whether to read the condition of the robot: task, stops, drives, speed, load, motor temperatures."""
     timeout_s: float = Field(default=2.0, ge=0.1, le=60)
-    """Without a message for so long it counts as silent."""
+    """Time without a message after which the server counts as silent."""
 
     @field_validator("port")
     @classmethod
@@ -70,7 +72,7 @@ class OPCUARobotics(Part):
 
 
 def are_nodes(axes: Sequence[str]) -> bool:
-    """Return whether all of these are node ids (`ns=2;s=A1.Pos`) and not browse names."""
+    """Return whether all names are node ids (`ns=2;s=A1.Pos`) instead of browse names."""
     return all(_NODE.fullmatch(axis) for axis in axes)
 
 
@@ -78,7 +80,7 @@ JointName = Annotated[str, Field(pattern=r"^[\w./-]{1,100}$")]
 
 
 class ROS2JointStates(Part):
-    """ROS 2: a topic of `sensor_msgs/msg/JointState`, by a rosbridge server, to which only a subscription is sent."""
+    """ROS 2: a topic of `sensor_msgs/msg/JointState` from a rosbridge server, subscribed only."""
 
     listens: ClassVar[bool] = False
     origin: ClassVar[Origin] = Origin(
@@ -95,9 +97,9 @@ class ROS2JointStates(Part):
     port: Port
     topic: str = Field(default="/joint_states", pattern=r"^/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*$")
     joints: tuple[JointName, JointName, JointName, JointName, JointName, JointName]
-    """The names of q1 … q6 in the messages, in whose order they need not be; other joints are left out."""
+    """Joint names of q1 … q6 in the messages, in any order; other joints are ignored."""
     timeout_s: float = Field(default=2.0, ge=0.01, le=60)
-    """Without a message for so long it counts as silent."""
+    """Time without a message after which the topic counts as silent."""
 
     @field_validator("port")
     @classmethod
@@ -117,16 +119,16 @@ class ROS2JointStates(Part):
 JOINT_FIELDS = {f"q{axis}_{unit}" for axis in range(1, 7) for unit in ("deg", "rad")}
 CLOCK_FIELDS = {"t_s", "t_ms", "t_us"}
 SIGNAL = "signal"
-"""The column in which a robot's samples carry the number of its program; the field of a line that does."""
+"""Column with the program number in the robot's samples, and the field name in a line."""
 _TAG = re.compile(r"[A-Za-z_][A-Za-z0-9_-]{0,63}(\.[A-Za-z_][A-Za-z0-9_-]{0,63})?")
-"""The tag of an element, or of an attribute as `Element.Attribute`, in an Ethernet configuration of KUKA."""
+"""Tag of an element, or of an attribute as `Element.Attribute`, in KUKA's Ethernet configuration."""
 
 
 class RTDESignal(Part):
-    """Where the program on the controller shows its number: in digital outputs, or in a register."""
+    """Location of the program number on the controller: digital outputs or a register."""
 
     outputs: tuple[Annotated[int, Field(ge=0, le=17)], ...] = ()
-    """Read as a binary number, the first is the least: 0-7 standard, 8-15 configurable, 16 and 17 of the tool."""
+    """Bits of a binary number, the lowest first: 0-7 standard, 8-15 configurable, 16 and 17 of the tool."""
     int_register: int | None = Field(default=None, ge=0, le=47)
 
     @model_validator(mode="after")
@@ -139,14 +141,14 @@ class RTDESignal(Part):
 
 
 class _Feedback(Part):
-    """Each has `listens` as well: whether `port` is an address of ours, and the controller the one who speaks first."""
+    """Base of all interfaces. `listens`: whether `port` is a local address, contacted by the controller."""
 
     timeout_s: float = Field(default=2.0, ge=0.01, le=60)
-    """Without a message for so long it counts as silent."""
+    """Time without a message after which the robot counts as silent."""
 
 
 class NoFeedback(_Feedback):
-    """No robot is read: the cell is measured by a tracker alone. No rig file names it."""
+    """No robot: the cell is measured by a tracker only. Never named in a rig file."""
 
     listens: ClassVar[bool] = False
 
@@ -172,14 +174,16 @@ class URRTDE(_Feedback):
     rate_hz: float = Field(default=500, ge=1, le=500)
     signal: RTDESignal | None = None
     condition: bool = True
-    """Whether the condition of the robot is asked for beside its joints: program, safety, speed, payload, temperatures.
-    What the controller's software does not know of it is left out."""
+    """Whether to request the condition of the robot: program, safety, speed, payload, temperatures. Fields unknown to
+    the
+    controller are omitted.
+    """
     currents: bool = False
-    """Whether the currents of the joints' motors are recorded as well, from which friction is measured."""
+    """Whether to record the joint motor currents, used to measure friction."""
 
 
 class LineFeed(_Feedback):
-    """What a user's program on the controller prints: one line a sample over TCP, UDP or a serial port."""
+    """Lines printed by a user program on the controller, one sample per line, over TCP, UDP or a serial port."""
 
     origin: ClassVar[Origin] = Origin(
         instruments="any controller whose program prints lines over TCP, UDP or a serial port: FANUC KAREL and others",
@@ -190,14 +194,16 @@ class LineFeed(_Feedback):
     interface: Literal["line_feed"]
     port: AnyPort
     listens: bool = False
-    """The program calls this computer: `port` is an address of ours, and one program at a time is read there."""
+    """Whether the program connects to this computer: `port` is then a local address for one program at a time."""
     fields: tuple[str, ...] = ("t_ms", *(f"q{axis}_deg" for axis in range(1, 7)))
-    """Names in the order of the line: q1_deg … q6_deg (or _rad), at most one of t_s, t_ms, t_us, at most one
-    `signal`, the columns of the robot's condition (program_state, speed_percent …) that it prints; `_` is skipped."""
+    """Field names in order of the line: q1_deg … q6_deg (or _rad), at most one of t_s, t_ms, t_us, at most one
+    `signal`, and
+    printed condition columns (program_state, speed_percent …); `_` is skipped.
+    """
     separator: str = Field(default=",", min_length=1)
-    """A blank stands for any run of blanks and tabs."""
+    """A blank represents any sequence of blanks and tabs."""
     line: Line = Line(baud=9600, bits=8, parity="N", stop=1)
-    """Settings of a serial port. 100 lines of 60 characters in a second need 115200 baud."""
+    """Settings of a serial port. 100 lines of 60 characters per second need 115200 baud."""
 
     @field_validator("fields")
     @classmethod
@@ -240,16 +246,18 @@ class KUKARSI(_Feedback):
     interface: Literal["kuka_rsi"]
     port: UDPPort
     cycle_ms: Literal[4, 12] = 4
-    """Cycle of the controller: 4 for IPO_FAST, 12 for IPO. A longer step of IPOC means that datagrams are missing."""
+    """Cycle of the controller: 4 for IPO_FAST, 12 for IPO. A longer IPOC step means missing datagrams."""
     onlysend: bool = False
-    """ONLYSEND of the controller's Ethernet configuration: it does not expect answers, and does not get any."""
+    """ONLYSEND of the controller's Ethernet configuration: no answers are expected or sent."""
     timeout_s: float = Field(default=1.0, ge=0.01, le=60)
-    """A program that is restarted sends from another port, and is read once the old one has been silent for so long."""
+    """Silence of a controller after which a restarted program with a new port is accepted."""
     sentype: str = Field(default="ImFree", pattern=r"^[A-Za-z0-9_.-]{1,64}$")
-    """SENTYPE of that configuration; the controller ignores answers of another name."""
+    """SENTYPE of the Ethernet configuration; the controller ignores answers with other names."""
     condition: dict[str, str] = Field(default_factory=dict)
-    """TAG in SEND of that configuration of each part of the robot's condition that it sends, as `speed_percent:
-    Override` or `motors_on: Drives.On`."""
+    """TAG in SEND of the Ethernet configuration for each transmitted part of the condition, such as `speed_percent:
+    Override` or
+    `motors_on: Drives.On`.
+    """
 
     @field_validator("condition")
     @classmethod
@@ -276,11 +284,11 @@ class ABBEGM(_Feedback):
     interface: Literal["abb_egm"]
     port: UDPPort
     timeout_s: float = Field(default=1.0, ge=0.01, le=60)
-    """The timeout after which another sender is accepted, as for KUKA."""
+    """Silence after which a new sender is accepted, as for KUKA."""
 
 
 class FANUCStreamMotion(_Feedback):
-    """FANUC Stream Motion, its status only: `port` is the controller, which sends once it was asked to."""
+    """FANUC Stream Motion, status only: `port` is the controller, which sends on request."""
 
     listens: ClassVar[bool] = False
     origin: ClassVar[Origin] = Origin(
@@ -297,13 +305,13 @@ class FANUCStreamMotion(_Feedback):
     interface: Literal["fanuc_stream_motion"]
     port: UDPPort
     version: int | None = Field(default=None, ge=1, le=4)
-    """The version of Stream Motion; where it is not stated the controller is asked first."""
+    """Stream Motion version; by default the controller is asked."""
     currents: bool = False
-    """Whether the currents of the joints' motors, which every status has, are recorded as well."""
+    """Whether to record the joint motor currents, part of every status."""
 
 
 class ModbusJoints(_Feedback, RegisterBlock):
-    """Joint angles in the registers of a controller, read over Modbus TCP."""
+    """Joint angles in controller registers, read over Modbus TCP."""
 
     listens: ClassVar[bool] = False
     origin: ClassVar[Origin] = Origin(
@@ -313,16 +321,16 @@ class ModbusJoints(_Feedback, RegisterBlock):
         doubts="no controller's own map: which registers, and whether the angles of one read are of one instant",
     )
     framing: ClassVar[Literal["rtu"]] = "rtu"
-    """The framing of a serial line, which TCP does not have."""
+    """Framing of a serial line, not used with TCP."""
     interface: Literal["modbus_joints"]
     port: Port
     function: Literal[3, 4] = 3
     rate_hz: float = Field(default=100.0, ge=SLOWEST_HZ)
     joints: tuple[ValueRegister, ValueRegister, ValueRegister, ValueRegister, ValueRegister, ValueRegister]
-    """The registers of q1 … q6, each `raw * scale + offset` in `units`."""
+    """Registers of q1 … q6, each `raw * scale + offset` in `units`."""
     units: Literal["deg", "rad"] = "deg"
     status: StatusRegister | None = None
-    """The state of controller or program; any value that is not listed is an error."""
+    """State of controller or program; unlisted values are errors."""
 
     @model_validator(mode="after")
     def _readable(self) -> ModbusJoints:
@@ -342,7 +350,7 @@ if not TYPE_CHECKING:
 
 
 def carries_signal(feedback: Feedback) -> bool:
-    """Whether the robot's samples have the column `signal`."""
+    """Return whether the robot's samples have the column `signal`."""
     match feedback:
         case URRTDE():
             return feedback.signal is not None
@@ -352,17 +360,17 @@ def carries_signal(feedback: Feedback) -> bool:
 
 
 def signal_of_outputs(feedback: Feedback) -> RTDESignal | None:
-    """Return the outputs, or the register, of which the interface reads a signal; None where it reads none there."""
+    """Return the outputs or register with the signal; None if the interface has none."""
     return feedback.signal if isinstance(feedback, URRTDE) else None
 
 
 def columns_beside_joints(feedback: Feedback) -> tuple[str, ...]:
-    """Return the columns that the robot's samples have after those of the joints, in order."""
+    """Return the columns after the joints in the robot's samples, in order."""
     return (*((SIGNAL,) if carries_signal(feedback) else ()), *condition_columns(feedback))
 
 
 def condition_columns(feedback: Feedback) -> tuple[str, ...]:
-    """Return what the robot's samples have of its condition, in order (`rigs.schema.condition`)."""
+    """Return the condition columns in the robot's samples, in order (`rigs.schema.condition`)."""
     columns: tuple[str, ...] = ()
     match feedback:
         case URRTDE():

@@ -1,10 +1,12 @@
-"""The gauges of a rig: which instrument, on which port, where on the baseline.
+"""Gauges of a rig: instrument, port, and position on the baseline.
 
-`interface` is the name of the file in `daq/gauges/` that speaks to it.
-Gauges that name the same port share one instrument, and differ in `channel`; or a line, where each is asked by itself.
+`interface` is the name of a file in `daq/gauges/`. Gauges with the same port share an instrument, with different
+`channel`,
+or a line, where each is polled separately.
 
-One class an interface says what is set of it, and why it is believed to speak so. A line without a default could not be
-confirmed: the rig file must give it.
+Each interface has a class with its settings and their sources. Unconfirmed line settings have no default and must be
+given
+in the rig file.
 """
 
 from __future__ import annotations
@@ -24,7 +26,7 @@ from rigs.schema.vocabulary import FURTHER
 
 
 class SylvacOptoRS(Probe):
-    """Sylvac simplex or duplex cable, and what speaks like it."""
+    """Sylvac simplex or duplex cable, and compatible ones."""
 
     origin: ClassVar[Origin] = Origin(
         instruments="Sylvac simplex and duplex cables (Opto-RS)",
@@ -43,11 +45,11 @@ class SylvacOptoRS(Probe):
     line: Line = Line(baud=4800, bits=7, parity="E", stop=2)
     mode: Literal["polled", "continuous"] = "polled"
     cable: Literal["duplex", "simplex"] = "duplex"
-    """A simplex cable ignores commands, and is asked by DTR off for 120 ms; some four readings a second."""
+    """A simplex cable ignores commands, and is polled by DTR off for 120 ms; about four readings a second."""
 
     @property
     def modem(self) -> ModemLines:
-        """The lines that supply the cable."""
+        """Modem lines that power the cable."""
         return self.cables[self.cable]
 
     @model_validator(mode="after")
@@ -76,7 +78,7 @@ class TesaTT(Probe):
 
 
 class MahrC1202(Probe):
-    """Mahr Millimar C1202: up to three features, `channel` says which; two gauges may share it."""
+    """Mahr Millimar C1202: up to three features, selected by `channel`; two gauges may share it."""
 
     origin: ClassVar[Origin] = Origin(
         instruments="Mahr Millimar C1202",
@@ -105,7 +107,7 @@ class MahrC1208(Probe):
     interface: Literal["mahr_c1208"]
     line: Line
     protocol: Literal["optorsd", "m1240"] = "optorsd"
-    """OPTORSD asks with `?` (OPTORSS too), M1240 with `M`."""
+    """OPTORSD uses `?` (OPTORSS too), M1240 uses `M`."""
 
 
 class HeidenhainND281B(Probe):
@@ -143,7 +145,7 @@ class HeidenhainND287(Probe):
 
 
 class KeyenceDLRS1A(Probe):
-    """Keyence GT2 heads behind a DL-RS1A: every head in one answer."""
+    """Keyence GT2 heads connected to a DL-RS1A: all heads in one answer."""
 
     origin: ClassVar[Origin] = Origin(
         instruments="Keyence DL-RS1A with GT2 heads",
@@ -166,7 +168,7 @@ class KeyenceDLRS1A(Probe):
 
 
 class MagnescaleLT(Probe):
-    """Magnescale LT20A or LT30: channel 1 is its A, 2 its B; two gauges may share it."""
+    """Magnescale LT20A or LT30: channel 1 is A, channel 2 is B; two gauges may share it."""
 
     origin: ClassVar[Origin] = Origin(
         instruments="Magnescale LT20A, LT30",
@@ -197,13 +199,13 @@ class MagnescaleMG80(Probe):
     line: Line
     units: Literal["mm", "inch"] = "mm"
     address: str = Field(pattern=r"^[0-9A-Za-z]{2}$")
-    """Module and counter, as a reply begins with them."""
+    """Module and counter at the start of a reply."""
     request: str = Field(pattern=r"^[ -~]{1,40}$")
-    """What asks for that counter's value, without CR LF."""
+    """Request for the counter's value, without CR LF."""
 
 
 class MitutoyoUSB(Probe):
-    """Mitutoyo gauges that show as a virtual COM port, USB id 0fe7:4001."""
+    """Mitutoyo gauges with a virtual COM port, USB id 0fe7:4001."""
 
     origin: ClassVar[Origin] = Origin(
         instruments="Mitutoyo USB virtual COM port (0fe7:4001)",
@@ -250,7 +252,7 @@ class CDIIQ(Probe):
 
 
 class MicroEpsilonILD1420(Probe):
-    """Micro-Epsilon optoNCDT 1420 on RS-422: it streams, and all its readings are mm."""
+    """Micro-Epsilon optoNCDT 1420 on RS-422: streaming, with all readings in mm."""
 
     origin: ClassVar[Origin] = Origin(
         instruments="Micro-Epsilon optoNCDT 1420 (ILD1420)",
@@ -267,14 +269,14 @@ class MicroEpsilonILD1420(Probe):
     line: Line = Line(baud=921600, bits=8, parity="N", stop=1)
     units: Literal["mm"] = "mm"
     range_mm: float = Field(gt=0, le=1000)  # type: ignore[assignment]  # its length says it all: it begins at 0
-    """Its measuring range: 10, 25, 50, 100, 200 or 500."""
+    """Measuring range: 10, 25, 50, 100, 200 or 500."""
     zero_mm: float = Field(default=0.0, ge=0, le=1000)
-    """The distance that reads as zero, from the start of the measuring range."""
+    """Distance from the start of the measuring range that reads as zero."""
     timing: Timing = Timing(latch="streamed")
 
     @property
     def limits_mm(self) -> None:
-        """None: a number that it sends is either within its range or an error."""
+        """Always None: a transmitted number is either within the range or an error."""
 
     @model_validator(mode="after")
     def _timed_as_it_sends(self) -> MicroEpsilonILD1420:
@@ -305,8 +307,9 @@ if not TYPE_CHECKING:
 
 
 class Gauges(Part):
-    """Gauge 1, and gauge 2 where the test measures an angle: the two that tests take. Any further ones are recorded,
-    exported and shown beside them."""
+    """Gauge 1, and gauge 2 for angle tests: the two gauges used by tests. Additional ones are recorded, exported and
+    shown.
+    """
 
     g1: Gauge
     g2: Gauge | None = None
@@ -351,7 +354,7 @@ class Gauges(Part):
         return self
 
     def __iter__(self) -> Iterator[tuple[str, Gauge]]:  # type: ignore[override]
-        """Name and gauge of the one or two that tests measure with, in order."""
+        """Iterate over name and gauge of the one or two gauges used by tests, in order."""
         for name in ("g1", "g2"):
             if (gauge := getattr(self, name)) is not None:
                 yield name, gauge
@@ -364,9 +367,9 @@ class Gauges(Part):
 
     @property
     def baseline_mm(self) -> float:
-        """Distance between the gauges, offset of g1 less that of g2: positive where there are two, 0 of none."""
+        """Distance between the gauges, offset of g1 less that of g2: positive for two gauges, 0 for none."""
         return sum(sign * gauge.offset_mm for sign, (_, gauge) in zip((1, -1), self, strict=False))
 
 
 NO_GAUGES = Gauges.model_construct(g1=None)  # type: ignore[arg-type]  # which no rig file can write
-"""The gauges of a cell that a tracker measures alone: none."""
+"""Gauges of a cell measured by a tracker only: none."""

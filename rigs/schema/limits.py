@@ -1,8 +1,8 @@
-"""Tolerances of a cell, `limits` of a rig file, and the rule that decides whether a measured figure is within one.
+"""Tolerances of a cell, `limits` of a rig file, and the decision rule for measured figures.
 
-A limit bounds the size of a figure from above. The rule is that of ISO 14253-1: the uncertainty of a measurement counts
-against the party that claims something. A figure conforms where value and uncertainty together lie below the limit,
-and fails where the value lies above the limit by more than the uncertainty.
+A limit is an upper bound of a figure's size. The rule is that of ISO 14253-1: the uncertainty counts against the party
+making a claim. A figure conforms if value plus uncertainty is below the limit, and fails if the value exceeds the limit
+by more than the uncertainty.
 """
 
 from __future__ import annotations
@@ -16,19 +16,20 @@ from rigs.schema.part import Part
 
 Standing = Literal["pass", "watch", "fail"]
 COVERAGE = 2.0
-"""Expanded uncertainty U = 2 u, about 95 % (JCGM 100, 6.2), by which ISO 14253-1 moves a limit."""
+"""Expanded uncertainty U = 2 u, about 95 % (JCGM 100, 6.2), used by ISO 14253-1 to shift a limit."""
 TOLERANCE_BY_RP = 5.0
-"""Tolerance that rig offers for an arm, over its pose repeatability RP (ISO 9283). RP sees neither play nor gears,
-which a circle does. An ABB IRB 1600 that came back within 37 um drove small circles at 700 mm/s with radial errors of
-up to 250 um, and stood up to 650 um from where it should (Slamani, Nubiola and Bonev, Industrial Robot 39, 2012)."""
+"""Suggested tolerance of an arm relative to its pose repeatability RP (ISO 9283). RP includes neither backlash nor gear
+errors, which a circle shows. An ABB IRB 1600 with a repeatability of 37 µm drove small circles at 700 mm/s with radial
+errors of up to 250 µm, and positions were up to 650 µm off (Slamani, Nubiola and Bonev, Industrial Robot 39, 2012).
+"""
 USUAL_RP_MM = 0.05
-"""RP assumed of an arm whose data sheet is not known; those of the arm library have 0.02 to 0.05 mm."""
+"""Assumed RP for an unknown data sheet; arms of the library have 0.02 to 0.05 mm."""
 WATCH_SHARE = 0.5
-"""Share of a tolerance above which a figure is to be watched: what is left lets it double before it fails."""
+"""Share of a tolerance above which a figure is to be watched: it can still double before it fails."""
 
 
 class Limit(Part):
-    """Bounds of a figure's size, in its unit: above `watch` someone should look, above `fail` someone must act."""
+    """Bounds of a figure's size, in its unit: attention above `watch`, action above `fail`."""
 
     watch: float | None = Field(default=None, gt=0, le=1e4)
     fail: float | None = Field(default=None, gt=0, le=1e4)
@@ -42,10 +43,11 @@ class Limit(Part):
         return self
 
     def standing(self, value: float, u: float) -> Standing:
-        """Return where a figure with standard uncertainty u stands.
+        """Return the standing of a figure with standard uncertainty u.
 
-        It passes where |value| + 2 u is within the lower bound and fails where |value| - 2 u is beyond `fail`. In
-        between, or where u is not known, neither is proven, and it is to be watched.
+        It passes if |value| + 2 u is within the lower bound, and fails if |value| - 2 u is beyond `fail`. In between,
+        or with an
+        unknown u, neither is proven, and it is to be watched.
         """
         size = abs(value)
         expanded = COVERAGE * u if math.isfinite(u) else math.inf
@@ -55,13 +57,15 @@ class Limit(Part):
         return "pass" if lower is not None and size + expanded <= lower else "watch"
 
     def straddled(self, value: float, u: float) -> bool:
-        """Return whether the uncertainty reaches over a bound, so that another measurement may decide otherwise."""
+        """Return whether the uncertainty interval contains a bound, so that a new measurement may change the
+        decision.
+        """
         expanded = COVERAGE * u if math.isfinite(u) else math.inf
         return any(abs(abs(value) - bound) < expanded for bound in (self.watch, self.fail) if bound is not None)
 
 
 def _single(value: Any) -> Any:
-    """Return a mapping for a single number, which is the limit beyond which a figure fails."""
+    """Convert a single number, the failure limit, to a mapping."""
     return {"fail": value} if isinstance(value, int | float) and not isinstance(value, bool) else value
 
 
@@ -69,7 +73,7 @@ Bound = Annotated[Limit | None, BeforeValidator(_single)]
 
 
 class CircleLimits(Part):
-    """Limits of yaw or roll; the hysteresis is of acw against cw."""
+    """Limits of yaw or roll; the hysteresis compares acw with cw."""
 
     band_deg: Bound = None
     range_deg: Bound = None
@@ -115,7 +119,7 @@ class RepeatabilityLimits(Part):
 
 
 class PoseLimits(Part):
-    """Limits of the poses of a tracker."""
+    """Limits of tracker poses."""
 
     rms_mm: Bound = None
     mean_mm: Bound = None
@@ -132,7 +136,7 @@ class PoseLimits(Part):
 
 
 class TouchLimits(Part):
-    """Limits of a ball that is seated in sockets."""
+    """Limits of touches."""
 
     rms_mm: Bound = None
     max_mm: Bound = None
@@ -166,15 +170,15 @@ class Limits(Part):
     touch: TouchLimits = TouchLimits()
     path: PathLimits = PathLimits()
     data_sheet_rp_mm: float | None = Field(default=None, gt=0, le=10)
-    """Pose repeatability RP (ISO 9283) of the arm's data sheet, the limit of each `rp_mm` that has none of its own."""
+    """Pose repeatability RP (ISO 9283) from the data sheet of the arm, the default limit of each `rp_mm`."""
 
     def _part(self, test: str) -> Part:
-        """The limits of a test; none of a test that another package adds."""
+        """Return the limits of a test; empty for a test of another package."""
         declared: Part = getattr(self, test, Part())
         return declared
 
     def of(self, test: str, figure: str) -> Limit | None:
-        """Return the limit of a figure of a test, None where there is none."""
+        """Return the limit of a figure, or None."""
         declared = getattr(self._part(test), figure, None)
         if isinstance(declared, Limit):
             return declared
@@ -185,21 +189,22 @@ class Limits(Part):
         return self.data_sheet_rp_mm is not None or bool(self._part(test).model_dump(exclude_none=True))
 
     def from_data_sheet(self, test: str, figure: str) -> bool:
-        """Return whether the limit of a figure is the data sheet's."""
+        """Return whether the limit of a figure comes from the data sheet."""
         declared = getattr(self._part(test), figure, None)
         return figure == "rp_mm" and declared is None and self.data_sheet_rp_mm is not None
 
 
 def offered_tolerance_mm(rp_mm: float | None) -> float:
-    """Return the tolerance to begin with, for an arm with this RP, None where it is not known."""
+    """Return the initial tolerance for an arm with this RP, None if unknown."""
     return float(f"{TOLERANCE_BY_RP * (rp_mm or USUAL_RP_MM):.3g}")
 
 
 def limits_of_tolerance(tolerance_mm: float, radius_mm: float, rp_mm: float | None) -> Limits:
-    """Return the limits that allow an error of `tolerance_mm` at the ball.
+    """Return the limits corresponding to an error of `tolerance_mm` at the ball.
 
-    On a circle of this radius such an error turns the link by tolerance / radius. The poses of a tracker get no limit:
-    they lie in the whole space, where an arm errs by more than near one place.
+    On a circle of this radius such an error turns the link by tolerance / radius. Tracker poses have no limit: they
+    cover the
+    whole work area, where the error of an arm is larger than near one place.
     """
     mm, deg = shared_limit(tolerance_mm), shared_limit(math.degrees(tolerance_mm / radius_mm))
     circle = CircleLimits(band_deg=deg, circular_deviation_mm=mm, hysteresis_max_mm=mm)
@@ -213,5 +218,5 @@ def limits_of_tolerance(tolerance_mm: float, radius_mm: float, rp_mm: float | No
 
 
 def shared_limit(fail: float) -> Limit:
-    """A limit and the share of it that is to be watched, in three digits."""
+    """Return a limit with the share to be watched, rounded to three digits."""
     return Limit(watch=float(f"{WATCH_SHARE * fail:.3g}"), fail=float(f"{fail:.3g}"))

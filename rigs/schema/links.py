@@ -1,4 +1,4 @@
-"""Where an instrument is plugged in: a serial device, a TCP or a UDP address, and the pace of its line."""
+"""Connections of instruments: serial devices, TCP and UDP addresses, and line settings."""
 
 from __future__ import annotations
 
@@ -41,14 +41,14 @@ class Line(Part):
 
     @property
     def character_ns(self) -> int:
-        """Time one character takes on the wire: start, data, parity and stop bits."""
+        """Duration of a character on the wire: start, data, parity and stop bits."""
         bits = 1 + self.bits + (self.parity != "N") + self.stop
         return round(bits * 1e9 / self.baud)
 
 
 @dataclass(frozen=True)
 class ModemLines:
-    """The modem lines of a serial port, of which some cables take their power."""
+    """Modem lines of a serial port, which power some cables."""
 
     dtr: bool
     rts: bool
@@ -58,12 +58,12 @@ class ModemLines:
 
 
 def tcp_address(port: str) -> tuple[str, int] | None:
-    """Host and port number of `tcp://host:number`; None for anything else."""
+    """Return host and port number of `tcp://host:number`; None for other text."""
     return _address("tcp", port)
 
 
 def udp_address(port: str) -> tuple[str, int] | None:
-    """Host and port number of `udp://host:number`; None for anything else."""
+    """Return host and port number of `udp://host:number`; None for other text."""
     return _address("udp", port)
 
 

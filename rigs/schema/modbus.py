@@ -1,4 +1,4 @@
-"""Gauges that speak Modbus: a register map of any instrument, and instruments whose map is known."""
+"""Modbus gauges: general register maps, and instruments with a known map."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ from rigs.schema.part import Origin, Part
 from rigs.schema.probe import Probe
 
 SLOWEST_HZ = 0.5
-"""A recording cannot start with a reading older than 3 s, and a connection of 10 s without one is lost."""
+"""Slowest rate: a recording cannot start with a reading older than 3 s, and a connection without data for 10 s is
+lost.
+"""
 Number = Literal[
     "int16", "uint16", "float16", "int32", "uint32", "float32", "int64", "uint64", "float64"
 ]  # fmt: skip
@@ -20,19 +22,19 @@ Framing = Literal["rtu", "ascii"]
 
 
 class Register(Part):
-    """One value in a Modbus register map."""
+    """Value in a Modbus register map."""
 
     address: int = Field(ge=0, le=65535)
     type: Number
 
     @property
     def count(self) -> int:
-        """Registers it takes."""
+        """Number of registers."""
         return int(self.type[-2:]) // 16
 
 
 class ValueRegister(Register):
-    """The reading itself: `raw * scale + offset`, in the gauge's units."""
+    """The reading: `raw * scale + offset`, in the gauge's units."""
 
     scale: float = Field(default=1.0, ge=-1e6, le=1e6)
     offset: float = Field(default=0.0, ge=-1e6, le=1e6)
@@ -46,30 +48,30 @@ class ValueRegister(Register):
 
 
 class StatusRegister(Register):
-    """The instrument's own verdict on its reading; any value not listed is an error."""
+    """Status of a reading; unlisted values are errors."""
 
     type: Number = "uint16"
     good: tuple[int, ...] = (0,)
     doubtful: tuple[Annotated[int, Field(ge=-(2**31), lt=2**32)], ...] = ()
-    """Codes that a run keeps beside the reading: in 32 bits, signed or not."""
+    """Codes stored with the reading: 32 bits, signed or unsigned."""
 
 
 class RegisterBlock(Part):
-    """Modbus registers that are read in one request."""
+    """Modbus registers read in one request."""
 
     unit: int = Field(default=1, ge=0, le=247)
     function: Literal[3, 4] = 4
     address: int = Field(ge=0, le=65535)
     count: int = Field(ge=1, le=125)
     word_order: Order = "big"
-    """Which register of a value comes first: of 32 or 64 bits the one with the highest (big) or the lowest."""
+    """Order of the registers of a 32 or 64 bit value: the highest (big) or the lowest first."""
     byte_order: Order = "big"
-    """Which byte of a register comes first; Modbus says the higher (big), and some instruments swap them."""
+    """Order of the bytes of a register; the standard is the higher (big) first, but some instruments swap them."""
     rate_hz: float = Field(default=500.0, ge=SLOWEST_HZ)
-    """Most requests in a second; a serial line is slower by itself, TCP is not."""
+    """Maximum requests per second; a serial line limits the rate itself, TCP does not."""
 
     def check_inside(self, **registers: Register | None) -> None:
-        """Raises ValueError for the first of these that the block does not hold."""
+        """Raise ValueError for the first register outside the block."""
         for name, register in registers.items():
             if register is None:
                 continue
@@ -99,7 +101,7 @@ class ModbusMap(Probe, RegisterBlock):
     interface: Literal["modbus_map"]
     line: Line = Line(baud=19200, bits=8, parity="E", stop=1)
     framing: Framing = "rtu"
-    """The framing of a serial line; TCP has its own."""
+    """Framing of a serial line; not used with TCP."""
     value: ValueRegister
     status: StatusRegister | None = None
     clock_s: Register | None = None
@@ -112,12 +114,12 @@ class ModbusMap(Probe, RegisterBlock):
 
     @property
     def place(self) -> str:
-        """Which of the gauges on one line it is."""
+        """Identification of the gauge on a shared line."""
         return f"unit {self.unit}, {'holding' if self.function == 3 else 'input'} register {self.value.address}"
 
 
 class SolartronOrbit(Probe):
-    """Solartron Orbit ACS, SI100, SI200 or SI400: two parameters, its reading and that reading's status."""
+    """Solartron Orbit ACS, SI100, SI200 or SI400: two parameters, the reading and its status."""
 
     origin: ClassVar[Origin] = Origin(
         instruments="Solartron Orbit ACS: SI100, SI200, SI400",
@@ -140,7 +142,7 @@ class SolartronOrbit(Probe):
     parameter: int = Field(ge=0, le=7999)
     """Address of the reading in the maker's parameter map (503116, 503166)."""
     status_parameter: int = Field(ge=0, le=7999)
-    """Address of that reading's status."""
+    """Address of the status."""
 
     @model_validator(mode="after")
     def _of_its_own(self) -> SolartronOrbit:
@@ -152,5 +154,5 @@ class SolartronOrbit(Probe):
 
     @property
     def place(self) -> str:
-        """Which of the probes on one line it is."""
+        """Identification of the probe on a shared line."""
         return f"unit {self.unit}, parameter {self.parameter}"

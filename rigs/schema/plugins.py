@@ -1,12 +1,11 @@
-"""Gauges, robot interfaces, effects and makers of other packages, which offer them as entry points: no fork is needed.
+"""Gauges, robot interfaces, effects and makers of other packages, offered as entry points without a fork.
 
-A package says in its pyproject.toml which of its classes joins which group, under the name that a rig file has:
+The pyproject.toml of a package lists its classes by group, under the name for a rig file:
 
-    [project.entry-points."rig.gauges"]
-    example_dial = "cell_dial.schema:ExampleDial"
+[project.entry-points."rig.gauges"]
+example_dial = "cell_dial.schema:ExampleDial"
 
-One that cannot be used is left out, and where a rig file names it the reason is reported:
-rig goes on for every other cell.
+An unusable class is left out, and the reason is reported if a rig file names it; rig continues for every other cell.
 """
 
 from __future__ import annotations
@@ -19,26 +18,27 @@ from typing import Annotated, Any, Literal, TypeVar, get_args
 from pydantic import BaseModel, Field
 
 MAKERS = "rig.makers"
-"""The group of makers: what a package offers there is no class but a package, whose modules answer what is asked."""
+"""Group of makers: here a package offers a package instead of a class, with one module per question."""
 Group = Literal["rig.gauges", "rig.robots", "rig.effects"]
 _KEY: dict[Group, str] = {"rig.gauges": "interface", "rig.robots": "interface", "rig.effects": "effect"}
-"""The key of a rig file that holds the name of a class of each group."""
+"""Key of a rig file with the class name, by group."""
 BROKEN: dict[str, str] = {}
-"""Why an offered name cannot be used, by the name."""
+"""Reasons for unusable classes, by name."""
 C = TypeVar("C", bound=BaseModel)
 
 
 @cache
 def _offers() -> tuple[EntryPoint, ...]:
-    """What all packages offer. An environment of a hundred packages is looked through in some hundredths of a second,
-    once."""
+    """Return the entry points of all packages. Scanning an environment of a hundred packages takes some hundredths of a
+    second,
+    once.
+    """
     of_packages = entry_points()
     return tuple(offer for group in (*_KEY, MAKERS) for offer in of_packages.select(group=group))
 
 
 def offered(group: Group, base: type[C], taken: frozenset[str]) -> dict[str, type[C]]:
-    """Return the classes that other packages offer to a group, by name. base: what each is a kind of; taken: the names
-    that are rig's own."""
+    """Return the classes offered for a group, by name. base: required base class. taken: names used by rig itself."""
     classes: dict[str, type[C]] = {}
     key = _KEY[group]
     for offer in sorted((offer for offer in _offers() if offer.group == group), key=lambda offer: offer.name):
@@ -60,12 +60,12 @@ def offered(group: Group, base: type[C], taken: frozenset[str]) -> dict[str, typ
 
 
 def packages_of_makers() -> dict[str, str]:
-    """Return the packages that others offer for makers, by the maker's name."""
+    """Return the packages offered for makers, by the maker's name."""
     return {offer.name: offer.value for offer in sorted(_offers()) if offer.group == MAKERS}
 
 
 def extended(union: Any, group: Group, base: type[BaseModel]) -> Any:
-    """Return a discriminated union with the classes that other packages offer to a group."""
+    """Return a discriminated union extended by the classes offered for a group."""
     classes = get_args(get_args(union)[0])
     names = frozenset(name for cls in classes for name in get_args(cls.model_fields[_KEY[group]].annotation))
     of_others = offered(group, base, names)
@@ -75,6 +75,7 @@ def extended(union: Any, group: Group, base: type[BaseModel]) -> Any:
 
 
 def driver_of(part: BaseModel, folder: str) -> str:
-    """Return the module that speaks to a gauge or robot of a rig file: what its class names as `driver`, or the file of
-    rig's own folder."""
+    """Return the driver module for a gauge or robot of a rig file: `driver` of its class, or the file in rig's own
+    folder.
+    """
     return str(getattr(type(part), "driver", "") or f"{folder}.{part.interface}")  # type: ignore[attr-defined]

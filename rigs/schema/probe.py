@@ -1,6 +1,6 @@
-"""What every gauge of a rig file has, whatever it speaks: how its reading relates in time to its request and its
-answer, and what calibration certificates say, of a gauge, of the ball's form and of the link's length; and how warm the
-cell is."""
+"""Common part of all gauges: the timing of readings, calibration certificates of gauge, ball and link, and the
+temperature.
+"""
 
 from __future__ import annotations
 
@@ -15,37 +15,37 @@ from rigs.schema.links import ModemLines, Port
 from rigs.schema.part import Length, Origin, Part
 
 Correction = Annotated[float, Field(ge=-1, le=1)]
-"""mm; what is off by more is another gauge's table, or one in µm."""
+"""mm; a larger value suggests the table of a different gauge, or a table in µm."""
 Celsius = Annotated[float, Field(ge=-50, le=100)]
 _TIME_ZONES = dt.timedelta(days=1)
-"""A certificate written today further east may bear tomorrow's date."""
+"""A certificate from a place further east may bear tomorrow's date."""
 _STEPS = 200
-"""Steps in which the range of a polynomial is checked."""
+"""Steps for checking the range of a polynomial."""
 
 
 class Temperature(Part):
-    """Temperature of gauges, link and ball while the cell is measured."""
+    """Temperature of gauges, link and ball during the measurement."""
 
     mean_c: Celsius
     u_c: float = Field(ge=0, le=50)
-    """Standard uncertainty of it, with its changes during a run."""
+    """Standard uncertainty of the temperature, including changes during a run."""
 
 
 class Certificate(Part):
-    """What every certificate has. The uncertainty is the expanded one, U = k u, as certificates state it."""
+    """Common part of certificates. The uncertainty is expanded, U = k u, as stated in certificates."""
 
     number: str = Field(min_length=1, max_length=100)
     date: dt.date
     valid_until: dt.date | None = None
     interval_months: int | None = Field(default=None, ge=1, le=240)
-    """After which the next calibration is due; instead of valid_until."""
+    """Interval until the next calibration, in place of valid_until."""
     u_mm: float = Field(ge=0, le=10)
     k: float = Field(gt=0, le=10)
     """Coverage factor of u_mm: u_mm / k is the standard uncertainty."""
     reference_c: Celsius = 20.0
-    """Temperature that the certificate holds for; 20 °C by ISO 1."""
+    """Reference temperature of the certificate; 20 °C by ISO 1."""
     coefficient_per_c: float = Field(default=0.0, ge=-1e-3, le=1e-3)
-    """Growth with temperature: 11.5e-6 for steel, 0 where it is not known and left alone."""
+    """Thermal expansion: 11.5e-6 for steel, 0 if unknown and not corrected."""
 
     @field_validator("date")
     @classmethod
@@ -64,7 +64,7 @@ class Certificate(Part):
 
     @property
     def due(self) -> dt.date | None:
-        """The last day that it holds for; None where it does not say."""
+        """Last day of validity; None if not stated."""
         if self.interval_months is None:
             return self.valid_until
         years, month = divmod(self.date.month - 1 + self.interval_months, 12)
@@ -73,14 +73,14 @@ class Certificate(Part):
 
 
 class GaugeCertificate(Certificate):
-    """Certificate of a gauge: what is to be added to its readings, as a table or a polynomial, or neither."""
+    """Certificate of a gauge: optional correction of the readings, as a table or a polynomial."""
 
     correction_mm: tuple[tuple[Length, Correction], ...] = Field(default=(), max_length=10_000)
-    """Pairs of a reading and its correction; straight lines between them."""
+    """Pairs of a reading and its correction, interpolated linearly."""
     polynomial_mm: tuple[Annotated[float, Field(ge=-1e6, le=1e6)], ...] = Field(default=(), max_length=20)
-    """c0, c1, c2, …: the correction is c0 + c1 r + c2 r² + … mm of the reading r mm."""
+    """c0, c1, c2, …: the correction is c0 + c1 r + c2 r² + … mm for the reading r mm."""
     range_mm: tuple[Length, Length] | None = None
-    """Readings that the polynomial holds for; a table has its own."""
+    """Valid readings of the polynomial; a table defines its own range."""
 
     @field_validator("correction_mm")
     @classmethod
@@ -115,52 +115,54 @@ class GaugeCertificate(Certificate):
 
     @property
     def valid_mm(self) -> tuple[float, float] | None:
-        """The readings that the correction is known for; None without a correction."""
+        """Range of readings with a known correction; None without a correction."""
         return (self.correction_mm[0][0], self.correction_mm[-1][0]) if self.correction_mm else self.range_mm
 
 
 class Ball(Certificate):
-    """Certificate of the base-ball: how round it is."""
+    """Certificate of the base-ball: roundness."""
 
     form_mm: float = Field(ge=0, le=1)
-    """Deviation from round, peak to valley, of the part that the link touches."""
+    """Form error, peak to valley, of the region touched by the link."""
 
 
 class Link(Certificate):
-    """Certificate of the link that is set for the hemisphere: its length from ball to ball where its gauge shows 0."""
+    """Certificate of the link for the hemisphere: distance between the balls at a gauge reading of 0."""
 
     length_mm: float = Field(ge=1, le=10_000)
 
 
 def _hold_rising(table: tuple[tuple[float, float], ...] | list[tuple[float, float]], remedy: str) -> None:
-    """Two readings corrected to one length, or in another order, are not a correction. Raises ValueError."""
+    """Check that a table is increasing: equal or reordered corrected lengths are invalid. Raises ValueError."""
     for (before, least), (reading, correction) in pairwise(table):
         if reading + correction <= before + least:
             raise ValueError(f"corrected readings fall between {before:g} and {reading:g} mm; {remedy}")
 
 
 Latch = Literal["on_request", "own_cycle", "streamed", "unknown"]
-"""on_request: the reading is taken between request and answer. own_cycle: the answer is the last reading of a cycle
-that runs by itself. streamed: the reading is taken as it is sent. unknown: no source says, so the data are searched."""
+"""on_request: the reading is taken between request and answer. own_cycle: the answer is the latest reading of an
+internal
+cycle. streamed: the reading is taken when sent. unknown: no source, so the delay is estimated from the data.
+"""
 
 _FILTER_U = 0.1
-"""Makers state the length of an averaging filter, and seldom its shape; a tenth of the delay is assumed."""
+"""Makers state the length of an averaging filter, but rarely its shape; a tenth of the delay is assumed."""
 
 
 class Timing(Part):
-    """When the reading in an answer was latched. An emulated gauge does what is stated here."""
+    """Latching time of the reading in an answer; emulated gauges follow it."""
 
     latch: Latch = "unknown"
     cycle_ms: float | None = Field(default=None, gt=0, le=10_000)
-    """Length of an own cycle, or the pace of a streamed gauge."""
+    """Length of an internal cycle, or the interval of a streaming gauge."""
     filter_ms: float = Field(default=0.0, ge=0, le=10_000)
-    """Group delay of the averaging filter: of a moving average over n cycles, (n - 1)/2 cycles."""
+    """Group delay of the averaging filter: for a moving average over n cycles, (n - 1)/2 cycles."""
     filter_u_ms: float | None = Field(default=None, ge=0, le=10_000)
-    """Standard uncertainty of it; a tenth where it is not stated."""
+    """Standard uncertainty of the group delay; a tenth by default."""
     answer_delay_ms: float = Field(default=0.0, ge=0, le=10_000)
-    """What passes at the least between the end of the request and the answer in which no reading is taken."""
+    """Minimum delay of the answer, during which no reading is taken."""
     latched_within_ms: float | None = Field(default=None, gt=0, le=10_000)
-    """The reading is taken no later than this after the end of the request."""
+    """Latest latching time after the end of the request."""
 
     @model_validator(mode="after")
     def _consistent(self) -> Timing:
@@ -171,7 +173,7 @@ class Timing(Part):
         return self
 
     def require_unasked(self) -> None:
-        """Check the timing of a gauge that sends unasked. Raises ValueError where it is timed by a request."""
+        """Check the timing of a gauge that sends unprompted. Raises ValueError for a timing relative to requests."""
         if self.latch == "on_request" or self.answer_delay_ms:
             raise ValueError(
                 "timing is that of an answer to a request, but this gauge sends unasked; state `latch: streamed` or "
@@ -204,63 +206,65 @@ def _rising(limits_mm: tuple[float, float]) -> tuple[float, float]:
 
 
 Range = Annotated[tuple[Length, Length], AfterValidator(_rising)]
-"""The lowest and the highest reading, mm."""
+"""Lowest and highest reading, mm."""
 
 
 class Probe(Part):
-    """One gauge: its port, its place on the baseline, and how far to trust it."""
+    """Gauge: port, position on the baseline, and accuracy."""
 
     origin: ClassVar[Origin]
     shares: ClassVar[bool] = False
-    """Whether several gauges on one port come in one answer, distinguished by `channel`."""
+    """Whether an answer contains several gauges of a port, distinguished by `channel`."""
     cables: ClassVar[dict[str, ModemLines]] = {}
-    """The modem lines of each kind of cable that takes its power from them."""
+    """Modem lines by kind of cable, for cables powered by them."""
     bus: ClassVar[bool] = False
-    """Whether several gauges may be on one port, each asked by itself."""
+    """Whether a port can have several gauges, polled separately."""
     request_bytes: ClassVar[int] = 1
-    """Characters of a request on a serial line, from which its wire time follows: at the least."""
+    """Minimum characters of a request on a serial line, for its transmission time."""
     timing_source: ClassVar[str] = "no public source says when a reading is latched"
-    """Where the default of `timing` is known from."""
+    """Source of the default `timing`."""
 
     port: Port
-    """Serial device, better by its name in `/dev/serial/by-id/`, or `tcp://host:number`."""
+    """Serial device, preferably by its name in `/dev/serial/by-id/`, or `tcp://host:number`."""
     channel: int = Field(default=1, ge=1, le=32)
-    """Its place in an answer that several gauges on one port share; 1 where an instrument carries one gauge."""
+    """Index in an answer shared by the gauges of a port; 1 for an instrument with a single gauge."""
     units: Units = "mm"
-    """What the instrument is set to; a reading that comes in another unit is a fault, never a value."""
+    """Unit set at the instrument; a reading in a different unit is a fault, never a value."""
     counts: Counts = "away"
-    """When its reading grows: as the tool moves away from the ball, or towards it, as most gauges do whose plunger is
-    pushed in by that. A run keeps the reading as it is shown."""
+    """Direction of increasing readings: as the tool moves away from the ball, or towards it, as with most plunger
+    gauges, which
+    are then pushed in. Runs store readings as displayed.
+    """
     offset_mm: Length
-    """Place on the baseline, along y_T (yaw) or x_T (roll): +25 for gauge 1, -25 for gauge 2."""
+    """Position on the baseline, along y_T (yaw) or x_T (roll): +25 for gauge 1, -25 for gauge 2."""
     accuracy_mm: float = Field(default=0.0005, gt=0, le=10)
-    """Standard uncertainty of one reading beside what all readings share, which the certificate has."""
+    """Standard uncertainty of a single reading; errors common to all readings belong to the certificate."""
     range_mm: Range | None = None
-    """The lowest and the highest reading that the gauge can give; a reading outside is a fault, and left out."""
+    """Lowest and highest possible reading; a reading outside is a fault and left out."""
     certificate: GaugeCertificate | None = None
     calibrated: dt.date | None = None
-    """When it was calibrated, in files older than `certificate`; nothing follows from it."""
+    """Calibration date, in files older than `certificate`; not used."""
     timeout_s: float = Field(default=0.5, ge=0.01, le=60)
-    """Without an answer for so long it counts as silent."""
+    """Time without an answer after which the gauge counts as silent."""
     timing: Timing = Timing()
-    """When a reading was latched; what the rig file states takes the place of all of the maker's default."""
+    """Latching time of readings; a value in the rig file replaces the maker's default completely."""
 
     @property
     def modem(self) -> ModemLines | None:
-        """The modem lines that its cable needs; None where it needs none, and both are on."""
+        """Modem lines required by the cable; None if it needs none, and both are on."""
         return None
 
     @property
     def sign(self) -> int:
-        """What a reading is multiplied by to grow with the distance from the ball."""
+        """Sign that makes readings increase with the distance from the ball."""
         return 1 if self.counts == "away" else -1
 
     @property
     def place(self) -> str:
-        """Which of the gauges on one port it is."""
+        """Identification of the gauge on a shared port."""
         return f"channel {self.channel}"
 
     @property
     def limits_mm(self) -> tuple[float, float] | None:
-        """The lowest and the highest reading, where they are to be checked."""
+        """Lowest and highest reading, if checked."""
         return self.range_mm

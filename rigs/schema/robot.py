@@ -1,4 +1,4 @@
-"""The arm as a rig file describes it: modified Denavit–Hartenberg after Craig, in mm and degrees."""
+"""Arm description in a rig file: modified Denavit–Hartenberg after Craig, in mm and degrees."""
 
 from __future__ import annotations
 
@@ -14,17 +14,18 @@ from rigs.schema.vocabulary import DRIVEN_AXES, FEWEST_AXES, MOST_AXES, Build
 
 
 class Pose(Part):
-    """A frame: position, then fixed-axis roll-pitch-yaw (rotations about x, y, z of the parent)."""
+    """Frame: position, then fixed-axis roll-pitch-yaw (rotations about x, y, z of the parent)."""
 
     xyz_mm: Vector = (0.0, 0.0, 0.0)
     rpy_deg: tuple[Angle, Angle, Angle] = (0.0, 0.0, 0.0)
 
 
 class JointAxis(Part):
-    """One joint: `T(i-1,i) = RotX(alpha) TransX(a) RotY(beta) RotZ(theta) TransZ(d)`.
+    """Joint: `T(i-1,i) = RotX(alpha) TransX(a) RotY(beta) RotZ(theta) TransZ(d)`.
 
-    alpha, a and beta are those of the link before the joint (Craig's alpha[i-1], a[i-1]);
-    beta is Hayati's angle, for a joint parallel to the one before.
+    alpha, a and beta belong to the link before the joint (Craig's alpha[i-1], a[i-1]); beta is Hayati's angle, for a
+    joint
+    parallel to the previous one.
     """
 
     name: str
@@ -36,9 +37,9 @@ class JointAxis(Part):
     limits_deg: tuple[Angle, Angle]
     speed_deg_s: float = Field(gt=0, le=1e4)
     mass_kg: float = Field(default=0.0, ge=0, le=1e4)
-    """Mass of the link that this joint moves; effects of gravity use it."""
+    """Mass of the link moved by this joint, for gravity effects."""
     centre_mm: Vector = (0.0, 0.0, 0.0)
-    """Centre of that mass in the link's frame."""
+    """Centre of mass in the link's frame."""
 
     @model_validator(mode="after")
     def _ordered(self) -> JointAxis:
@@ -48,10 +49,10 @@ class JointAxis(Part):
 
 
 class Rail(Part):
-    """A rail that carries the arm: where it stands at e1_mm, the base is so far along the rail from where `base` is."""
+    """Rail of the arm: at position e1_mm, the base is displaced from `base` by this distance along the rail."""
 
     direction: Vector = (1.0, 0.0, 0.0)
-    """The way in which it carries the arm, in the frame of the base; only its direction counts."""
+    """Direction of motion in the base frame; its length is ignored."""
     limits_mm: tuple[Length, Length]
 
     @model_validator(mode="after")
@@ -69,12 +70,12 @@ Posture = tuple[Angle, Angle, Angle, Angle, Angle, Angle]
 
 
 def identity(count: int) -> tuple[Row, ...]:
-    """Return the coupling of so many axes of which each turns with its own joint."""
+    """Return the coupling of axes that turn with their own joints."""
     return tuple(tuple(float(row == column) for column in range(count)) for row in range(count))
 
 
 _NUMBERED = re.compile(r"(a|j|axis|joint)?[ _.-]?a?\d")
-"""Names that hold a number alone: `J4`, `joint_4`, `joint_a4`, `4`."""
+"""Names that contain only a number: `J4`, `joint_4`, `joint_a4`, `4`."""
 
 
 _SHORTEST_MM = 20.0
@@ -82,11 +83,11 @@ _SHORTEST_MM = 20.0
 
 
 class Robot(Part):
-    """Four to seven revolute axes. `theta = coupling @ q + offset`, with q what the controller reports."""
+    """Arm with four to seven revolute axes. `theta = coupling @ q + offset`, with q reported by the controller."""
 
     name: str
     serial: Annotated[str, Field(max_length=200)] = ""
-    """The serial number on the arm's name plate, which stands at the head of a report."""
+    """Serial number on the name plate, shown at the top of reports."""
     axes: Annotated[tuple[JointAxis, ...], Field(min_length=FEWEST_AXES, max_length=MOST_AXES)]
     coupling: Annotated[tuple[Row, ...], Field(min_length=FEWEST_AXES, max_length=MOST_AXES)] = identity(DRIVEN_AXES)
     base: Pose = Pose()
@@ -95,8 +96,9 @@ class Robot(Part):
     payload_kg: float = Field(default=0.0, ge=0, le=1e4)
     """Tool and ball link, at the flange."""
     build: Build | None = Field(default=None, exclude_if=lambda value: value is None)
-    """How the arm is built; where it is not stated, an arm of seven axes has sensors of torque, and one of four or five
-    is light."""
+    """Design of the arm; by default, an arm of seven axes has torque sensors, and an arm of four or five axes is
+    light.
+    """
 
     @model_validator(mode="after")
     def _in_mm(self) -> Robot:
@@ -110,25 +112,26 @@ class Robot(Part):
 
     @property
     def built(self) -> Build:
-        """How the arm is built, as stated, or as most arms of so many axes are."""
+        """Design of the arm, as stated or as usual for its number of axes."""
         more = len(self.axes) - DRIVEN_AXES
         return self.build or ("torque_sensing" if more > 0 else "light" if more < 0 else "industrial")
 
     def axis_words(self, axis: int) -> str:
-        """What an axis, counted from 1, is called wherever a person reads of it: `axis 4 (gamma)`; `axis 4` alone where
-        its name says no more than the number, as `J4` does."""
+        """Return the displayed name of an axis, counted from 1: `axis 4 (gamma)`, or `axis 4` if its name only
+        repeats the number.
+        """
         name = self.own_name(axis)
         return f"axis {axis} ({name})" if name else f"axis {axis}"
 
     def own_name(self, axis: int) -> str:
-        """The name of an axis, counted from 1; empty where it says no more than the number."""
+        """Return the name of an axis, counted from 1; empty if it only repeats the number."""
         name = self.axes[axis - 1].name
         return "" if _NUMBERED.fullmatch(name.lower()) else name
 
     @model_validator(mode="before")
     @classmethod
     def _coupled(cls, written: Any) -> Any:
-        """Without a coupling each axis turns with its own joint, however many there are."""
+        """Default coupling: each axis turns with its own joint."""
         if isinstance(written, Mapping) and "coupling" not in written:
             axes = written.get("axes")
             if isinstance(axes, list | tuple) and FEWEST_AXES <= len(axes) <= MOST_AXES:

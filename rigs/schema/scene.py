@@ -1,17 +1,17 @@
-"""What an effect sees and may change: one time-ordered trace on its way from the reported angles to the readings.
+"""Interface between effects and simulation: one time-ordered trace from the reported angles to the readings.
 
-Effects replace parts of it, stage by stage; nothing is changed in place. The stages, in order:
+Effects replace parts of it in stages; nothing is changed in place. The stages, in order:
 
-    time    when the readings were really taken: `q` is what was reported then
-    arm     the arm's constants
-    joint   link-side angles `link_q`, which begin as `q`; every effect sees the reported ones, deviations add
-    tool    where the tool is, `T`, after the forward kinematics
-    setup   ball form and gauge places
-    gauge   the readings `g_mm`
+time    true times of the readings: `q` becomes the angles reported at these times
+arm     constants of the arm
+joint   link-side angles `link_q`, initially `q`; every effect sees the reported angles, deviations add up
+tool    tool poses `T`, after the forward kinematics
+setup   ball form and gauge positions
+gauge   the readings `g_mm`
 
-The simulator's own scene, `analysis/robot/model/scene.py`, does what stands here; a rig file is read without it.
+`analysis/robot/model/scene.py` implements this interface; rig files can be read without it.
 
-A play is what follows in a gap, as a link in its gear or a plunger that sticks; its operator stands here as well.
+The play operator, for a link with backlash or a sticking plunger, is also defined here.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ STAGES: tuple[Stage, ...] = ("time", "arm", "joint", "tool", "setup", "gauge")
 
 
 class Scene(Protocol):
-    """n samples in order of time, k gauges. What a stage has not reached yet is empty."""
+    """Scene with n samples in order of time and k gauges. Values of later stages are empty."""
 
     @property
     def t_s(self) -> Array:
@@ -40,11 +40,11 @@ class Scene(Protocol):
 
     @property
     def T(self) -> Array:  # noqa: N802 - a frame
-        """Poses (n, 4, 4) of the tool in the world, places in mm."""
+        """Poses (n, 4, 4) of the tool in the world, positions in mm."""
 
     @property
     def base_mm(self) -> Array:
-        """Where the base of the arm stands in the world (3,) mm."""
+        """Base position of the arm in the world (3,) mm."""
 
     @property
     def samples_per_visit(self) -> int:
@@ -52,69 +52,76 @@ class Scene(Protocol):
 
     @property
     def contact(self) -> Array:
-        """Angles (n,) rad around the ball at which the link touches it."""
+        """Contact angles (n,) rad of the link around the ball."""
 
     @property
     def offsets_mm(self) -> Array:
-        """Places (k,) mm of the gauges on the baseline."""
+        """Positions (k,) mm of the gauges on the baseline."""
 
     def reported_at(self, t_s: Array) -> Array:
-        """Reported angles (n, 6) rad at instants t_s (n,), the ends held."""
+        """Reported angles (n, 6) rad at times t_s (n,), constant beyond the ends."""
 
     def reversals(self, axis: int) -> Sequence[tuple[float, float]]:
-        """When a joint (1 … 6) turns back, s, and the direction (±1) it takes then."""
+        """Return the reversals of a joint (1 … 6): time in s, and new direction (±1)."""
 
     def torques(self, payload_kg: float = 0.0) -> Array:
-        """Torque of gravity on each joint (n, 6) Nm, with so much more at the flange."""
+        """Return the gravity torque on each joint (n, 6) Nm, with an additional payload at the flange."""
 
     def moment(self) -> Array:
-        """Moment of gravity (n, 3) Nm on the base, about its origin and in its axes."""
+        """Return the gravity moment (n, 3) Nm on the base, about its origin and in its axes."""
 
     def link_after(self, axis: int) -> tuple[Array, Array, Array]:
-        """Place (n, 3) mm of a joint (1 … 6), direction (n, 3) of its axis, and place (n, 3) mm of its link's end,
-        which is that of the joint where the link has no length."""
+        """Return joint position (n, 3) mm, axis direction (n, 3), and end of the link (n, 3) mm for a joint (1 … 6).
+
+        The end is the joint position for a link without length.
+        """
 
     def taken_at(self, t_s: Array) -> Self:
-        """The scene as reported at other instants t_s (n,) s."""
+        """Return the scene as reported at other times t_s (n,) s."""
 
     def with_constant(self, field: str, axis: int, delta: float) -> Self:
-        """A constant of the arm (a, d in mm; alpha, beta in rad) of an axis (1 … 6) changed by delta."""
+        """Return the scene with an arm constant (a, d in mm; alpha, beta in rad) of an axis (1 … 6) changed by
+        delta.
+        """
 
     def turned(self, axis: int, deviation: Array | float) -> Self:
-        """The link side of a joint (1 … 6) turned by a deviation (n,) rad."""
+        """Return the scene with the link side of a joint (1 … 6) turned by a deviation (n,) rad."""
 
     def along_rail(self, error_mm_m: Array) -> Self:
-        """The tool moved by an error (3,) in mm for each metre along the rail that carries the arm: along it, across it
-        and level, and across both; the same scene without a rail."""
+        """Return the scene with the tool moved by an error (3,) in mm per metre of the rail position.
+
+        Components: along the rail, across it horizontally, and across both. No change without a rail.
+        """
 
     def tilted(self, turn: Array, below_mm: float) -> Self:
-        """The whole arm turned by rotation vectors (n, 3) rad in the axes of its base, about the point that lies so far
-        below the origin of the base."""
+        """Return the scene with the arm turned by rotation vectors (n, 3) rad in base axes, about a point below the
+        base origin.
+        """
 
     def raised(self, height_mm: Array) -> Self:
-        """The whole arm moved along the z of its base by (n,) mm."""
+        """Return the scene with the arm moved along the z axis of its base by (n,) mm."""
 
     def shifted(self, offset_mm: Array) -> Self:
-        """The tool moved by (n, 3) mm in the world."""
+        """Return the scene with the tool moved by (n, 3) mm in the world."""
 
     def with_form(self, form_mm: Array) -> Self:
-        """The ball standing proud by (n,) mm where the link touches it."""
+        """Return the scene with a ball radius larger by (n,) mm at the contact."""
 
     def blended(self, before: Self, after: Self, share: float) -> Self:
-        """The scene with a share of what an effect of joints or gauges changes from one scene to another."""
+        """Return the scene with a share of the change made by a joint or gauge effect."""
 
     def with_gauges_at(self, offsets_mm: Array) -> Self:
-        """The gauges at other places (k,) mm on the baseline."""
+        """Return the scene with gauges at other positions (k,) mm on the baseline."""
 
     def read(self, gauge: str, change: Callable[[Array], Array]) -> Self:
-        """One gauge's readings (n,) mm changed; the same scene in a test without that gauge."""
+        """Return the scene with changed readings (n,) mm of a gauge; unchanged in a test without this gauge."""
 
     def all_read(self, change: Callable[[Array], Array]) -> Self:
-        """The readings (n, k) mm of all gauges changed."""
+        """Return the scene with changed readings (n, k) mm of all gauges."""
 
 
 S = TypeVar("S", bound=Scene)
-"""The scene that an effect is given and gives back."""
+"""Scene passed to and returned by an effect."""
 
 
 def plays_of_visits(x: Array, half: Array, samples: int) -> Array:
@@ -129,27 +136,29 @@ def plays_of_visits(x: Array, half: Array, samples: int) -> Array:
 
 
 def play(x: Array, half: float, begin: float = 0.0) -> Array:
-    """The follower y (n,) of x (n,) in a gap of ± half; it begins in the middle, or `begin` (-1 … 1) of half beside it.
+    """Return the follower y (n,) of x (n,) in a gap of ± half, starting at `begin` (-1 … 1) times half from the middle.
 
-    The play operator (Visintin, Differential Models of Hysteresis, 1994): y moves only when x pushes one side of the
-    gap. Over a stretch on which x is monotone it has the closed form used here.
+    Play operator (Visintin, Differential Models of Hysteresis, 1994): y moves only when x pushes against a side of the
+    gap. On
+    a monotone section it has the closed form used here.
     """
     follower: Array = plays(x, np.array([half]), begin)[0]
     return follower
 
 
 def plays(x: Array, half: Array, begin: float = 0.0) -> Array:
-    """The followers (w, n) of x (n,) in gaps of ± half (w,), all in the unit of x; each begins in the middle, or
-    `begin` (-1 … 1) of its half beside it."""
+    """Return the followers (w, n) of x (n,) in gaps of ± half (w,), all in the unit of x, starting at `begin` (-1 …
+    1) times half.
+    """
     way = np.sign(np.diff(x))
     moving = np.flatnonzero(way)
-    # Where x stands it goes on as it came: rounded angles stand at every other sample.
+    # A standing x keeps its direction: rounded angles repeat in every other sample.
     turns = moving[1:][way[moving[1:]] != way[moving[:-1]]]
-    # A turning point ends its stretch: the play is fully taken up there before it is left.
+    # A turning point ends its section: the gap is fully closed there.
     ends = x[turns].tolist()
     entered = np.array([_entered(float(x[0]) + begin * gap, ends, gap) for gap in half.tolist()])
     stretches = np.diff([0, *(turns + 1).tolist(), len(x)])
-    # On a monotone stretch at most one of the two bounds is ever active. In place this takes a quarter of the time.
+    # At most one bound is active on a monotone section. In place this takes a quarter of the time.
     followers: Array = np.repeat(entered, stretches, axis=1)
     bound = x - half[:, None]
     np.maximum(followers, bound, out=followers)
@@ -159,7 +168,7 @@ def plays(x: Array, half: Array, begin: float = 0.0) -> Array:
 
 
 def _entered(first: float, ends: list[float], half: float) -> list[float]:
-    """Where the follower is as it enters each stretch, from where x is at the end of the stretches before it."""
+    """Return the follower at the start of each section, given x at the ends of the previous ones."""
     entered = [first]
     for end in ends:
         if first < end - half:

@@ -1,4 +1,4 @@
-"""Names that rig files, runs, commands and reports share; free of slow imports, so that a command line starts fast."""
+"""Names shared by rig files, runs, commands and reports; without slow imports, for a fast command line."""
 
 from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, Literal, get_args
@@ -12,26 +12,26 @@ TestName = Literal[
     "touch",
     "path",
 ]
-"""The kinds of test: each is the module of its name in `analysis.procedures`, or a package offers it as `rig.tests`."""
+"""Kinds of tests: modules of `analysis.procedures`, or offered by packages as `rig.tests`."""
 OFFERED_TESTS = {kind.name: kind for kind in entry_points(group="rig.tests") if kind.name not in get_args(TestName)}
-"""Kinds of test of other packages by name, none of which takes a name of rig's own."""
+"""Tests of other packages by name, different from rig's own names."""
 if not TYPE_CHECKING and OFFERED_TESTS:
     TestName = Literal[(*get_args(TestName), *sorted(OFFERED_TESTS))]
 Direction = Literal["cw", "acw"]
 
 CircleTest = Literal["yaw", "roll"]
 DrivenTest = Literal[CircleTest, "radial", "repeatability"]
-"""The tests that a program of the robot drives, with the ball link."""
+"""Tests with a robot program and the ball link."""
 ProgramTest = Literal[DrivenTest, "iso9283"]
-"""What programs are written for: the driven tests, and the poses and paths of ISO 9283 for a tracker."""
+"""Kinds of programs: driven tests, and the poses and paths of ISO 9283 for a tracker."""
 SimulatedTest = Literal[DrivenTest, "touch", "iso9283"]
-"""What is simulated: the tests of the ball link, touches, which a person guides, and ISO 9283 before a tracker."""
+"""Simulated tests: ball link tests, touches guided by hand, and ISO 9283 with a tracker."""
 CIRCLES: tuple[CircleTest, ...] = get_args(CircleTest)
-"""The tests on a circle."""
+"""Tests on a circle."""
 OF_ISO9283: tuple[TestName, ...] = ("pose", "path")
-"""The tests of ISO 9283, which a tracker records by itself."""
+"""Tests of ISO 9283, recorded by a tracker itself."""
 WITHOUT_GAUGES: tuple[TestName, ...] = (*OF_ISO9283, "touch")
-"""The tests that no gauge reads."""
+"""Tests without gauges."""
 PartName = Literal["circle", "hemisphere", "touch", "iso9283"]
 TEST_PARTS: dict[TestName, PartName] = {
     **dict.fromkeys(CIRCLES, "circle"),
@@ -41,27 +41,29 @@ TEST_PARTS: dict[TestName, PartName] = {
 }
 """The part of `tests` in a rig file that says where each test is driven."""
 FURTHER = ("g3", "g4", "g5", "g6", "g7", "g8")
-"""Gauges that no test measures with."""
+"""Gauges not used by tests."""
 
 _WAYS: dict[str, Direction] = {
     "acw": "acw", "ccw": "acw", "counterclockwise": "acw", "anticlockwise": "acw", "cw": "cw", "clockwise": "cw"
 }  # fmt: skip
 MeasuredBy = Literal["gauges", "tracker", "sockets"]
-"""What measures the arm: two gauges and a ball link, a tracker, or a ball that is seated in sockets."""
+"""Measuring device: two gauges and a ball link, a tracker, or a ball seated in sockets."""
 TEST_WITHOUT_GAUGES: dict[MeasuredBy, TestName] = {"tracker": "pose", "sockets": "touch"}
-"""The test by which an arm is measured that has no gauges."""
+"""Test of an arm measured without gauges."""
 FEWEST_AXES, DRIVEN_AXES, MOST_AXES = 4, 6, 7
-"""The fewest and the most axes that an arm may have, and those of an arm that drives the ball link: a tool takes any
-pose with six, so that circles, their programs and entries of controllers are of so many."""
+"""Fewest and most axes of an arm, and the number for the ball link: a tool reaches any pose with six axes, so circles,
+their
+programs and controller entries require six.
+"""
 
 
 def direction_of(word: str) -> Direction | None:
-    """Return the direction that a word means, as people write it: ccw is acw; None for any other word."""
+    """Return the direction for a common spelling: ccw is acw; None for other words."""
     return _WAYS.get(word.casefold())
 
 
 MakerName = str
-"""A maker of controllers by its name: one of MAKERS, or one that another package offers."""
+"""Name of a controller maker: from MAKERS, or offered by a package."""
 _ALSO_NAMED: dict[MakerName, tuple[str, ...]] = {
     "ur": ("universalrobots",),
     "fanuc": (),
@@ -69,13 +71,14 @@ _ALSO_NAMED: dict[MakerName, tuple[str, ...]] = {
     "abb": (),
     "yaskawa": ("motoman",),
 }
-"""The makers for whose controllers programs and corrections are written, and other names that their arms bear; a folder
-in analysis/apps/makers has all else of each."""
+"""Makers supported for programs and corrections, with other names of their arms; each has a folder in
+analysis/apps/makers.
+"""
 MAKERS: tuple[MakerName, ...] = tuple(_ALSO_NAMED)
 
 
 def offered_makers() -> dict[MakerName, str]:
-    """Return the makers of other packages, each with the package that has its answers."""
+    """Return the makers of other packages with their packages."""
     from rigs.schema.plugins import packages_of_makers  # noqa: PLC0415 - no command line waits for pydantic
 
     return {name: package for name, package in packages_of_makers().items() if name not in MAKERS}
@@ -87,8 +90,7 @@ def makers() -> tuple[MakerName, ...]:
 
 
 def maker_named(word: str) -> MakerName | None:
-    """Return the maker that a word means, as people write it: UR, Universal Robots and UR10e are ur; None for any other
-    word."""
+    """Return the maker for a common spelling: UR, Universal Robots and UR10e are ur; None for other words."""
     named = {_letters(maker): maker for maker in offered_makers()}
     named |= {name: maker for maker, others in _ALSO_NAMED.items() for name in (maker, *others)}
     names = [name for name in named if _letters(word).startswith(name)]
@@ -100,10 +102,12 @@ def _letters(word: str) -> str:
 
 
 def maker_of(interface: str) -> MakerName | None:
-    """Return the maker whose controllers speak a feedback interface, which is named after it; None for any maker's."""
+    """Return the maker whose controllers use a feedback interface named after it; None for general interfaces."""
     return next((maker for maker in makers() if interface.startswith(f"{maker}_")), None)
 
 
 Build = Literal["industrial", "light", "torque_sensing", "servo"]
-"""How an arm is built, by which it is judged what is usual: with the reducers of large machines, with strain-wave gears
-as light arms and cobots, with sensors of torque in its joints, or of hobby servos and brackets that carry them."""
+"""Design of an arm, which determines normal sizes of effects: reducers of industrial arms, strain-wave gears of light
+arms
+and cobots, joint torque sensors, or hobby servos with load-bearing brackets.
+"""

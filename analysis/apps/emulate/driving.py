@@ -1,14 +1,14 @@
-"""The emulated controller of one maker, with its model of the arm and the parameters that a person can enter; and what
-a program makes its joints do over time: its moves, solved by that model, with the speeds and accelerations that the
-program states.
+"""Emulated controller of a maker, with its model of the arm and enterable parameters; and the joint motion of a
+program,
+with the speeds and accelerations it states.
 
-A controller reads each joint by a zero of its own, and computes poses by constants of its own. Both begin as the rig
-file has them; entered corrections change them, so that the same program leads elsewhere. Names and units are those of
-the makers, and each maker's driver says how a reading follows from them.
+A controller has its own joint zeros and computes poses with its own constants. Both start as in the rig file; entered
+corrections change them, so the same program leads to different positions. Names and units are those of the makers, and
+each maker's driver defines the meaning of a reading.
 
-A chain of moves that do not stop is driven as one, each part at its own speed; how a controller rounds the corner
-between two of them, within the zone of its language, is not emulated. Joint moves are followed joint by joint, paths
-pose by pose from the posture in which the arm stands.
+Moves without stops in between are driven as one chain, each part at its own speed; corner rounding within the zone of
+the
+language is not emulated. Joint moves are interpolated in joint space, paths in pose space from the present posture.
 """
 
 from __future__ import annotations
@@ -45,13 +45,15 @@ from rigs.rig import Rig
 from rigs.schema.vocabulary import MakerName
 
 _SAME_SIZE = 1e-3
-"""A length that stands at the controller is the one that is meant within so many mm: it is written with six digits."""
+"""Tolerance in mm for identifying a length at the controller: it is written with six digits."""
 
 
 @dataclass(frozen=True)
 class Controller:
-    """A controller as it stands: arm, as it computes poses; reads_more (6,) rad: by how much each joint reads more than
-    the joint of the arm that left the factory did at the same place."""
+    """State of a controller: arm, its kinematic model; reads_more (6,) rad: joint readings relative to the original
+    ones at the
+    same position.
+    """
 
     maker: MakerName
     arm: Arm
@@ -59,21 +61,23 @@ class Controller:
 
     @classmethod
     def of_rig(cls, rig: Rig, maker: MakerName) -> Controller:
-        """Return the controller of a rig's arm with nothing entered: it knows none of the effects."""
+        """Return the controller of a rig's arm without entries; the effects are unknown to it."""
         return cls(maker, arm_of(rig.robot), np.zeros(6))
 
     def flange(self, q: Array) -> tuple[Array, Array]:
-        """Return rotation (3, 3) and place (3,) mm of the flange in the robot's base, at joint angles q (6,) rad."""
+        """Return rotation (3, 3) and position (3,) mm of the flange in the robot's base, at joint angles q (6,) rad."""
         T = forward(self.with_tool(np.eye(4)), q[None])[0]
         return T[:3, :3], T[:3, 3]
 
     def with_tool(self, T_flange_tool: Array) -> Arm:
-        """Return the arm as the controller computes it, in its own base, with a tool's frame (4, 4) in mm."""
+        """Return the arm as modelled by the controller, in its base, with a tool frame (4, 4) in mm."""
         return replace(self.arm, T_world_base=np.eye(4), T_flange_tool=T_flange_tool)
 
     def entered(self, corrections: Any, where: str) -> Controller:
-        """Return the controller after a person has entered the parameters of `rig correct`'s corrections.yaml or JSON,
-        as read from there. Raises FileError for what is none, is for another maker, or names what is not here."""
+        """Return the controller after entering the parameters of `rig correct` (corrections.yaml or JSON).
+
+        Raises FileError for invalid content, a different maker, or unknown parameters.
+        """
         section = corrections.get("controller") if isinstance(corrections, Mapping) else None
         entries = section.get("entries") if isinstance(section, Mapping) else None
         if not isinstance(section, Mapping) or not isinstance(entries, Sequence) or isinstance(entries, str):
@@ -113,7 +117,7 @@ class Controller:
             change *= np.sign(stands)
         changes = np.zeros(6)
         changes[axis - 1] = change
-        if parameter.field == "offset":  # of the angle that is read, which some arms count against the frame's
+        if parameter.field == "offset":  # of the displayed angle, which some arms count in the opposite direction
             changes = self.arm.coupling @ changes
         if parameter.field == "reading":
             return replace(self, reads_more=self.reads_more + changes)
@@ -125,27 +129,31 @@ _KEYS = ("parameter", "add", "unit", "now")
 
 
 _ARC_RAD, _LINE_MM, _TURN_RAD, _JOINT_RAD = np.radians([0.1, 1.0, 0.2, 0.5]) * [1, np.degrees(1), 1, 1]
-"""The longest steps between two poses: on a circle of 70 mm the joints, straight between them, leave it by 0.03 µm, on
-a line even less; joint moves are straight anyway."""
+"""Largest steps between two poses: on a circle of 70 mm linear joint interpolation deviates by 0.03 µm, on a line by
+less;
+joint moves are linear anyway.
+"""
 _MM_S2 = 500.0
-"""Acceleration of the tool where the language does not state it. Chosen: gentle, as near a gauge."""
+"""Default acceleration of the tool. Chosen: moderate, as near a gauge."""
 _RAD_S = 1.0
-"""Speed of the tool's turning where the language does not state it. Chosen."""
+"""Default rotational speed of the tool. Chosen."""
 _TO_SPEED_S = 0.3
-"""Time in which a joint move comes to its speed where the language does not state it. Chosen."""
+"""Default acceleration time of a joint move. Chosen."""
 _MM_PER_RAD = 500.0
-"""What a tool that only turns is counted as: the size of an arm."""
+"""Length equivalent of tool rotation: the size of an arm."""
 _MOST_SAMPLES = 3_000_000
-"""A program of an hour has a tenth of it."""
+"""Limit of samples; a program of an hour has a tenth of it."""
 _STANDS = 1e-6
-"""Less than this, in mm or rad, is no move: a program has so many decimals."""
+"""A smaller step in mm or rad is not a move, because of rounding in programs."""
 
 
 @dataclass(frozen=True)
 class Driven:
-    """What the joints of a controller do in a program: at rising times t_s (n,) s the joint angles q (n, 6) rad that
-    it commands and reads. holds_s: when the program waits for a person; outputs: when which digital output is switched
-    on or off; registers: when which output register gets which whole number."""
+    """Joint motion of a program: times t_s (n,) s and commanded angles q (n, 6) rad.
+
+    holds_s: waits for the operator. outputs: switching times of digital outputs. registers: times and values of output
+    registers.
+    """
 
     t_s: Array
     q: Array
@@ -155,11 +163,12 @@ class Driven:
 
 
 def drive(controller: Controller, events: Sequence[Event], near: Array, where: str) -> Driven:
-    """Return what the events of a program make a controller do. The arm stands at its first place when it begins, in
-    the posture nearest to `near` (6,) rad where the program gives a pose alone.
+    """Return the joint motion for the events of a program.
 
-    Raises FileError, PathError among them, for what the arm cannot do; `where` names the program in them. Raises
-    ProgramError for a program without a move.
+    The arm starts at the first position, in the posture closest to `near` (6,) rad if only a pose is given. Raises
+    FileError,
+    including PathError, for impossible motions; `where` names the program. Raises ProgramError for a program without
+    moves.
     """
     driver = _Driver(controller, near, where)
     for event in events:
@@ -211,7 +220,7 @@ class _Driver:
         return Driven(t_s, q, tuple(self.holds_s), tuple(self.outputs), tuple(self.registers))
 
     def add(self, seconds: Array, q: Array) -> None:
-        """Go on for rising seconds (n,) from now, through joint angles q (n, 6) rad."""
+        """Append a motion through joint angles q (n, 6) rad at increasing relative times (n,) s."""
         self.samples += len(q)
         if self.samples > _MOST_SAMPLES:
             raise ProgramError("it is longer than an emulated robot drives")
@@ -237,7 +246,7 @@ class _Driver:
             self.add(times[1:], (at + share[:, None] * (end - at))[1:])
 
     def finish_chain(self) -> None:
-        """Drive the moves that wait for the one that stops."""
+        """Execute the pending moves up to the stop."""
         moves = [move for move in self.chain if max(move.length_mm, move.turned_rad) > _STANDS]
         self.chain.clear()
         if not moves:
@@ -258,8 +267,10 @@ class _Driver:
 
 
 def _part(move: Straight | Round) -> tuple[Array, Array, Array, Array]:
-    """Poses (n, 4, 4) of a move without its beginning, and of each step to them its measure (n,) in mm, where turning
-    counts, its speed and its acceleration."""
+    """Return the poses (n, 4, 4) of a move without its start, and per step its size (n,) in mm including rotation,
+    speed and
+    acceleration.
+    """
     step_rad = _ARC_RAD if isinstance(move, Round) else _TURN_RAD
     count = max(3, int(np.ceil(max(move.turned_rad / step_rad, move.length_mm / _LINE_MM))))
     if count > _MOST_SAMPLES:
@@ -274,7 +285,7 @@ def _part(move: Straight | Round) -> tuple[Array, Array, Array, Array]:
 
 
 def _joint_time(arm: Arm, begin: Array, end: Array, speed: Speed) -> tuple[float, float]:
-    """How long a joint move takes at its full speed, s, and its acceleration in moves a second²."""
+    """Return the duration of a joint move at full speed, s, and its acceleration in moves per second²."""
     way = np.abs(end - begin)
     seconds = float((way / arm.speed).max()) / (speed.share or 1.0)
     if speed.axis_rad_s:
@@ -289,9 +300,11 @@ def _joint_time(arm: Arm, begin: Array, end: Array, speed: Speed) -> tuple[float
 
 
 def _times(way: Array, speeds: Array, accelerations: Array) -> Array:
-    """Times (n,) s at rising places way (n,) of a motion from rest to rest, as fast as the speeds and accelerations
-    (n - 1,) of the steps between them allow."""
-    # Between any two places v² changes by at most 2 a ds, so the fastest is the least of what each place allows.
+    """Return times (n,) s at increasing positions way (n,) of the fastest motion from rest to rest.
+
+    speeds, accelerations (n - 1,): limits per step.
+    """
+    # Between two positions v² changes by at most 2 a ds, so the maximum speed is the minimum over all limits.
     gained = np.concatenate([[0.0], np.cumsum(2 * accelerations * np.diff(way))])
     square = np.minimum(np.concatenate([[0.0], speeds**2]), np.concatenate([speeds**2, [0.0]]))
     square = gained + np.minimum.accumulate(square - gained)
@@ -302,7 +315,7 @@ def _times(way: Array, speeds: Array, accelerations: Array) -> Array:
 
 
 def _standing(arm: Arm, pose: Pose, near: Array) -> Array:
-    """Joint angles (6,) rad at a pose, in the posture that it states: of those that are left, the nearest to `near`."""
+    """Return joint angles (6,) rad at a pose in its stated posture, closest to `near` among the remaining ones."""
     solutions = inverse(arm, _frame(pose)[None])
     allowed, _ = within_limits(arm, solutions.q[solutions.found])
     if not len(allowed):
@@ -315,7 +328,9 @@ def _standing(arm: Arm, pose: Pose, near: Array) -> Array:
 
 
 def _posture(q: Array, stated: Posture) -> Posture:
-    """The posture at joint angles q (6,) rad, in the words of another: whether axes 4, 6 and 1 stand beyond 180°."""
+    """Return the posture at joint angles q (6,) rad, in the notation of `stated`: whether axes 4, 6 and 1 exceed
+    180°.
+    """
     beyond = tuple(int(not -np.pi < q[axis] <= np.pi) for axis in (3, 5, 0))
     return Posture(bool(q[4] > 0), beyond if len(stated.counts) == len(beyond) else stated.counts)
 
@@ -326,7 +341,7 @@ def _frame(pose: Pose) -> Array:
 
 
 def _frames(places: Array, turns: Rotation) -> Array:
-    """Frames (n, 4, 4) in mm of places (n, 3) mm and orientations."""
+    """Return frames (n, 4, 4) in mm for positions (n, 3) mm and orientations."""
     T = np.tile(np.eye(4), (len(places), 1, 1))
     T[:, :3, :3], T[:, :3, 3] = turns.as_matrix().reshape(-1, 3, 3), places
     return T

@@ -1,9 +1,10 @@
-"""The pendant of an emulated controller: a person chooses a program there, and enters parameters.
+"""Pendant of an emulated controller: selects programs and enters parameters.
 
-The controller commands joint angles by its own model of the arm; the arm with its hidden effects goes where it really
-goes, and the gauges read the true ball distance there.
+The controller commands joint angles from its model of the arm; the arm with its hidden effects moves to the true
+position,
+where the gauges read the true ball distance.
 
-A program is found by its name, its maker is known by the suffix of its file, whose driver runs it on a machine.
+Programs are found by name; the file suffix determines the maker, whose driver executes the program.
 """
 
 from __future__ import annotations
@@ -30,12 +31,11 @@ from rigs.schema.vocabulary import CIRCLES, DrivenTest, MakerName, maker_of, mak
 from rigs.yaml_text import read_yaml
 
 _SHORTEST = 8
-"""A name that was cut to what a controller takes has more characters: the test and the direction stand in it."""
+"""A name shortened to the limit of a controller is longer: it contains test and direction."""
 
 
 def interpret(name: MakerName, texts: Mapping[str, str], machine: Machine) -> None:
-    """Drive a machine with the texts of a program's files, by their names. Raises ProgramError for one that is
-    refused."""
+    """Execute a program given as texts by file name. Raises ProgramError if it is refused."""
     maker = maker_by(name)
     text = next(text for file, text in texts.items() if Path(file).suffix.lower() in maker.files.suffixes)
     data = [text for file, text in texts.items() if Path(file).suffix.lower() == maker.files.data]
@@ -46,8 +46,10 @@ def interpret(name: MakerName, texts: Mapping[str, str], machine: Machine) -> No
 
 
 def _path_of(directory: Path, name: str) -> Path:
-    """Return the file of a program by its name, with or without suffix, by the name that `rig program` prints, or by a
-    path. Raises FileError where there is none, or several."""
+    """Return the program file for a name with or without suffix, as printed by `rig program`, or for a path.
+
+    Raises FileError for none or several.
+    """
     named = Path(name)
     if named.parent != Path() and maker_of_file(named):
         return named
@@ -57,7 +59,7 @@ def _path_of(directory: Path, name: str) -> Path:
         raise FileError(str(directory), error.strerror or str(error), "give a directory of programs") from None
     plain_name = _plain(named.stem if maker_of_file(named) else name)
     matching = [path for path in files if path.name == name] or [path for path in files if plain_name in _names(path)]
-    # A controller's longest name cuts that of the program.
+    # The program name is shortened to the limit of a controller.
     matching = matching or [
         path for path in files if any(len(stem) >= _SHORTEST and plain_name.startswith(stem) for stem in _names(path))
     ]
@@ -77,7 +79,7 @@ def _plain(name: str) -> str:
 
 
 def _names(path: Path) -> tuple[str, ...]:
-    """The names of a program, that of its file and what this says of the program's."""
+    """Return the names of a program: its file name, and the name in its text."""
     name, maker = _plain(path.stem), maker_of_file(path)
     return (name, name.removesuffix(maker.files.ending)) if maker and maker.files.ending else (name,)
 
@@ -86,21 +88,23 @@ _TESTS: tuple[DrivenTest, ...] = get_args(DrivenTest)
 
 
 class Pendant:
-    """A controller that drives the programs of a directory with the arm of a rig, whose effects it does not know."""
+    """Controller executing the programs of a directory on the arm of a rig, without knowing its effects."""
 
     def __init__(self, rig: Rig, programs: Path, maker: MakerName | None = None) -> None:
         self._rig, self._programs = rig, programs
         self._maker = maker or maker_of(rig.feedback.interface)
         self.controller: Controller | None = None
-        """As a person has changed it; None where nothing was entered."""
+        """Controller after entries; None without entries."""
 
     def trace(self, name: str) -> Trace:
-        """Return what the robot does in a program, by the name of its file or of the program, and what its gauges read.
-        Raises FileError for a program that is not there, cannot be read or cannot be driven."""
+        """Return the robot's motion and gauge readings for a program, given by file or program name.
+
+        Raises FileError for a missing, unreadable or impossible program.
+        """
         path = _path_of(self._programs, name.strip())
         maker, texts = program_texts(path)
         controller = self._of(maker.name, str(path))
-        # The name of the program's file says for which test a person has mounted the gauges.
+        # The file name tells for which test the gauges are mounted.
         words = re.split(r"[^a-z]+", path.stem.lower())
         tests = [candidate for candidate in _TESTS if candidate in words]
         if len(tests) != 1:
@@ -122,9 +126,11 @@ class Pendant:
         return Trace(driven.t_s, np.empty(0), driven.q, g_mm, signals=signals, holds_s=driven.holds_s)
 
     def enter(self, path: Path) -> tuple[int, Array]:
-        """Enter the parameters of a file of `rig correct`; return how many, and by how much each joint of the standing
-        arm then reads more, (6,) rad. Raises FileError for a file that is none, or is for another controller; then
-        nothing is entered."""
+        """Enter the parameters of a `rig correct` file; return their number, and the change of the joint readings at
+        rest (6,) rad.
+
+        Raises FileError for an invalid file or a different controller, without entering anything.
+        """
         try:
             _, corrections = read_yaml(read_text(path, MOST_BYTES), str(path))
         except OSError as error:
@@ -136,8 +142,9 @@ class Pendant:
         return len(corrections["controller"]["entries"]), self.controller.reads_more - before.reads_more
 
     def _of(self, maker: MakerName | None, where: str) -> Controller:
-        """The controller; where nothing else says it, its maker is that of the first program or entries. Raises
-        FileError for a program or entries of another."""
+        """Return the controller; by default its maker is that of the first program or entries. Raises FileError for
+        a different maker.
+        """
         self._maker = self._maker or maker
         if self._maker is None:
             raise FileError(where, "does not say for which controller it is", "give --for")
@@ -147,8 +154,10 @@ class Pendant:
         return self.controller or Controller.of_rig(self._rig, self._maker)
 
     def _signals(self, driven: Driven) -> tuple[tuple[float, float], ...]:
-        """From when on the robot shows which number: that of the outputs, the first that is switched the least, or as
-        the rig file orders them; or that of the register which it names."""
+        """Return the times and numbers shown by the robot: of the outputs, in order of first switching or as in the rig
+        file, or of
+        the register.
+        """
         place = signal_of_outputs(self._rig.feedback)
         if place and place.int_register is not None:
             return tuple((t_s, float(value)) for t_s, at, value in driven.registers if at == place.int_register)

@@ -1,11 +1,14 @@
-"""The robot of an emulated cell: stands, and drives a program on command; a person may stop or pause it; and what its
-motors draw meanwhile, and how warm its joints become.
+"""Robot of an emulated cell: stands, executes programs on command, and can be paused and stopped; with motor currents
+and
+joint temperatures.
 
-Between programs it is set to the start of the next at once; a person would take the link off for that.
+Between programs it moves to the next start instantly, for which a person would remove the link.
 
-A motor carries what gravity asks, and the friction of its joint: Coulomb's part and one that grows with speed, both
-less in a warm joint, whose grease is thin. A joint is warmed by what its motor's winding loses, and cools to the room.
-The sizes are those of no make: of arms of some 20 kg, chosen so that joints warm by some degrees in half an hour.
+A motor carries gravity and joint friction: Coulomb friction and a part increasing with speed, both lower in a warm
+joint
+because of thinner grease. A joint is heated by the losses of its motor winding, and cools to room temperature. The
+sizes
+belong to no particular make: for arms of about 20 kg, chosen so that joints warm by some degrees in half an hour.
 """
 
 from __future__ import annotations
@@ -49,31 +52,33 @@ from rigs.schema.vocabulary import CIRCLES, CircleTest, Direction, DrivenTest
 
 ROOM_C = 22.0
 _TORQUE_NM_A = np.array([12.0, 12.0, 10.0, 8.0, 8.0, 8.0])
-"""Torque at the joint for a current: gear times motor."""
+"""Joint torque per current: gear times motor."""
 COULOMB_NM = np.array([9.0, 9.0, 6.0, 2.4, 2.4, 2.4])
-"""At the room's temperature."""
+"""At room temperature."""
 _VISCOUS_NMS = np.array([12.0, 12.0, 8.0, 3.0, 3.0, 3.0])
 _THINNER_PER_C = 0.008
-"""Share of its friction that a joint loses with each degree."""
+"""Relative decrease of friction per degree."""
 _WARMS_C_A2 = 1.5
-"""How much warmer a joint becomes in the end for a current squared: resistance of winding times that of its cooling."""
+"""Final temperature rise per squared current: winding resistance times thermal resistance."""
 _WARMING_S = 1500.0
 _HOLDS_C = 4.0
-"""How much warmer than the room the electronics of a joint keep it."""
+"""Temperature rise caused by the joint electronics."""
 _CREEP_RAD_S = 1e-4
-"""Below this speed a joint begins to stick: friction goes through zero."""
+"""Speed of the smooth zero crossing of friction."""
 
 
 @dataclass
 class Motors:
-    """The motors of six joints. warm_c (6,): temperatures of the joints, at last_ns on the host's clock."""
+    """Motors of six joints. warm_c (6,): joint temperatures at last_ns of the host's clock."""
 
     warm_c: Array = field(default_factory=lambda: np.full(6, ROOM_C + _HOLDS_C))
     last_ns: int | None = None
 
     def shown(self, now_ns: int, torque_nm: Array, speed_rad_s: Array) -> tuple[Array, Array]:
-        """Return the currents (6,) in A and the temperatures (6,) in °C, of joints that move at speed_rad_s (6,) and
-        on which gravity acts with torque_nm (6,): their motors push the other way."""
+        """Return the currents (6,) in A and temperatures (6,) in °C.
+
+        speed_rad_s (6,): joint speeds. torque_nm (6,): gravity torques, opposed by the motors.
+        """
         friction = COULOMB_NM * np.tanh(speed_rad_s / _CREEP_RAD_S) + _VISCOUS_NMS * speed_rad_s
         friction *= 1 - _THINNER_PER_C * (self.warm_c - ROOM_C)
         current_a = (friction - torque_nm) / _TORQUE_NM_A
@@ -85,30 +90,31 @@ class Motors:
 
 
 def friction_current_a(axis: int, warm_c: float) -> float:
-    """Return the current in A that Coulomb's friction takes of a joint's motor at a temperature."""
+    """Return the current in A caused by Coulomb friction of a joint at a temperature."""
     share = 1 - _THINNER_PER_C * (warm_c - ROOM_C)
     return float(COULOMB_NM[axis - 1] * share / _TORQUE_NM_A[axis - 1])
 
 
 _DWELL_S = 1.5
-"""The stand at each target; a program for real gauges waits longer."""
+"""Stop at each target; a program for real gauges waits longer."""
 _STAND_S = 1.0
-"""Standing at the start before it moves, as a program waits for its controller."""
+"""Standstill at the start, as a program waits for its controller."""
 
 
 _RAMP_S = 0.3
-"""Time in which a robot that is stopped or paused comes to rest on its path, and to its speed again. Chosen."""
+"""Time for stopping on the path, and for regaining speed. Chosen."""
 _LOOK_S = 0.02
-"""How often it is looked at whether a program is over."""
+"""Polling interval for the end of a program."""
 State = Literal["drives", "waits", "paused", "stopped", "done"]
-"""What a program does: waits means that it waits for a person, as it was written to; done and stopped are over."""
+"""State of a program: waits means for the operator, as programmed; done and stopped are final."""
 
 
 @dataclass(frozen=True)
 class Trace:
-    """One program run, noise-free. t_s (n,); phi (n,) rad, empty off the circle; q (n, 6) rad reported; g_mm (n, k).
+    """One noise-free program run. t_s (n,); phi (n,) rad, empty off the circle; q (n, 6) rad reported; g_mm (n, k).
 
-    signals: from when on, s, the robot shows which number; holds_s: when the program waits for a person."""
+    signals: start times, s, and displayed numbers. holds_s: waits for the operator.
+    """
 
     t_s: Array
     phi: Array
@@ -119,13 +125,13 @@ class Trace:
 
     @property
     def end_s(self) -> float:
-        """How long the program takes, s, a person's part left out."""
+        """Duration of the program, s, without waits for the operator."""
         return float(self.t_s[-1])
 
 
 @dataclass(frozen=True)
 class _Pace:
-    """How the time of a program passes: from begin_s at begin_ns, the rate going from `rate` to `wanted` evenly."""
+    """Passing of program time: from begin_s at begin_ns, with the rate changing linearly from `rate` to `wanted`."""
 
     begin_ns: int
     begin_s: float
@@ -133,7 +139,7 @@ class _Pace:
     wanted: float
 
     def at(self, now_ns: int) -> tuple[float, float]:
-        """Return the program's time, s, and its rate."""
+        """Return the program time, s, and its rate."""
         since_s = max(0.0, (now_ns - self.begin_ns) / 1e9)
         ramp_s = _RAMP_S * abs(self.wanted - self.rate)
         if since_s >= ramp_s:
@@ -143,26 +149,27 @@ class _Pace:
 
 
 def trace(rig: Rig, direction: Direction, test: CircleTest = "yaw") -> Trace:
-    """The circle of a rig with the effects of its file. Raises FileError where it cannot be driven."""
+    """Return the circle of a rig with the effects of its file. Raises FileError if it cannot be driven."""
     program = circle_program(rig, direction)
     return Trace(program.t_s, program.phi, program.q, _readings_along(rig, test, program.t_s, program.q))
 
 
 def target_trace(rig: Rig, test: Literal["radial", "repeatability"]) -> Trace:
-    """A program that stops at the targets of the rig's hemisphere. Raises FileError where one is out of reach."""
+    """Return a program stopping at the targets of the rig's hemisphere. Raises FileError if one is out of reach."""
     t_s, q = stops(radial_stops(rig) if test == "radial" else repeatability_stops(rig), dwell_s=_DWELL_S)
     return Trace(t_s, np.empty(0), q, trace_along(rig, test, t_s, q))
 
 
 def trace_along(rig: Rig, test: DrivenTest, t_s: Array, q: Array) -> Array:
-    """Return what the gauges, mounted for a test, read without noise, (n, k) mm, along angles q (n, 6) rad at t_s (n,)
-    s, which are reported as the arm was built."""
+    """Return noise-free gauge readings (n, k) mm along reported angles q (n, 6) rad at t_s (n,) s, with gauges
+    mounted for a test.
+    """
     g_mm = _readings_along(rig, test, t_s, q)
     return g_mm if test in CIRCLES else np.repeat(g_mm, len(list(rig.gauges)), axis=1) - link_excess_mm(rig)
 
 
 def _readings_along(rig: Rig, test: DrivenTest, t_s: Array, q: Array) -> Array:
-    """Noise-free readings (n, k) mm at every moment t_s (n,) of a motion q (n, 6)."""
+    """Return noise-free readings (n, k) mm at all times t_s (n,) of a motion q (n, 6)."""
     model = model_of(rig)
     if test in CIRCLES:
         circle = CircleTable(test, "acw", t_s, q, np.empty((0, 2)))
@@ -173,15 +180,15 @@ def _readings_along(rig: Rig, test: DrivenTest, t_s: Array, q: Array) -> Array:
 
 
 PROGRAMS = ("acw", "cw", "roll acw", "roll cw", "radial", "repeatability")
-"""acw and cw alone drive the yaw circle. The robot's signal is the number of the program, counted from 1."""
+"""Program names; acw and cw alone mean the yaw circle. The robot's signal is the program number, counted from 1."""
 
 
 class EmulatedRobot:
-    """What its gauges and its controller show at any time; thread-safe."""
+    """Readings of gauges and controller at any time; thread-safe."""
 
     @classmethod
     def of_rig(cls, rig: Rig, seed: int) -> EmulatedRobot:
-        """Simulate the programs of both directions, noise-free. Raises FileError where the circle cannot be driven."""
+        """Simulate the programs of both directions, noise-free. Raises FileError if the circle cannot be driven."""
         return cls(rig, {"acw": trace(rig, "acw"), "cw": trace(rig, "cw")}, seed)
 
     def __init__(self, rig: Rig, traces: dict[Direction, Trace], seed: int) -> None:
@@ -194,23 +201,23 @@ class EmulatedRobot:
         self._trace = self.traces["acw"]
         self._pace: _Pace | None = None
         self._holds_s: tuple[float, ...] = ()
-        """When the program will wait for a person."""
+        """Times at which the program waits for the operator."""
         self._stopped = False
         self._signal_before = 0.0
-        """What the robot showed before the present program switched anything."""
+        """Signal before the present program switched any output."""
         self._shown: dict[str, float] = {}
-        """What a person made it show of its condition."""
+        """Condition values set by the operator."""
         self._motors = Motors() if {*CURRENTS, *TEMPERATURES} & {*condition_columns(rig.feedback)} else None
         self._torque_nm: Array | None = None
-        """The torques (n, 6) of gravity along the trace, once they were asked for."""
+        """Gravity torques (n, 6) along the trace, once requested."""
         self.finished = clock.Event()
-        """Set while it stands."""
+        """Set at standstill."""
         self.finished.set()
 
     def gauge_mm(self, name: str, now_ns: int) -> float:
-        """A reading with noise of the gauge's stated accuracy, and wrong by what its certificate says.
+        """Return a reading with noise of the stated accuracy and the errors of the certificate.
 
-        A gauge that no test measures with touches what stands still: it shows 0, and its noise.
+        A gauge not used by a test touches a fixed object: it shows 0 with noise.
         """
         if further := self._further.get(name):
             with self._lock:
@@ -224,20 +231,20 @@ class EmulatedRobot:
         return float(as_shown(gauge.certificate, np.asarray(length_mm), self._rig.temperature))
 
     def joints_deg(self, now_ns: int) -> Sequence[float]:
-        """Joint angles as the controller reports them."""
+        """Return the joint angles reported by the controller."""
         with self._lock:
             joints: list[float] = np.degrees(self._at(now_ns, self._trace.q)).tolist()
             return joints
 
     def signal(self, now_ns: int) -> float:
-        """Number of the program that runs, 0 for none, unless one was stopped before its end."""
+        """Return the number of the running program, 0 for none, unless one was stopped early."""
         with self._lock:
             at_s = self._program_s(now_ns)[0]
             shown = [number for since_s, number in self._trace.signals if since_s <= at_s] if self._pace else []
             return shown[-1] if shown else self._signal_before
 
     def condition(self, now_ns: int) -> dict[str, float]:
-        """What it shows of its condition, beyond that of a robot that drives undisturbed."""
+        """Return deviations from the condition of an undisturbed robot."""
         states = {"drives": ProgramState.RUNNING, "waits": ProgramState.PAUSED, "paused": ProgramState.PAUSED}
         state = states.get(self.state(now_ns), ProgramState.STOPPED)
         of_motors: dict[str, float] = {}
@@ -254,7 +261,7 @@ class EmulatedRobot:
         return {PROGRAM: float(state), **of_motors, **self._shown}
 
     def state(self, now_ns: int) -> State:
-        """What its program does; done before the first."""
+        """Return the state of the program; done before the first."""
         with self._lock:
             at_s, rate = self._program_s(now_ns)
             if self._pace is None or (at_s >= self._trace.end_s and not self._holds_s):
@@ -266,7 +273,7 @@ class EmulatedRobot:
             return "waits" if self._holds_s and at_s >= self._holds_s[0] else "drives"
 
     def show(self, column: str, value: str) -> None:
-        """Show this from now on, whatever it drives. Raises FileError for what is no column, or no value of it."""
+        """Set a condition value from now on. Raises FileError for an unknown column or invalid value."""
         states: dict[str, type[IntEnum]] = {PROGRAM: ProgramState, SAFETY: SafetyState}
         if column not in CONDITION:
             raise FileError(repr(column), "is not of the robot's condition", f"give one of {', '.join(CONDITION)}")
@@ -278,9 +285,9 @@ class EmulatedRobot:
         self._shown = {**self._shown, column: shown}
 
     def start(self, program: str) -> float:
-        """Begin a program of `PROGRAMS` now; returns how many seconds it takes.
+        """Start a program of `PROGRAMS`; return its duration in seconds.
 
-        Raises FileError for an unknown name, or a program that this rig cannot drive.
+        Raises FileError for an unknown name, or a program this rig cannot drive.
         """
         match program:
             case "acw" | "cw":
@@ -295,8 +302,7 @@ class EmulatedRobot:
         return self.play(replace(driven, signals=((-_STAND_S, number), (driven.end_s, 0.0))))
 
     def play(self, trace: Trace) -> float:
-        """Begin to drive a trace now, from its start at once; returns how many seconds it takes, a person's part left
-        out."""
+        """Start a trace immediately from its start; return its duration in seconds without waits for the operator."""
         now_ns = clock.now_ns()
         before = self.signal(now_ns)
         with self._lock:
@@ -309,16 +315,15 @@ class EmulatedRobot:
         return _STAND_S + trace.end_s
 
     def stop(self) -> bool:
-        """Stop the program in the middle, as a person does: the arm comes to rest on its path, the outputs stay as they
-        are. Returns whether a program ran."""
+        """Stop the program: the arm stops on its path, outputs are unchanged. Return whether a program was running."""
         return self._at_rate(0.0, ("drives", "waits", "paused"), stops=True)
 
     def pause(self) -> bool:
-        """Pause the program: the arm comes to rest on its path. Returns whether a program drove."""
+        """Pause the program: the arm stops on its path. Return whether a program was moving."""
         return self._at_rate(0.0, ("drives",))
 
     def go_on(self) -> bool:
-        """Let a program go on that is paused, or waits for a person. Returns whether one did."""
+        """Continue a paused or waiting program. Return whether there was one."""
         now_ns = clock.now_ns()
         if self.state(now_ns) != "waits":
             return self._at_rate(1.0, ("paused",))
@@ -328,12 +333,12 @@ class EmulatedRobot:
         return True
 
     def reads_more(self, more_rad: Array) -> None:
-        """Let each joint of the standing robot read so much more, (6,) rad: a zero was entered at its controller."""
+        """Change the joint readings at rest by (6,) rad: a zero was entered at the controller."""
         with self._lock:
             self._trace = replace(self._trace, q=self._trace.q + more_rad)
 
     def _at_rate(self, new_rate: float, states: Sequence[State], *, stops: bool = False) -> bool:
-        """Let the program's time pass at another rate, where the program is in one of these states."""
+        """Change the rate of program time if the program is in one of these states."""
         now_ns = clock.now_ns()
         state = self.state(now_ns)
         if state not in states:
@@ -345,13 +350,13 @@ class EmulatedRobot:
         return True
 
     def _watch(self) -> None:
-        """Say when the program is over."""
+        """Wait for the end of the program, and set `finished`."""
         while self.state(clock.now_ns()) not in ("done", "stopped"):
             clock.sleep(_LOOK_S)
         self.finished.set()
 
     def _program_s(self, now_ns: int) -> tuple[float, float]:
-        """The time of the program, s, and the rate at which it passes; the caller holds the lock."""
+        """Return the program time, s, and its rate; the caller holds the lock."""
         if self._pace is None:
             return -_STAND_S, 0.0
         at_s, rate = self._pace.at(now_ns)
@@ -367,16 +372,16 @@ class EmulatedRobot:
 
 
 def truth(rig: Rig, traces: dict[Direction, Trace]) -> dict[str, Any]:
-    """What a perfect measurement of the emulated robot would report, beside what was planted in it.
+    """Return the results of an ideal measurement of the emulated robot, and its hidden errors.
 
-    The figures follow from the noise-free trace by their definitions; the daemon, the wire and the
-    alignment have no part in them. The eccentricity is that of the ball from the circle really driven,
-    which backlash moves: it is not quite the planted one.
+    The figures follow from the noise-free trace by definition, independent of daemon, wire and alignment. The
+    eccentricity is
+    that of the ball relative to the circle actually driven, slightly different from the hidden one because of backlash.
     """
     start = np.radians(circle_of(rig).start_deg)
     figures = {}
     for direction, trace in traces.items():
-        # The first lap: the ways back between laps pass the same angles, with every play on its other side.
+        # The first lap: returns pass the same angles with backlash on the opposite side.
         ahead = SENSE[direction] * (trace.phi - start)
         lap = slice(int(np.argmax(ahead >= 0)), int(np.argmax(ahead >= 2 * np.pi)))
         y = link_angle(trace.g_mm[lap, 0], trace.g_mm[lap, 1], rig.gauges.baseline_mm)
@@ -389,13 +394,13 @@ def truth(rig: Rig, traces: dict[Direction, Trace]) -> dict[str, Any]:
 
 
 RIG, TRUTH = "rig.yaml", "truth.json"
-"""The files of an emulated cell: its rig file, and what a perfect measurement would find in it."""
+"""Files of an emulated cell: its rig file, and the ideal results."""
 
 
 def write_cell_files(directory: Path, rig: Rig, robot: EmulatedRobot, text: str) -> Path:
-    """Write the files of an emulated cell into a directory, in place of those of an earlier one; return the rig file.
+    """Write the files of an emulated cell to a directory, replacing earlier ones; return the rig file.
 
-    text: of the rig file by which its daemon reads it. Raises FileError where they cannot be written.
+    text: rig file for its daemon. Raises FileError if they cannot be written.
     """
     path = directory / RIG
     try:
@@ -403,7 +408,7 @@ def write_cell_files(directory: Path, rig: Rig, robot: EmulatedRobot, text: str)
         durable.replace(directory / TRUTH, (json.dumps(truth(rig, robot.traces), indent=2) + "\n").encode())
         for name, content in rig.beside.items():
             durable.replace(directory / name, content)
-        durable.replace(path, text.encode())  # the last: by the others it is known as an emulated cell's
+        durable.replace(path, text.encode())  # last, because the other files identify an emulated cell
     except OSError as error:
         raise FileError(str(directory), error.strerror or str(error), "give another --output") from None
     return path

@@ -1,11 +1,11 @@
-"""An emulated or replayed cell in its directory: made there, locked, and served until a signal or its own end.
+"""Emulated or replayed cell in a directory: create and lock it, and serve it until a signal or its end.
 
-The directory holds the rig file by which a daemon reads the cell, and either what a perfect measurement would find or
-the marks of a replay; by these it is known as no other's.
+The directory contains the rig file for a daemon, and either the ideal results or the marks of a replay, which identify
+it.
 
-What a person types at `rig emulate` goes to the cell: a line starts a program, stops it, or changes the robot; each
-answer is an event. stop, pause, go on and show act at once. What begins something (a program, entering parameters, the
-end) waits until the program before it is over, so that lines can be typed, or piped, ahead.
+Lines typed at `rig emulate` are commands: start or stop a program, or change the robot; each answer is an event. stop,
+pause, go on and show act immediately. Other commands (a program, entering parameters, the end) wait for the running
+program, so that lines can be typed ahead or piped.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from rigs.schema.vocabulary import MakerName
 from rigs.signals import end_from
 
 _LOOK_S = 0.02
-"""How often it is looked at what a program does."""
+"""Polling interval of a program's state."""
 _SAID: dict[State, str] = {
     "waits": "waits for a person; type go on",
     "paused": "paused",
@@ -45,8 +45,9 @@ _SAID: dict[State, str] = {
 
 @dataclass(frozen=True)
 class CellEvent:
-    """What an emulated cell reports. event: what happened; name: of the port, program, file or column of which it
-    happened, or the line that was refused; text: the same in words."""
+    """Event of an emulated cell. event: kind. name: port, program, file or column, or the refused line. text:
+    description.
+    """
 
     event: Literal["port", "ready", "driving", "entered", "shows", "refused", "sent", State]
     name: str
@@ -54,12 +55,12 @@ class CellEvent:
 
     @property
     def as_line(self) -> str:
-        """A line of JSON, for programs."""
+        """Return the event as a line of JSON."""
         return json.dumps(asdict(self))
 
     @classmethod
     def of_line(cls, line: str) -> CellEvent | None:
-        """Return the event of a line of JSON; None for any other line, such as the end of a traceback."""
+        """Parse a line of JSON; None for other lines, such as the end of a traceback."""
         try:
             return cls(**json.loads(line))
         except (ValueError, TypeError):
@@ -67,9 +68,9 @@ class CellEvent:
 
 
 class Keyboard:
-    """A person at the keyboard of an emulated cell; end: called with the exit code when the cell is to end.
+    """Keyboard of an emulated cell; end: called with the exit code at the end.
 
-    report: called with each event that the cell answers with.
+    report: called with each event that answers a command.
     """
 
     def __init__(
@@ -84,16 +85,17 @@ class Keyboard:
         self._some_wait = clock.Event()
 
     def read(self, *, has_person: bool) -> None:
-        """Begin to take the lines of standard input. has_person: whether the cell ends where they end; else it serves
-        until a signal comes."""
+        """Start reading standard input. has_person: whether the cell ends with the input; otherwise it serves until
+        a signal.
+        """
         threading.Thread(target=self._read, args=(has_person,), daemon=True).start()
 
     def start(self) -> None:
-        """Begin to do what waits for its turn."""
+        """Start executing queued commands."""
         clock.Thread(target=self._begin_in_turn, name="keyboard", daemon=True).start()
 
     def take(self, line: str) -> None:
-        """Take a line: what acts at once is done."""
+        """Accept a line; immediate commands are executed."""
         word, _, _ = line.partition(" ")
         if word in ("stop", "pause", "show") or line == "go on":
             self._try(self._at_once, line)
@@ -102,7 +104,7 @@ class Keyboard:
             self._some_wait.set()
 
     def _read(self, has_person: bool) -> None:
-        for line in filter(None, map(str.strip, sys.stdin or ())):  # none where standard input is closed
+        for line in filter(None, map(str.strip, sys.stdin or ())):  # empty if standard input is closed
             self.take(line)
         if has_person:
             self.take("quit")
@@ -147,7 +149,7 @@ class Keyboard:
         else:
             name, seconds = line, self._robot.start(line)
         self._report(CellEvent("driving", name, f"{name}: driving, {seconds:.1f} s"))
-        # Say each change of what the program does, until it is over.
+        # Report each state change of the program until it is over.
         before: State = "drives"
         while before not in ("done", "stopped"):
             if (state := self._robot.state(clock.now_ns())) != before:
@@ -168,14 +170,13 @@ class Keyboard:
 
 
 MARKS = "out-of-step.txt"
-"""A file beside the rig file of a replayed cell."""
+"""File next to the rig file of a replayed cell."""
 ENDED, INTERRUPTED = 0, 130
-"""Exit codes of a cell that SIGTERM or its keyboard ends, and of one that Ctrl-C ends."""
+"""Exit codes after SIGTERM or a keyboard command, and after Ctrl-C."""
 
 
 def locked_cell(directory: Path) -> InstanceLock:
-    """Make the directory of a cell, and lock it. Raises FileError where it cannot be made, and CellError where another
-    cell is served in it."""
+    """Create and lock the directory of a cell. Raises FileError if it cannot be created, CellError if it is in use."""
     try:
         directory.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -184,8 +185,7 @@ def locked_cell(directory: Path) -> InstanceLock:
 
 
 def rig_file_of_cell(directory: Path) -> Path:
-    """Return where to write the rig file of a cell, in place of that of an earlier one. Raises FileError for any other
-    rig file."""
+    """Return the path for a cell's rig file, replacing an earlier one. Raises FileError for a foreign rig file."""
     path = directory / RIG
     if path.exists() and not any((directory / file).exists() for file in (TRUTH, MARKS)):
         raise FileError(str(path), "exists already, and is not of an emulated cell", "give another --output")
@@ -193,8 +193,10 @@ def rig_file_of_cell(directory: Path) -> Path:
 
 
 def serve(cell: Cell, lock: InstanceLock, attend: Callable[[SimpleQueue[int]], int]) -> tuple[int, dict[str, int]]:
-    """Serve a cell as long as `attend` takes, which is called with where the exit codes of signals come; return its
-    exit code, and how much each instrument sent. The lock is released."""
+    """Serve a cell for the duration of `attend`, called with the queue of signal exit codes.
+
+    Returns its exit code, and the number of readings sent by each instrument. The lock is released.
+    """
     ends: SimpleQueue[int] = SimpleQueue()
     signal.signal(signal.SIGTERM, lambda *_: ends.put(ENDED))
     signal.signal(signal.SIGINT, lambda *_: ends.put(INTERRUPTED))
@@ -209,8 +211,12 @@ def serve(cell: Cell, lock: InstanceLock, attend: Callable[[SimpleQueue[int]], i
 
 @dataclass(frozen=True)
 class EmulatedCell:
-    """A cell to emulate: its rig file, the effects that its arm hides (a file, or a shipped rig; None for those of the
-    rig file), the directory of the programs that its controller drives, of which maker, and the seed of its noise."""
+    """Cell to be emulated.
+
+    Rig file; hidden effects of the arm (a file or a shipped rig; None for those of the rig file); directory of programs
+    and
+    their maker; noise seed.
+    """
 
     rig_file: str
     effects: str | None
@@ -219,8 +225,10 @@ class EmulatedCell:
     seed: int
 
     def serve(self, directory: Path, report: Callable[[CellEvent], None], *, has_person: bool) -> int:
-        """Write the files of the cell into a directory, serve it until a signal or the keyboard ends it, and return the
-        exit code. report: called with each event. Raises RigError where that cannot be."""
+        """Write the files of the cell to a directory, and serve it until the end; return the exit code.
+
+        report: called with each event. Raises RigError on failure.
+        """
         if self.maker and self.programs is None:
             raise UseError("--for", "is for the controller that drives --programs", "give --programs as well")
         if self.programs is not None and not self.programs.is_dir():

@@ -1,18 +1,25 @@
-"""An arm as the file of joint origins that a maker's ROS description reads: kinematics.yaml, and Universal Robots'
-calibration.yaml. The base and the tool of a rig file have no place in either.
+"""Export an arm as the joint origins of a maker's ROS description: kinematics.yaml, or Universal Robots'
+calibration.yaml.
+Neither contains the base or the tool of a rig file.
 
-kinematics.yaml has one entry a joint, its origin in the link before it. A description draws its meshes in link frames
-of its own choice. Both chains of frames, the maker's and that of the rig file, turn about the same axes and sit on the
-same links, so that each pair differs by a frame that is constant: it is taken from the nominal arm, and the calibrated
-arm is written with it. Meshes stay where the maker put them.
+kinematics.yaml has one entry per joint, its origin in the previous link. A description draws meshes in link frames of
+its
+own. Both chains of frames, the maker's and the rig file's, turn about the same axes on the same links, so each pair
+differs by a constant frame: it is computed from the nominal arm and used to write the calibrated arm. Meshes stay in
+the
+maker's positions.
 
-The nominal origins are those of the makers' own files: frankaemika/franka_description, robots/fer/kinematics.yaml,
-commit 1ddff9b (the FR3 has the same lengths); xArm-Developer/xarm_ros, xarm_description/config/kinematics/default,
-commits a083c36 and 74e75cf, with right angles in place of 1.5708. Doosan's description (doosan-robotics/doosan-robot2,
-dsr_description2/urdf) and Kinova's (Kinovarobotics/ros2_kortex) have no such file: their joints stand in the URDF.
+The nominal origins come from the makers' files: frankaemika/franka_description, robots/fer/kinematics.yaml, commit
+1ddff9b
+(the FR3 has the same lengths); xArm-Developer/xarm_ros, xarm_description/config/kinematics/default, commits a083c36 and
+74e75cf, with right angles in place of 1.5708. Doosan's description (doosan-robotics/doosan-robot2,
+dsr_description2/urdf)
+and Kinova's (Kinovarobotics/ros2_kortex) have no such file: their joints are part of the URDF.
 
-Of calibration.yaml the package ur_description makes a URDF: each entry is the origin of a joint in metres and radians,
-turning about z; the first stands in base_link_inertia, which is base_link turned half round about z and equal to the
+The package ur_description builds a URDF from calibration.yaml: each entry is the origin of a joint in metres and
+radians,
+turning about z; the first belongs to base_link_inertia, which is base_link rotated by half a turn about z and equal to
+the
 controller's base; tool0 is the frame of wrist_3. Source: ros-industrial/universal_robot,
 ur_description/urdf/inc/ur_macro.xacro, commit 0290bd2.
 """
@@ -35,13 +42,15 @@ from rigs.text import plain
 Origin = tuple[float, float, float, float, float, float]
 """x, y, z in mm and roll, pitch, yaw in degrees."""
 _SAME_MM, _SAME_RAD = 0.5, 1e-4
-"""How far the axes of the rig file's nominal arm may be from the maker's. Data sheets round to a tenth of a mm."""
+"""Permitted differences between the axes of the nominal arm and the maker's. Data sheets round to a tenth of a mm."""
 
 
 @dataclass(frozen=True)
 class Layout:
-    """How a maker's description writes its joints: their nominal origins, that of the flange where the file has one,
-    and the keys above and below the name of a joint."""
+    """Notation of a maker's description: nominal joint origins, that of the flange if present, and the keys above and
+    below the
+    joint names.
+    """
 
     origins: tuple[Origin, ...]
     flange: Origin | None = None
@@ -86,19 +95,22 @@ _XARM_7 = Layout(
     above="kinematics",
 )
 LAYOUTS: dict[str, tuple[Layout, ...]] = {"franka": (_FRANKA,), "xarm": (_XARM_6, _XARM_7)}
-"""The layouts of each maker's description."""
+"""Notations by maker."""
 
 
 def driver_kinematics(robot: Robot, arm: Arm, maker: str, where: str, remarks: Sequence[str] = ()) -> str:
-    """Return kinematics.yaml of a calibrated arm for the description of a maker.
+    """Return kinematics.yaml of a calibrated arm for a maker's description.
 
-    robot: the nominal arm of the rig file. arm: the calibrated arm. maker: a key of LAYOUTS. where: the rig file, for
-    errors. remarks: lines at the head. Raises FileError for an arm that is not built as one of the maker.
+    robot: nominal arm of the rig file. arm: calibrated arm. maker: a key of LAYOUTS. where: rig file, for errors.
+    remarks:
+    comment lines at the top. Raises FileError for an arm that is not one of the maker's.
     """
     joint_senses(arm, where, "kinematics.yaml")
-    # The layout whose axes are those of the nominal arm: each pair of frames has its axis in common, and the flange of
-    # both is one. `between` has the maker's frame of each link in that of the rig file, all joints at zero; of the last
-    # link the flange of both is the same, so that its frame follows from there where the file has a flange.
+    # The layout with the axes of the nominal arm: each pair of frames shares its axis, and the flange is common.
+    # `between`
+    # contains the maker's frame of each link in that of the rig file, all joints at zero; for the last link it follows
+    # from the
+    # common flange, if the file contains one.
     for layout in (layout for layout in LAYOUTS[maker] if len(layout.origins) == arm.axes):
         ours, theirs, between = np.eye(4), np.eye(4), list[Array]()
         for T, origin in zip(joint_origins(arm_of(robot)), layout.origins, strict=True):
@@ -132,23 +144,26 @@ def _frame(origin: Origin) -> Array:
 
 
 LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
-"""The entries of the file, from the base."""
+"""Entries of the file, from the base."""
 NOT_THE_CONTROLLERS = "rig_not_of_the_controller"
-"""The hash where none is given. The driver compares it with the checksum of the calibration inside the controller and
-reports at each start that they differ, which is true."""
+"""Default hash. The driver compares it with the checksum of the controller's calibration and correctly reports a
+difference
+at each start.
+"""
 _HASH = re.compile(r"calib_\d{1,20}")
-"""As the driver makes it: a number of 64 bits."""
+"""Format of the driver's hash: a number of 64 bits."""
 _TWISTS_DEG = (0.0, 90.0, 0.0, 0.0, 90.0, -90.0)
-"""alpha of all arms of the maker (its DH parameters for calculations of kinematics and dynamics, as modified ones)."""
+"""alpha of all arms of the maker (its DH parameters for calculations of kinematics and dynamics, in modified form)."""
 _MOST_DEG = 5.0
-"""No arm is bent so far; those of other makers differ by right angles."""
+"""Larger than any deformation; arms of other makers differ by right angles."""
 
 
 def ur_driver_text(arm: Arm, where: str, calibration_hash: str | None = None, remarks: Sequence[str] = ()) -> str:
     """Return calibration.yaml of an arm.
 
-    where: the rig file, for errors. calibration_hash: that of the file which the driver's own tool extracted. remarks:
-    lines at the head. Raises FileError for an arm of another kind, UseError for a hash that is none.
+    where: rig file, for errors. calibration_hash: from the file extracted by the driver's tool. remarks: comment lines
+    at the
+    top. Raises FileError for an arm of a different kind, UseError for an invalid hash.
     """
     if calibration_hash is not None and not _HASH.fullmatch(calibration_hash):
         problem = f"{calibration_hash!r} is not a hash of the driver"

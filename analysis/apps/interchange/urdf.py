@@ -1,8 +1,9 @@
-"""A URDF as the `robot:` section of a rig file, held against the library that read it before anyone sees it.
+"""Import a URDF as the `robot:` section of a rig file, verified against an independent library.
 
-The file is read as joints and masses in mm: bounded, without entities or macros, its frames computed by pytransform3d.
-That library reads a part of a word for a number and knows no speeds, so the numbers are checked before it sees them.
-Shapes are left out: the geometry of an arm needs none of its meshes.
+The file is read as joints and masses in mm: size-limited, without entities or macros, with frames computed by
+pytransform3d. That library accepts partial numbers and ignores speeds, so numbers are checked first. Shapes are
+dropped,
+because the kinematics need no meshes.
 """
 
 from __future__ import annotations
@@ -29,14 +30,16 @@ if TYPE_CHECKING:
 
 
 _MOST_BYTES = 10_000_000
-"""The URDF of a humanoid has half a megabyte; meshes are files of their own."""
+"""Size limit; the URDF of a humanoid has half a megabyte, and meshes are separate files."""
 _MOST_PARTS = 2000
-"""Links and joints; a humanoid with both hands has some hundred."""
+"""Limit of links and joints; a humanoid with both hands has about a hundred."""
 _MOST_ATTRIBUTES = 10_000
-"""Signs of equality in one element, or comment, of a file: an element has some three, and the time that the library for
-XML takes for attributes grows with their square, 90 s for 200,000."""
+"""Limit of equals signs in an element or comment: an element has about three, and the XML library's time for attributes
+is
+quadratic, 90 s for 200,000.
+"""
 _LARGEST = 1e6
-"""No arm has so many metres, radians or kilograms."""
+"""Limit in metres, radians or kilograms."""
 _TYPES = ("revolute", "continuous", "prismatic", "fixed")
 _NUMBERS = {
     ("origin", "xyz"): 3,
@@ -47,15 +50,17 @@ _NUMBERS = {
     ("limit", "velocity"): 1,
     ("mass", "value"): 1,
 }
-"""How many numbers the attributes have that are used."""
+"""Number of values in the attributes used."""
 _GIVE_URDF = "give a URDF file, as xacro writes it"
 _XACRO = "expand the macros first: xacro FILE > arm.urdf"
 
 
 @dataclass(frozen=True)
 class UrdfJoint:
-    """A joint. T_parent_child (4, 4): its frame at zero, lengths in mm; axis (3,) in that frame, of any length;
-    lower, upper (rad) and velocity (rad/s): infinite where the file has none; follows: the joint that it mimics."""
+    """Joint. T_parent_child (4, 4): frame at zero, in mm. axis (3,): in that frame, any length. lower, upper (rad) and
+    velocity
+    (rad/s): infinite if absent. follows: mimicked joint.
+    """
 
     name: str
     type: str
@@ -83,7 +88,7 @@ class Mass:
 
 @dataclass(frozen=True)
 class Urdf:
-    """A file: a forest of links, whose masses are by their names, and joints."""
+    """Content of a file: a forest of links, with masses by name, and joints."""
 
     name: str
     masses: dict[str, Mass]
@@ -91,7 +96,7 @@ class Urdf:
 
 
 def read_urdf(path: Path) -> Urdf:
-    """Return the links and joints of a file. Raises FileError, or CellError where the library is missing."""
+    """Read the links and joints of a file. Raises FileError, or CellError if the library is missing."""
     try:
         from pytransform3d.urdf import UrdfException, parse_urdf  # noqa: PLC0415 - an extra of the package
     except ModuleNotFoundError as error:
@@ -121,7 +126,7 @@ def read_urdf(path: Path) -> Urdf:
 
 
 def _xml_root(path: Path) -> Any:
-    """The <robot> of a URDF, bounded, without macros and shapes."""
+    """Return the <robot> element of a URDF, size-limited, without macros and shapes."""
     from lxml import etree  # noqa: PLC0415
 
     where = str(path)
@@ -129,7 +134,7 @@ def _xml_root(path: Path) -> Any:
         text = read_text(path, _MOST_BYTES)
     except OSError as error:
         raise FileError(where, error.strerror or str(error), _GIVE_URDF) from None
-    if "<!DOCTYPE" in text or "<!ENTITY" in text:  # a few lines of entities of entities make gigabytes
+    if "<!DOCTYPE" in text or "<!ENTITY" in text:  # a few lines of nested entities expand to gigabytes
         raise FileError(where, "declares a document type or entities, which no URDF needs", "remove <!DOCTYPE …>")
     if max(part.count("=") for part in text.split("<")) > _MOST_ATTRIBUTES:
         raise FileError(where, f"has an element of more than {_MOST_ATTRIBUTES} attributes", _GIVE_URDF)
@@ -146,7 +151,7 @@ def _xml_root(path: Path) -> Any:
         raise FileError(where, "is xacro, not URDF", _XACRO)
     if (count := len(root.findall("link")) + len(root.findall("joint"))) > _MOST_PARTS:
         raise FileError(where, f"has {count} links and joints, more than {_MOST_PARTS}", "give that of one arm")
-    # All is left out that is not a link with its mass, or a joint.
+    # Everything except links with masses, and joints, is dropped.
     for parent, kept in ((root, ("link", "joint")), *((link, ("inertial",)) for link in root.findall("link"))):
         for part in list(parent):
             if part.tag not in kept:
@@ -158,7 +163,7 @@ def _xml_root(path: Path) -> Any:
 
 
 def _require_numbers(part: Any, where: str) -> None:
-    """Refuse a link or joint with a number that no arm has; write each as the library reads it."""
+    """Refuse a link or joint with an impossible number; normalise numbers for the library."""
     for element in part.iter():
         for key, words in element.attrib.items():
             if "${" in words or "$(" in words:
@@ -181,7 +186,7 @@ def _twice(names: Sequence[str | None]) -> str | None:
 
 
 def _joint(joint: LibraryJoint, element: Any) -> UrdfJoint:
-    """A joint of the library, with what it does not read from the element."""
+    """Convert a joint of the library, adding attributes it ignores."""
     limit, mimic = element.find("limit"), element.find("mimic")
     return UrdfJoint(
         name=str(joint.joint_name),
@@ -198,7 +203,7 @@ def _joint(joint: LibraryJoint, element: Any) -> UrdfJoint:
 
 
 def _in_mm(T: Array) -> Array:
-    """A frame (4, 4) with its place in mm instead of metres."""
+    """Return a frame (4, 4) with its position in mm instead of metres."""
     T = T.copy()
     T[:3, 3] *= 1000.0
     return T
@@ -206,21 +211,22 @@ def _in_mm(T: Array) -> Array:
 
 _SLIDES = "only a rail below all turning joints can slide: leave it out, with --base or --tip"
 _ENDLESS_RAD = 2 * np.pi
-"""Limits of a joint that turns without end: a turn to either side, as most controllers that show such a joint count."""
+"""Limits of a continuous joint: one turn in each direction, the usual range of controllers."""
 _REMEDY = "choose the ends of the arm with --base and --tip"
 _GRIPPER = ("gripper", "jaw", "finger", "claw")
-"""What joints and links of a gripper are called; SO-100, SO-101, WidowX and Robotiq's are."""
+"""Words in gripper joint and link names, as for SO-100, SO-101, WidowX and Robotiq."""
 _LISTED = 5
 _DECIMALS, _MM = 9, 1000.0
-"""Decimals of metres as written."""
+"""Decimals of metres."""
 _NONE = 1e-13
-"""A part of a direction below this is the rounding of zero."""
+"""Smaller components of a direction are rounded zero."""
 
 
 @dataclass(frozen=True)
 class Chain:
-    """Joints from one link of a URDF to another: up, from the base to where the ways part, which are fixed, and down
-    from there to the tip."""
+    """Joints between two links of a URDF: up, fixed joints from the base to the common ancestor, and down to the
+    tip.
+    """
 
     base: str
     tip: str
@@ -229,25 +235,26 @@ class Chain:
 
     @property
     def rail(self) -> UrdfJoint | None:
-        """The joint that slides below all that turn."""
+        """Prismatic joint below all turning joints."""
         first = next((joint for joint in self.down if joint.moves), None)
         return first if first is not None and first.type == "prismatic" else None
 
     @property
     def turning(self) -> tuple[UrdfJoint, ...]:
-        """The joints that are neither fixed nor the rail, from the base."""
+        """Joints that are neither fixed nor the rail, from the base."""
         return tuple(joint for joint in self.down if self.turns(joint))
 
     def turns(self, joint: UrdfJoint) -> bool:
-        """Whether a joint is an axis of the arm."""
+        """Return whether a joint is an axis of the arm."""
         return joint.moves and joint is not self.rail
 
 
 def chain_of(urdf: Urdf, base: str | None, tip: str | None, where: str) -> Chain:
     """Return the chain of four to seven turning joints between two links.
 
-    base: default is the link `base`, or else the root; tip: default is `tool0`, or else the only link at an end.
-    Raises FileError for any other chain.
+    base: by default the link `base`, otherwise the root. tip: by default `tool0`, otherwise the only end link. Raises
+    FileError
+    for any other chain.
     """
     above = {joint.child: joint for joint in urdf.joints}
     start, end = _ends(urdf, base, tip, above, where)
@@ -291,14 +298,14 @@ def axes_of(chain: Chain) -> AxisLines:
 
 
 def joints_of(urdf: Urdf, chain: Chain) -> tuple[Joint, ...]:
-    """Return what the URDF says of each joint: limits, speed, and the mass of all links that are fixed behind it."""
+    """Return joint properties: limits, speed, and the mass of all links fixed to the joint's link."""
     T = _T_base_parting(chain)
     joints = []
     for joint in chain.down:
         T = T @ joint.T_parent_child
         if not chain.turns(joint):
             continue
-        # Of its link and of all that is fixed to it, in the base frame.
+        # of its link and all links fixed to it, in the base frame
         kg, moment, todo = 0.0, np.zeros(3), [(joint.child, T)]
         while todo:
             link, T_link = todo.pop()
@@ -315,8 +322,9 @@ def joints_of(urdf: Urdf, chain: Chain) -> tuple[Joint, ...]:
 
 
 def _ends(urdf: Urdf, base: str | None, tip: str | None, above: dict[str, UrdfJoint], where: str) -> tuple[str, str]:
-    """The links between which the chain of an arm is: those that are asked for, or that go by the usual names, or else
-    the root and the only link at an end that a joint moves."""
+    """Return the end links of an arm's chain: requested, with the usual names, or the root and the only movable end
+    link.
+    """
     names = list(urdf.masses)
     for name in (base, tip):
         if name is not None and name not in names:
@@ -343,7 +351,7 @@ def _ends(urdf: Urdf, base: str | None, tip: str | None, above: dict[str, UrdfJo
 
 
 def _require_an_axis(joint: UrdfJoint, where: str, *, rail: bool) -> None:
-    """One joint as a rig file can have it, or the rail."""
+    """Check that a joint is valid as an axis or rail of a rig file."""
     place = f"joint {joint.name}"
     if joint.follows is not None:
         raise FileError(where, f"{place} follows joint {joint.follows}", "write it as a joint of its own")
@@ -360,7 +368,7 @@ def _require_an_axis(joint: UrdfJoint, where: str, *, rail: bool) -> None:
 
 
 def _path(link: str, above: dict[str, UrdfJoint], where: str) -> list[UrdfJoint]:
-    """The joints from the root to a link."""
+    """Return the joints from the root to a link."""
     path: list[UrdfJoint] = []
     while joint := above.get(link):
         if len(path) > len(above):
@@ -371,7 +379,7 @@ def _path(link: str, above: dict[str, UrdfJoint], where: str) -> list[UrdfJoint]
 
 
 def _T_base_parting(chain: Chain) -> Array:  # noqa: N802 - a frame's name
-    """The frame (4, 4) mm of the link where the ways to base and tip part, in the base frame."""
+    """Return the frame (4, 4) mm of the common ancestor of base and tip, in the base frame."""
     T = np.eye(4)
     for joint in chain.up:
         T = T @ np.linalg.inv(joint.T_parent_child)
@@ -379,17 +387,17 @@ def _T_base_parting(chain: Chain) -> Array:  # noqa: N802 - a frame's name
 
 
 def listed(names: Sequence[str]) -> str:
-    """Return the first few names, and how many more there are."""
+    """Return the first few names, and the number of the remaining ones."""
     return ", ".join(names[:_LISTED]) + (f" and {len(names) - _LISTED} more" if len(names) > _LISTED else "")
 
 
 _EXACT_RAD, _SLIGHT_RAD = 1e-6, 0.02
-"""Axes are parallel or at right angles to a micrometre a metre, or say so where they are nearly so, within a degree."""
+"""Axes count as parallel or perpendicular within a micrometre per metre; nearly so, within a degree, is reported."""
 
 
 @dataclass(frozen=True)
 class UrdfArm:
-    """An arm of a URDF, from the link base to the link tip. doubts: what a person should look at."""
+    """Arm of a URDF between the links base and tip. doubts: to be checked by the user."""
 
     section: Section
     base: str
@@ -398,7 +406,7 @@ class UrdfArm:
 
 
 def import_urdf(path: Path, base: str | None = None, tip: str | None = None) -> UrdfArm:
-    """Return the arm between two links of a URDF. Raises FileError for what has no four to seven axes."""
+    """Return the arm between two links of a URDF. Raises FileError unless there are four to seven axes."""
     urdf = read_urdf(path)
     chain = chain_of(urdf, base, tip, str(path))
     axes = axes_of(chain)
@@ -418,7 +426,7 @@ def import_urdf(path: Path, base: str | None = None, tip: str | None = None) -> 
     if pairs:
         remedy = "they are kept so; if the URDF was rounded (1.571 for 1.5707963267948966), correct it there"
         doubts.append(f"axes are nearly, and not quite, as they are built: {', '.join(pairs)}; {remedy}")
-    # A person who writes another base or tool loses what is between.
+    # A user-defined base or tool would lose the part in between.
     if robot.base != Pose():
         doubts.append(
             "axis 1 does not go through the base's origin: the way there is in base; keep it as part of yours"
@@ -438,8 +446,9 @@ def import_urdf(path: Path, base: str | None = None, tip: str | None = None) -> 
 
 
 def library_poses(chain: Chain, q: Array) -> Array:
-    """Return the poses (n, 4, 4) mm of the tip in the base frame as pytransform3d computes them; q (n, axes) rad, with
-    where the rail stands in m, of a chain that has one."""
+    """Return poses (n, 4, 4) mm of the tip in the base frame by pytransform3d; q (n, axes) rad, with rail position
+    in m if any.
+    """
     from pytransform3d.urdf import UrdfTransformManager  # noqa: PLC0415 - an extra of the package
 
     frames = UrdfTransformManager()

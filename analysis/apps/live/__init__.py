@@ -1,1 +1,3 @@
-"""What `rig live` shows: a pure model and pure drawing; only `terminal`, `loop` and `daemon_source` touch a system."""
+"""The live view of `rig live`: a pure model with pure drawing; only `terminal`, `loop` and `daemon_source` touch the
+system.
+"""

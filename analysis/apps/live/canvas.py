@@ -1,10 +1,10 @@
-"""A grid of character cells that is exactly as large as the terminal: whatever is drawn beyond its edge is cut off.
+"""Grid of character cells with exactly the size of the terminal; drawing outside is clipped.
 
-Text passes the gate of `rigs.text` here. A wide character takes two cells; what has no width of its own is left out.
+Text is sanitised by `rigs.text` here. A wide character takes two cells; zero-width characters are dropped.
 
-Finer than characters are two by four braille dots in each cell. Colours are of the sixteen that every terminal has, in
-pairs that the colour-blind can distinguish. Numbers that can be read from across the cell are figures of half-block
-cells, in whole multiples of a small size.
+Finer drawing uses two by four braille dots per cell. Colours are pairs of the sixteen terminal colours that
+colour-blind
+users can distinguish. Numbers readable from a distance are drawn with half-block cells, in multiples of a small size.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from analysis.robot.kinematics.arm import Array, Mask
 from rigs.text import plain
 
 _Cell = tuple[str, str]
-"""Character and style; the character of a cell that a wide one before it covers is empty."""
+"""Character and style; the second cell of a wide character is empty."""
 
 
 class Canvas:
@@ -33,7 +33,7 @@ class Canvas:
         self._cells: list[list[_Cell]] = [[(" ", "")] * width for _ in range(height)]
 
     def area(self) -> Area:
-        """Return all of it."""
+        """Return the full area."""
         return Area(self, 0, 0, self.width, self.height)
 
     def lines(self) -> list[str]:
@@ -52,7 +52,7 @@ class Canvas:
         return self._cells[row][column][0]
 
     def put(self, row: int, column: int, character: str, style: str) -> None:
-        """Set the cells of one character; parts of a wide one that it covers become spaces."""
+        """Set the cells of a character; partially covered wide characters become spaces."""
         cells = self._cells[row]
         width = get_character_cell_size(character)
         for place in range(column, min(column + width, self.width)):
@@ -66,13 +66,13 @@ class Canvas:
             cells[column + 1] = ("", style)
 
     def dim(self, row: int, column: int) -> None:
-        """Show a cell dim, in no colour."""
+        """Make a cell dim, without colour."""
         self._cells[row][column] = (self.at(row, column), "dim")
 
 
 @dataclass(frozen=True)
 class Area:
-    """A rectangle of a canvas, in which a panel draws with rows and columns of its own."""
+    """Rectangle of a canvas with its own coordinates."""
 
     canvas: Canvas
     top: int
@@ -81,7 +81,7 @@ class Area:
     height: int
 
     def put(self, row: int, column: int, text: str, style: str = "") -> int:
-        """Write text from a cell on, cut off at the edges; return the column after it."""
+        """Write text from a cell on, clipped; return the column after it."""
         for character in plain(text):
             size = get_character_cell_size(character)
             if size and 0 <= row < self.height and column >= 0 and column + size <= self.width:
@@ -90,31 +90,31 @@ class Area:
         return column
 
     def dim(self) -> None:
-        """Show what has been drawn here dim, in no colour."""
+        """Make the existing content dim, without colour."""
         for row in range(self.height):
             for column in range(self.width):
                 self.canvas.dim(self.top + row, self.left + column)
 
     def part(self, top: int, left: int, width: int, height: int) -> Area:
-        """Return a rectangle of this one, no larger than what there is of it."""
+        """Return a rectangle within this one, clipped."""
         top, left = min(max(top, 0), self.height), min(max(left, 0), self.width)
         width, height = max(0, min(width, self.width - left)), max(0, min(height, self.height - top))
         return Area(self.canvas, self.top + top, self.left + left, width, height)
 
     def rows(self, *heights: int) -> list[Area]:
-        """Return rectangles below each other."""
+        """Split into rectangles below each other."""
         tops = [sum(heights[:k]) for k in range(len(heights))]
         return [self.part(top, 0, self.width, height) for top, height in zip(tops, heights, strict=True)]
 
     def columns(self, *widths: int) -> list[Area]:
-        """Return rectangles beside each other."""
+        """Split into rectangles next to each other."""
         lefts = [sum(widths[:k]) for k in range(len(widths))]
         return [self.part(0, column, width, self.height) for column, width in zip(lefts, widths, strict=True)]
 
 
 _BRAILLE = 0x2800
 _BITS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]])
-"""The bits of the dots of a cell, row by row (Unicode 4.0, chapter 14.9)."""
+"""Bits of the dots of a cell, row by row (Unicode 4.0, chapter 14.9)."""
 
 
 class Dots:
@@ -125,8 +125,7 @@ class Dots:
         self.width_dots, self.height_dots = 2 * area.width, 4 * area.height
 
     def polyline(self, x: Array, y: Array, style: str, every: int = 1) -> None:
-        """Draw the line through points (n,), whose unit is the dot; every: of its dots only each so many, which
-        distinguishes lines where there are no colours."""
+        """Draw a line through points (n,) in dots; every: dot spacing, which distinguishes lines without colours."""
         if len(x) < 2:
             return
         steps = np.maximum(np.abs(np.diff(x)), np.abs(np.diff(y)))
@@ -135,7 +134,7 @@ class Dots:
         self.points(np.interp(at, along, x)[::every], np.interp(at, along, y)[::every], style)
 
     def points(self, x: Array, y: Array, style: str) -> None:
-        """Draw points (n,), whose unit is the dot, over what is there; those outside the area are left out."""
+        """Draw points (n,) in dots over the existing content; points outside are dropped."""
         if not self.width_dots or not self.height_dots:
             return
         finite = np.isfinite(x) & np.isfinite(y)
@@ -152,13 +151,13 @@ class Dots:
 
 
 GAUGE_COLOURS = ("bright_cyan", "bright_yellow")
-"""The colours of g1 and g2."""
+"""Colours of g1 and g2."""
 ANGLE_COLOUR = "bright_white"
 ACW_COLOUR, CW_COLOUR = "bright_green", "bright_magenta"
 
 
 def direction_colour(sense: float) -> str:
-    """Return the colour of a direction: sense 1 for acw, -1 for cw, 0 where it is unknown."""
+    """Return the colour of a direction: sense 1 for acw, -1 for cw, 0 if unknown."""
     return {1: ACW_COLOUR, -1: CW_COLOUR}.get(int(sense), "")
 
 
@@ -183,17 +182,17 @@ _HALVES = {(False, False): " ", (True, False): "▀", (False, True): "▄", (Tru
 
 
 def width_of(text: str, scale: int) -> int:
-    """Return the columns that a number takes."""
+    """Return the width of a number in columns."""
     return scale * (sum(len(_SHAPES[character][0]) + 1 for character in text) - 1)
 
 
 def height_of(scale: int) -> int:
-    """Return the rows that a number takes."""
+    """Return the height of a number in rows."""
     return (_PIXEL_ROWS * scale + 1) // 2
 
 
 def put_large(area: Area, row: int, column: int, text: str, scale: int, style: str) -> None:
-    """Write a number of digits, sign, point and spaces with its upper left corner at a cell."""
+    """Draw a number of digits, sign, point and spaces with its upper left corner at a cell."""
     for character in text:
         shape = _SHAPES[character]
         pixels = [line for line in shape for _ in range(scale)]

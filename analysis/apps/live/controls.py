@@ -1,4 +1,4 @@
-"""What the keys do: the state that a person sets, a key in, the next state and what is to be done out."""
+"""Keyboard controls: pure transitions from a key to the next state and an action."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _LONGEST_PROMPT = 200
 
 @dataclass(frozen=True)
 class Units:
-    """A unit of length; decimals: of a reading, down to 0.1 µm."""
+    """Unit of length; decimals: of a reading, down to 0.1 µm."""
 
     name: str
     per_mm: float
@@ -44,14 +44,14 @@ _LABEL = "a label is NAME TEST [acw or cw], for example: monday yaw acw"
 
 @dataclass(frozen=True)
 class Label:
-    """What a recording is called, and what it measures."""
+    """Name and test of a recording."""
 
     name: str
     test: str
     direction: Direction | None
 
     def fields(self) -> dict[str, str | None]:
-        """Return the label as a request to the daemon names it."""
+        """Return the label as fields of a request."""
         return {"name": self.name, "test": self.test, "direction": self.direction}
 
     def __str__(self) -> str:
@@ -60,12 +60,12 @@ class Label:
 
 @dataclass(frozen=True)
 class Quit:
-    """Leave."""
+    """Leave the view."""
 
 
 @dataclass(frozen=True)
 class Start:
-    """Start a recording. zero_mm: what the view takes off each gauge, None where it shows the readings."""
+    """Start a recording. zero_mm: zero offsets of the view, None without."""
 
     label: Label
     zero_mm: tuple[float, float] | None = None
@@ -82,22 +82,22 @@ class Stop:
 
 @dataclass(frozen=True)
 class Restart:
-    """Begin extremes, curves and counts again."""
+    """Reset extremes, curves and counts."""
 
 
 @dataclass(frozen=True)
 class Redraw:
-    """Draw everything again."""
+    """Redraw everything."""
 
 
 @dataclass(frozen=True)
 class Pause:
-    """Pause a run that is played, or go on with it."""
+    """Pause or continue a played run."""
 
 
 @dataclass(frozen=True)
 class Speed:
-    """Play so many times as fast as now."""
+    """Multiply the playing speed."""
 
     factor: float
 
@@ -116,8 +116,12 @@ _ACTIONS: dict[str, Action] = {
 
 @dataclass(frozen=True)
 class Controls:
-    """zero_mm: what is subtracted from each gauge in this view; prompt: the label as it is typed, None if it is not;
-    starts: whether a recording begins once it is entered."""
+    """State of the controls.
+
+    zero_mm: zero offset of each gauge. prompt: partially typed label, None if not typing. starts: whether a recording
+    starts
+    after the input.
+    """
 
     units: Units = UNITS[0]
     zero_mm: tuple[float, float] = (0.0, 0.0)
@@ -128,7 +132,7 @@ class Controls:
     message: str = ""
 
     def pressed(self, key: str, readings: Mapping[str, Reading]) -> tuple[Controls, Action | None]:
-        """Return the controls after a key, and what is to be done."""
+        """Return the controls after a key, and the action."""
         if self.prompt is not None:
             return self._typed(key, self.prompt)
         controls = replace(self, message="", shows_help=False)
@@ -149,8 +153,12 @@ class Controls:
         return controls, _ACTIONS.get(key)
 
     def told(self, notice: str, before: LiveView, view: LiveView) -> Controls:
-        """Return the controls with a notice for their message. Without one, a message is dropped once the daemon has
-        gone or come back, or a recording has begun or ended: it speaks of what was before."""
+        """Return the controls with a notice as the message.
+
+        Without a notice, a message is dropped once the daemon has gone or returned, or a recording has started or
+        ended, because it
+        is then out of date.
+        """
         if notice:
             return replace(self, message=notice)
         changed = (bool(before.lost), before.name) != (bool(view.lost), view.name)
@@ -176,7 +184,7 @@ class Controls:
 
 
 def label_of(text: str) -> tuple[Label | None, str]:
-    """Return the label that was typed, or None and what is wrong; the daemon looks at the name."""
+    """Parse a typed label; return None and the problem if invalid. The daemon checks the name."""
     words = text.split()
     if not 2 <= len(words) <= 3 or words[1] not in _TESTS:
         return None, f"{_LABEL}; tests: {', '.join(_TESTS)}"

@@ -1,9 +1,9 @@
-"""What a running daemon sends, asked for ten times a second in a thread of its own, so that keys and screen never wait;
-or its joints alone, gathered until Ctrl-C, while a person jogs the robot or leads it around.
+"""Poll a running daemon ten times a second in a thread, so that keys and screen never wait; or collect joint angles
+until
+Ctrl-C while the operator jogs or guides the robot.
 
-A daemon that goes is waited for, and asked again when it is back. Only the daemon speaks to the robot, and asking costs
-its readers little: what an answer may hold is bounded (`daq.service.daemon`), and its whole state is asked for twice a
-second only.
+After a loss the daemon is polled until it returns. Only the daemon talks to the robot, and polling costs its readers
+little: answers are bounded (`daq.service.daemon`), and the full status is requested only twice a second.
 """
 
 from __future__ import annotations
@@ -30,26 +30,25 @@ from rigs.schema.vocabulary import FURTHER
 _ASK_S, _STATE_S = 0.1, 0.5
 _RETRY_S = 0.5
 _MOST_WAITING = 100
-"""Updates that are kept for a screen that cannot be drawn."""
+"""Updates kept for a blocked screen."""
 _JOINTS = [f"q{axis}_deg" for axis in range(1, 7)]
 
 
 class Asking:
-    """One connection to a daemon and what it has sent: answers in, updates out."""
+    """Connection to a daemon with its data: answers in, updates out."""
 
     def __init__(self, client: Client, rig_lines: list[str] | None = None, signs: Sequence[int] = (1, 1)) -> None:
-        """rig_lines: the rig file of the connection before, which need not be read again if it is the same; signs: of
-        its gauges."""
+        """Create a poller. rig_lines: rig file of the previous connection, reused if equal. signs: of its gauges."""
         self._client, self.rig_lines, self.signs = client, rig_lines, signs
         self._after: dict[str, int] = {}
         self._joiner: Joiner = NO_TRACKS
         self._further: dict[str, tuple[float, float]] = {}
-        """Time in s and reading in mm of the last sample of each gauge beside the two."""
+        """Time in s and reading in mm of the last sample of each additional gauge."""
         self._knows_rig = False
         self._state_due_s = 0.0
 
     def update(self, now_s: float) -> Update:
-        """Ask, and return what is new. Raises CellError where the daemon does not answer."""
+        """Poll, and return the new data. Raises CellError if the daemon does not answer."""
         answer = self._client.ask("samples", after=self._after, rig=not self._knows_rig)
         self._after = {name: stream["newest"] for name, stream in answer["streams"].items()}
         cell, notice = None, ""
@@ -70,7 +69,7 @@ class Asking:
             for name, track in self._joiner.tracks.items()
             if name in GAUGES
         }
-        # Of gauges beside the two that tests take, the last reading is shown; no row waits for them.
+        # For additional gauges the last reading is shown; rows do not wait for them.
         for stream in answer["streams"].values():
             for place, column in enumerate(stream["columns"], start=1):
                 name = column.removesuffix("_mm")
@@ -82,10 +81,10 @@ class Asking:
 
 
 class DaemonSource:
-    """A daemon by its socket, or by what finds it each time; it may go and come back."""
+    """Daemon at a socket, or at the socket returned by a function; it may disappear and return."""
 
     def __init__(self, socket: Path | Callable[[], Path]) -> None:
-        """socket: where it is; a function raises CellError while there is none."""
+        """Create a source. socket: its path; a function raises CellError while there is none."""
         self._find = socket if callable(socket) else lambda: socket
         self._updates: SimpleQueue[Update] = SimpleQueue()
         self._ended = threading.Event()
@@ -93,7 +92,7 @@ class DaemonSource:
         self._heard_s = time.monotonic()
 
     def __enter__(self) -> DaemonSource:
-        """Begin to ask. Raises CellError where no daemon answers now."""
+        """Start polling. Raises CellError if no daemon answers now."""
         with Client(self._find()):
             pass
         return self.begun()
@@ -102,16 +101,16 @@ class DaemonSource:
         self.end()
 
     def begun(self) -> DaemonSource:
-        """Begin to ask, also where no daemon answers yet."""
+        """Start polling, even before a daemon answers."""
         self._thread.start()
         return self
 
     def end(self) -> None:
-        """Ask no more."""
+        """Stop polling."""
         self._ended.set()
 
     def updates(self) -> list[Update]:
-        """Return what has come since the last call; after some seconds of nothing, that nothing comes."""
+        """Return the data since the last call; after some silent seconds, a report of the silence."""
         updates: list[Update] = []
         with suppress(Empty):
             while True:
@@ -124,7 +123,7 @@ class DaemonSource:
         return updates
 
     def request(self, command: str, fields: Mapping[str, Any], notice_of: Callable[[dict[str, Any]], str]) -> None:
-        """Send a request of a person; its answer, or the error, comes as a notice."""
+        """Send a user request; the answer or error becomes a notice."""
 
         def ask() -> None:
             try:
@@ -144,7 +143,7 @@ class DaemonSource:
                 with Client(self._find()) as client:
                     asking = Asking(client, rig_lines, signs)
                     while not self._ended.wait(_ASK_S):
-                        if self._updates.qsize() > _MOST_WAITING:  # the terminal takes nothing: held by Ctrl-S
+                        if self._updates.qsize() > _MOST_WAITING:  # the terminal is blocked: paused by Ctrl-S
                             continue
                         self._updates.put(asking.update(time.monotonic()))
                         rig_lines, signs = asking.rig_lines, asking.signs
@@ -156,8 +155,10 @@ class DaemonSource:
 
 
 def tracks_of(streams: Mapping[str, Any], signs: Sequence[int] = (1, 1)) -> dict[str, Track]:
-    """Return the samples of a `samples` answer by instrument, in mm and rad. signs: by which the readings of the gauges
-    grow with the distance from the ball."""
+    """Return the samples of a `samples` answer by instrument, in mm and rad.
+
+    signs: signs that make the gauge readings increase with the distance from the ball.
+    """
     tracks = {}
     for stream in streams.values():
         if not stream["rows"]:
@@ -182,9 +183,10 @@ _SILENT_DAEMON_S = 5.0
 
 
 def watched_motion(client: Client, where: str, show: Callable[[RobotMotion], None]) -> RobotMotion:
-    """The motion of the robot from now until Ctrl-C; show: called every two seconds with what there is.
+    """Record the robot's motion until Ctrl-C; show: called every two seconds with the present data.
 
-    Raises CellError where the daemon goes, or the robot sends no joints."""
+    Raises CellError if the daemon disappears, or the robot sends no joints.
+    """
     times: list[Array] = []
     angles: list[Array] = []
     after: dict[str, int] = {name: stream["newest"] for name, stream in _samples(client, {}).items()}

@@ -1,7 +1,7 @@
-"""Panels of curves in braille dots: the error around the circle and laid out straight, and the gauges over time.
+"""Curve panels in braille dots: the error around the circle and over its angle, and gauge readings over time.
 
-The circle is seen against its normal, phi = 0 to the right and growing anticlockwise, as in docs/conventions.md; the
-error grows around it as it comes, acw and cw over each other, magnified.
+The circle is seen against its normal, phi = 0 to the right and increasing anticlockwise, as in docs/conventions.md; the
+magnified error grows around it during the lap, acw and cw superimposed.
 """
 
 from __future__ import annotations
@@ -17,34 +17,34 @@ from analysis.apps.live.view import LiveView
 from analysis.robot.kinematics.arm import Array
 
 _MIDDLE, _REACH = 0.66, 0.3
-"""Radius of the nominal circle and the largest error drawn, as shares of half the panel."""
+"""Radius of the nominal circle and largest error, relative to half the panel."""
 _OUTSIDE = 1.1
-"""Where reversals are marked, in shares of the reach."""
+"""Position of reversal marks, relative to the largest error."""
 _INSIDE = 0.3
-"""Where the start of the lap is marked."""
+"""Position of the lap start mark."""
 _MARKS = 24
-"""Reversals that are marked: the last of some two laps."""
+"""Number of reversal marks: the last ones of about two laps."""
 _SCALES = (1.0, 2.0, 5.0)
 _SMALLEST = 1e-4
-"""The smallest scale, in degrees or mm: as fine as a gauge resolves."""
+"""Smallest scale, in degrees or mm: the resolution of a gauge."""
 
 
 def scale_of(curves: tuple[ErrorCurve, ErrorCurve]) -> float:
-    """Return the error at full deflection: 1, 2 or 5 times a power of ten, above the largest error."""
+    """Return the error at full scale: 1, 2 or 5 times a power of ten, above the largest error."""
     largest = max((float(np.abs(curve.error).max()) for curve in curves if len(curve.error)), default=0.0)
     power = 10.0 ** math.floor(math.log10(max(largest, _SMALLEST)))
     return next(scale * power for scale in (*_SCALES, 10.0) if scale * power >= largest)
 
 
 def unit_of(view: LiveView, controls: Controls) -> tuple[str, float]:
-    """Return the unit in which the error is shown, and the factor from degrees or mm."""
+    """Return the displayed unit of the error, and the factor from degrees or mm."""
     if view.cell is not None and view.cell.has_angle:
         return "°", 1.0
     return f" {controls.units.name}", controls.units.per_mm
 
 
 def draw_circle(area: Area, view: LiveView, controls: Controls, curves: tuple[ErrorCurve, ErrorCurve]) -> None:
-    """Draw the circle with its errors, the tool's place, and the places where joints turned back."""
+    """Draw the circle with errors, the tool position, and the joint reversals."""
     if view.cell is None or view.cell.frame is None:
         area.put(area.height // 2, 1, "no circle test" if view.cell else "no rig file yet", "dim")
         return
@@ -83,7 +83,7 @@ def draw_circle(area: Area, view: LiveView, controls: Controls, curves: tuple[Er
 
 
 def _legend(view: LiveView, controls: Controls, curves: tuple[ErrorCurve, ErrorCurve], scale: float) -> list[str]:
-    """Bands and scale, as far as the middle of the circle has room."""
+    """Return error bands and scale, as far as the centre of the circle has room."""
     unit, factor = unit_of(view, controls)
     words = []
     for name, curve in zip(("acw", "cw"), curves, strict=True):
@@ -99,12 +99,12 @@ _LABEL = 15
 """Columns at the left for the scale."""
 _SECONDS_A_COLUMN = 0.25
 _LEAST_MM = 0.001
-"""The smallest span of a trace: below it, only the last digits of a gauge flicker."""
+"""Smallest span of a trace: below it, only the last digits of a gauge flicker."""
 _QUARTERS = 4
 
 
 def draw_trace(area: Area, view: LiveView, controls: Controls) -> None:
-    """Draw the readings of the last seconds, each gauge less its mean over them, on one scale."""
+    """Draw the readings of the last seconds, each gauge relative to its mean, on a common scale."""
     plot = area.part(0, _LABEL, area.width - _LABEL, area.height)
     seconds = max(5.0, plot.width * _SECONDS_A_COLUMN)
     recent, units = view.since(seconds), controls.units
@@ -120,7 +120,7 @@ def draw_trace(area: Area, view: LiveView, controls: Controls) -> None:
     x = dots.width_dots - 1 - (recent.t_s[-1] - recent.t_s) / seconds * dots.width_dots
     for k, line in lines.items():
         y = (dots.height_dots - 1) * (0.5 - 0.48 * line / reach_mm)
-        # The stretches of a line (n,) without nan
+        # sections of a line (n,) without nan
         finite = np.concatenate([[False], np.isfinite(line), [False]])
         begins, ends = np.flatnonzero(finite[1:] & ~finite[:-1]), np.flatnonzero(finite[:-1] & ~finite[1:])
         for begin, end in zip(begins.tolist(), ends.tolist(), strict=True):

@@ -1,4 +1,4 @@
-"""The present figures of a view as plain values and as one line, for `--json` and `--plain`."""
+"""Present figures of a view as plain values, and as a line for `--json` and `--plain`."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from analysis.robot.geometry.circle import link_angle
 from rigs.schema.vocabulary import CIRCLES
 
 OLD_S = 2.0
-"""A reading that is older is marked: a frozen number must not look alive."""
+"""An older reading is marked: a frozen number must not look alive."""
 
 
 def angle_deg(view: LiveView, zero_mm: tuple[float, float] = (0.0, 0.0)) -> float | None:
-    """Return the angle between link and tool by the last readings less their zeros; None where there is none."""
+    """Return the angle between link and tool from the last readings and zeros; None if unavailable."""
     if view.cell is None or not view.cell.has_angle or not {"g1", "g2"} <= view.readings.keys():
         return None
     g1, g2 = (np.array(view.readings[name].mm - zero) for name, zero in zip(("g1", "g2"), zero_mm, strict=True))
@@ -27,24 +27,28 @@ def angle_deg(view: LiveView, zero_mm: tuple[float, float] = (0.0, 0.0)) -> floa
 
 
 def angle_name(view: LiveView) -> str:
-    """Return what the angle is called: yaw or roll while such a test is recorded or played."""
+    """Return the name of the angle: yaw or roll while such a test is recorded or played."""
     return view.test if view.test in CIRCLES else "angle"
 
 
 def phi_deg(view: LiveView) -> float | None:
-    """Return the circle angle now; None off the circle."""
+    """Return the present circle angle; None off the circle."""
     return None if not len(view.phi) or math.isnan(view.phi[-1]) else math.degrees(view.phi[-1])
 
 
 def lap_share(view: LiveView) -> float | None:
-    """Return how much of the present lap is driven; None where the tool does not move along the circle."""
+    """Return the completed share of the present lap; None without motion along the circle."""
     return None if view.cell is None else view.lap.share(view.cell.start_rad, view.cell.lead_rad)
 
 
 @dataclass(frozen=True)
 class LapState:
-    """Where the tool is in its laps. place: `lap` and `lead_in` have the number of the lap, from 1, and its share that
-    is driven; `stands`: on the circle, without motion along it; `off`: not on the circle."""
+    """Position in the laps.
+
+    place: `lap` and `lead_in` have a lap number, from 1, and the completed share; `stands`: on the circle without
+    motion; `off`:
+    not on the circle.
+    """
 
     place: Literal["no_circle", "off", "stands", "way_back", "lead_in", "lap", "lead_out"]
     number: int = 0
@@ -52,7 +56,7 @@ class LapState:
 
 
 def lap_state(view: LiveView) -> LapState:
-    """Return where the tool is in its laps."""
+    """Return the position in the laps."""
     if view.cell is None or view.cell.frame is None:
         return LapState("no_circle")
     if phi_deg(view) is None:
@@ -70,7 +74,7 @@ def lap_state(view: LiveView) -> LapState:
 
 
 def shown_curves(view: LiveView) -> tuple[ErrorCurve, ErrorCurve]:
-    """Return the error curves acw and cw in degrees, or in mm where the rig has one gauge."""
+    """Return the error curves acw and cw in degrees, or in mm for a single gauge."""
     per = math.degrees(1.0) if view.cell is not None and view.cell.has_angle else 1.0
     curves = [sweep.curve() for sweep in (view.acw, view.cw)]
     acw, cw = (
@@ -87,7 +91,7 @@ def shown_curves(view: LiveView) -> tuple[ErrorCurve, ErrorCurve]:
 
 
 def figures(view: LiveView) -> dict[str, Any]:
-    """Return the present figures; None where one cannot be had."""
+    """Return the present figures; None if unavailable."""
     state, gauges = view.state, {}
     for k, name in enumerate(("g1", "g2")):
         if name in view.readings:
@@ -131,7 +135,7 @@ def figures(view: LiveView) -> dict[str, Any]:
 
 
 def plain_line(view: LiveView, units: Units, zero_mm: tuple[float, float] = (0.0, 0.0)) -> str:
-    """Return the present figures in one line for a screen reader or a log, less the zeros of both gauges in mm."""
+    """Return the present figures as a line for a screen reader or log, relative to the zeros of both gauges in mm."""
     if view.lost:
         return view.lost
     parts = [f"at {view.played.at_s:.1f} s"] if view.played else []

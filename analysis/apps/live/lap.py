@@ -1,17 +1,19 @@
-"""A lap as it is driven: the sense of motion, how far it is, how many were driven, where the joints turn back, and the
-error around the circle as it grows.
+"""A lap in progress: sense of motion, completed share, number of laps, joint reversals, and the growing error curve.
 
-A lap begins at the start angle, after the lead-in, as in `analysis.runs.laps`. The sense is known 2° after the tool
-has begun to move or turned back, which is more than the noise of any feedback.
+A lap begins at the start angle, after the lead-in, as in `analysis.runs.laps`. The sense is known 2° after the start
+of a
+motion or a reversal, more than the noise of any feedback.
 
-Few wrists have two turns to give, so a robot goes back after a lap before it drives the next. What goes back over the
-way of a whole lap, without having left the circle, is that way back and no lap of the other direction.
+Few wrists have two spare turns, so a robot returns after a lap before the next one. A motion back over a whole lap,
+without leaving the circle, is this return and not a lap in the opposite direction.
 
-Joints turn back by the rule of `analysis.procedures.circle.joint_reversals`, row by row.
+Joint reversals follow the rule of `analysis.procedures.circle.joint_reversals`, row by row.
 
-The error is one curve for each direction, over 720 circle angles: what is left of the angle (of the distance, with one
-gauge) without its least-squares sine, as in `analysis.procedures.circle.evaluate`. Before a lap is whole the sine is
-fitted to what there is; over less than half a lap it would take the error with it, and only the mean is taken off.
+There is an error curve per direction, over 720 circle angles: the angle (or the distance, for a single gauge) without
+its
+least-squares sine, as in `analysis.procedures.circle.evaluate`. During a lap the sine is fitted to the existing data;
+below half a
+lap it would absorb the error, so only the mean is removed.
 """
 
 from __future__ import annotations
@@ -31,18 +33,22 @@ from analysis.runs.noise.spectrum import NODES
 
 _TURNS_BACK_RAD = math.radians(2.0)
 _EARLY_RAD = math.radians(20.0)
-"""A program may begin so much before its lead-in, as `analysis.runs.laps` allows for one that finds its start."""
+"""Permitted start of a program before its lead-in, as in `analysis.runs.laps`."""
 _TURN = 2 * math.pi
 _WHOLE_RAD = _TURN - math.radians(2.0)
-"""A lap that was driven so far is counted: the row at its very end may be missing."""
+"""A lap of this length counts as complete: the last row may be missing."""
 
 
 @dataclass(frozen=True)
 class LapProgress:
-    """phi_rad: unwrapped circle angle of the last row, nan off the circle; sense: 1 acw, -1 cw, 0 unknown; extreme_rad:
-    the furthest in this sense; from_rad: where the motion in this sense began; acw, cw: laps completed of each sense;
-    forward: the sense of the first whole lap since the tool came to the circle, 0 before it, and origin_rad: where that
-    began."""
+    """Progress of the laps.
+
+    phi_rad: unwrapped circle angle of the last row, nan off the circle. sense: 1 acw, -1 cw, 0 unknown. extreme_rad:
+    furthest
+    angle in this sense. from_rad: start of the motion in this sense. acw, cw: completed laps. forward: sense of the
+    first whole
+    lap since the tool reached the circle, 0 before, and origin_rad: its start.
+    """
 
     phi_rad: float = math.nan
     sense: int = 0
@@ -55,13 +61,16 @@ class LapProgress:
 
     @property
     def goes_back(self) -> bool:
-        """Whether the tool goes back over the way of its laps."""
+        """Whether the tool returns along its laps."""
         unwinds = self.forward != 0 and self.sense == -self.forward
         return unwinds and self.forward * (self.phi_rad - self.origin_rad) > 0
 
     def after(self, phi: Array, start_rad: float, lead_rad: float) -> tuple[LapProgress, Array, Array]:
-        """Return the progress after rows at circle angles phi (n,) rad, and at each row the sense of motion (n,) and
-        the share (n,) of the lap that is driven, nan where the tool does not move along the circle."""
+        """Return the progress after rows at circle angles phi (n,) rad, the sense (n,), and the completed share (n,) of
+        the lap.
+
+        The share is nan without motion along the circle.
+        """
         state, senses, shares = self, [], []
         for angle in phi.tolist():
             state = state._moved(angle)
@@ -71,13 +80,15 @@ class LapProgress:
         return state, np.array(senses, dtype=float), np.array(shares)
 
     def share(self, start_rad: float, lead_rad: float) -> float | None:
-        """Return how much of the present lap is driven, below 0 in the lead-in and above 1 after it; None where the
-        tool does not move along the circle, or goes back."""
+        """Return the completed share of the present lap, below 0 in the lead-in and above 1 after the lap.
+
+        None without motion along the circle, or during a return.
+        """
         if self.sense == 0 or math.isnan(self.phi_rad) or self.goes_back:
             return None
         ahead = self.sense * (self.phi_rad - start_rad)
         begun = self.sense * (self._begun_rad - start_rad)
-        # A way begins at the lead-in, or anywhere in the lap where the view was begun late.
+        # A motion begins at the lead-in, or anywhere in the lap if the view was started late.
         return (ahead - _TURN * math.floor((begun + lead_rad + _EARLY_RAD) / _TURN)) / _TURN
 
     def _moved(self, phi: float) -> LapProgress:
@@ -97,11 +108,11 @@ class LapProgress:
 
     @property
     def _begun_rad(self) -> float:
-        """Where laps of the present sense can begin: where the motion does, or where the way back ends."""
+        """Start of a lap in the present sense: the start of the motion, or the end of the return."""
         return self.origin_rad if self.forward and self.sense == -self.forward else self.from_rad
 
     def counted(self) -> LapProgress:
-        """Return the progress with the whole laps of the motion that ends now counted."""
+        """Return the progress including the whole laps of the motion that ends now."""
         driven_rad = max(0.0, self.sense * (self.extreme_rad - self._begun_rad)) if self.sense else 0.0
         laps = int((driven_rad + _TURN - _WHOLE_RAD) / _TURN)
         counted = replace(self, acw=self.acw + laps * (self.sense > 0), cw=self.cw + laps * (self.sense < 0))
@@ -110,21 +121,24 @@ class LapProgress:
         return counted
 
     def ended(self) -> LapProgress:
-        """Return the progress after the tool has left the circle."""
+        """Return the progress after leaving the circle."""
         off = replace(self.counted(), phi_rad=math.nan, sense=0, extreme_rad=math.nan, from_rad=math.nan)
         return replace(off, forward=0, origin_rad=math.nan)
 
 
 _MOVES_RAD_S = float(np.radians(0.05))
-"""A joint that turns more slowly stands: the noise of a feedback of 0.01° over a third of a second."""
+"""A slower joint stands: feedback noise of 0.01° over a third of a second."""
 _SPEED_S = 0.35
-"""The time over which a speed is taken."""
+"""Time for measuring a speed."""
 
 
 @dataclass(frozen=True)
 class JointReversal:
-    """A joint (1 … 6) turned back at t_s; phi_rad: circle angle, nan off the circle; upper: from rising to falling;
-    sense: of the lap, 1 for acw, -1 for cw, 0 if it is unknown."""
+    """Reversal of a joint (1 … 6) at t_s.
+
+    phi_rad: circle angle, nan off the circle. upper: from rising to falling. sense: of the lap, 1 acw, -1 cw, 0
+    unknown.
+    """
 
     axis: int
     t_s: float
@@ -135,8 +149,12 @@ class JointReversal:
 
 @dataclass(frozen=True)
 class JointMotion:
-    """sense (6,): 1 rising, -1 falling, 0 unknown; extreme (6,) rad: the furthest in that sense, with its time
-    extreme_t_s (6,) and circle angle extreme_phi (6,) rad."""
+    """Motion of the joints.
+
+    sense (6,): 1 rising, -1 falling, 0 unknown; extreme (6,) rad: furthest angle in that sense, with its time
+    extreme_t_s (6,)
+    and circle angle extreme_phi (6,) rad.
+    """
 
     sense: Array = field(default_factory=lambda: np.zeros(6))
     extreme: Array = field(default_factory=lambda: np.full(6, np.nan))
@@ -144,8 +162,7 @@ class JointMotion:
     extreme_phi: Array = field(default_factory=lambda: np.full(6, np.nan))
 
     def after(self, rows: Rows, phi: Array, senses: Array) -> tuple[JointMotion, list[JointReversal]]:
-        """Return the motion after rows at circle angles phi (n,) rad, and the reversals among them. senses (n,): of
-        the lap."""
+        """Return the motion after rows at circle angles phi (n,) rad, and their reversals. senses (n,): of the lap."""
         sense, extreme = self.sense.copy(), self.extreme.copy()
         at_t_s, at_phi = self.extreme_t_s.copy(), self.extreme_phi.copy()
         reversals: list[JointReversal] = []
@@ -168,7 +185,7 @@ class JointMotion:
 
 
 def speeds(rows: Rows) -> Array:
-    """Return the speed (6,) rad/s of each joint over the last rows; nan where it is unknown."""
+    """Return the speed (6,) rad/s of each joint over the last rows; nan if unknown."""
     if not len(rows):
         return np.full(6, np.nan)
     recent = rows.taken(slice(int(np.searchsorted(rows.t_s, rows.t_s[-1] - _SPEED_S)) - 1, None))
@@ -179,20 +196,23 @@ def speeds(rows: Rows) -> Array:
 
 
 def moves(speed_rad_s: float) -> int:
-    """Return 1 for a joint that rises, -1 for one that falls and 0 for one that stands."""
+    """Return 1 for a rising joint, -1 for a falling one, 0 for a standing one."""
     return 0 if not abs(speed_rad_s) > _MOVES_RAD_S else int(math.copysign(1, speed_rad_s))
 
 
 _WIDEST_RAD = float(np.radians(10.0))
-"""A gap that is wider is not bridged: `rig analyse` accepts no wider one."""
+"""Widest gap to be bridged, as in `rig analyse`."""
 _HALF = np.pi
 
 
 @dataclass(frozen=True)
 class ErrorCurve:
-    """phi (n,) rad in order and error (n,) in rad or mm there. is_whole: over a whole lap, and then at the stated
-    resolution; less_sine: whether the sine is off, else the mean alone; band: largest less smallest error, 0 where
-    there is no curve."""
+    """Error curve: phi (n,) rad in order, and error (n,) in rad or mm.
+
+    is_whole: covers a whole lap, at the stated resolution. less_sine: whether the sine is removed, otherwise only the
+    mean.
+    band: largest less smallest error, 0 if empty.
+    """
 
     phi: Array
     error: Array
@@ -206,12 +226,12 @@ NO_CURVE = ErrorCurve(np.empty(0), np.empty(0), False, False, 0.0)
 
 @dataclass(frozen=True)
 class Sweep:
-    """last (NODES,): what was measured last at each circle angle since the curve was begun, nan where nothing was."""
+    """last (NODES,): latest measurement at each circle angle, nan if missing."""
 
     last: Array = field(default_factory=lambda: np.full(NODES, np.nan))
 
     def after(self, phi: Array, values: Array) -> Sweep:
-        """Return the sweep with newer values (n,) at circle angles phi (n,) rad, which take the place of older ones."""
+        """Return the sweep with newer values (n,) at circle angles phi (n,) rad, replacing older ones."""
         good: Mask = np.isfinite(phi) & np.isfinite(values)
         if not good.any():
             return self
@@ -220,7 +240,7 @@ class Sweep:
         return replace(self, last=last)
 
     def curve(self) -> ErrorCurve:
-        """Return the error over the circle angles that were measured."""
+        """Return the error over the measured circle angles."""
         measured = np.isfinite(self.last)
         if measured.sum() < 2:
             return NO_CURVE
@@ -238,7 +258,7 @@ class Sweep:
 
 
 def pieces(curve: ErrorCurve) -> list[slice]:
-    """Return the stretches of a curve without gaps, in order; one that spans phi = 0 comes as two."""
+    """Return the sections of a curve without gaps, in order; a section across phi = 0 is split."""
     ends = [*(np.flatnonzero(np.diff(curve.phi) > _WIDEST_RAD) + 1).tolist(), len(curve.phi)]
     begins = [0, *ends[:-1]]
     return [slice(begin, end) for begin, end in zip(begins, ends, strict=True) if end - begin > 1]

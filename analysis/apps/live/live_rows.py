@@ -1,10 +1,11 @@
-"""What a live view is made of: samples of several streams as rows, both gauges and the joints at the instants of gauge
-1, as they come; and what the rig file says of the cell: where on the circle the tool is, and what the two gauges show
-there.
+"""Rows of a live view: both gauges and the joints at the times of gauge 1, joined from several streams on arrival; and
+the
+cell according to the rig file: tool position on the circle, and meaning of the gauges.
 
-`analysis.runs.align` does the same of a whole run, with fitted clocks. Here a sample's time is when its first byte
-came, which is enough to watch by. A stream that is silent is not waited for; its values are nan. Place and angle come
-from the functions that `rig analyse` uses.
+`analysis.runs.align` does the same for a whole run with fitted clocks. Here a sample's time is the arrival of its
+first
+byte, which is sufficient for watching. Silent streams are not awaited; their values are nan. Position and angle use the
+functions of `rig analyse`.
 """
 
 from __future__ import annotations
@@ -23,14 +24,14 @@ from rigs.schema.gauges import Gauge
 GAUGES = ("g1", "g2")
 ROBOT = "robot"
 _SILENT_S = 1.0
-"""A stream this far behind the others is not waited for; an instrument that is asked answers several times a second."""
+"""Delay after which a stream is no longer awaited; polled instruments answer several times a second."""
 _GAP_S = 0.5
-"""No row is made between two samples that are further apart: a line across missing data is not a measurement."""
+"""No row is made between samples further apart: interpolation across missing data is not a measurement."""
 
 
 @dataclass(frozen=True)
 class Rows:
-    """t_s (n,) in order; g_mm (n, 2) and q (n, 6) rad, nan where there is no value."""
+    """t_s (n,) in order; g_mm (n, 2) and q (n, 6) rad, nan if missing."""
 
     t_s: Array
     g_mm: Array
@@ -40,11 +41,11 @@ class Rows:
         return len(self.t_s)
 
     def taken(self, rows: slice) -> Rows:
-        """Return some of the rows."""
+        """Return a slice of the rows."""
         return Rows(self.t_s[rows], self.g_mm[rows], self.q[rows])
 
     def followed_by(self, newer: Rows, most: int) -> Rows:
-        """Return the last `most` of these rows and newer ones."""
+        """Return the last `most` rows including newer ones."""
         if not len(newer):
             return self
         parts = ((self.t_s, newer.t_s), (self.g_mm, newer.g_mm), (self.q, newer.q))
@@ -56,7 +57,7 @@ NO_ROWS = Rows(np.empty(0), np.empty((0, 2)), np.empty((0, 6)))
 
 @dataclass(frozen=True)
 class Track:
-    """Samples of one instrument: t_s (n,) in order, values (n, k) in mm or rad."""
+    """Samples of an instrument: t_s (n,) in order, values (n, k) in mm or rad."""
 
     t_s: Array
     values: Array
@@ -64,17 +65,17 @@ class Track:
 
 @dataclass(frozen=True)
 class Joiner:
-    """What is kept of each instrument until all of them have samples as late; until_s: time of the last row."""
+    """Samples of each instrument kept until the others have caught up; until_s: time of the last row."""
 
     tracks: Mapping[str, Track]
     until_s: float = -np.inf
 
     def joined(self, new: Mapping[str, Track]) -> tuple[Joiner, Rows]:
-        """Return the joiner with new samples of the instruments, and the rows that can be made now."""
+        """Return the joiner with new samples, and the rows that are now complete."""
         tracks = {**self.tracks, **new}
         for name, newer in new.items():
             if (track := self.tracks.get(name)) is not None and len(track.t_s):
-                later = newer.t_s > track.t_s[-1]  # what is out of order is left out
+                later = newer.t_s > track.t_s[-1]  # out-of-order samples are dropped
                 values = np.concatenate([track.values, newer.values[later]], axis=0)
                 tracks[name] = Track(np.concatenate([track.t_s, newer.t_s[later]]), values)
         tracks = {name: track for name, track in tracks.items() if len(track.t_s)}
@@ -90,7 +91,7 @@ class Joiner:
         until_s = float(t_s[-1]) if len(t_s) else self.until_s
         kept = {}
         for name, track in tracks.items():
-            # The last sample before the others, from which the next rows are interpolated, stays as well.
+            # keep the last sample before the others, needed for interpolation
             first = max(0, int(np.searchsorted(track.t_s, ready_s - _SILENT_S)) - 1)
             kept[name] = Track(track.t_s[first:], track.values[first:])
         return replace(self, tracks=kept, until_s=until_s), rows
@@ -100,7 +101,7 @@ NO_TRACKS = Joiner({})
 
 
 def _at(t_s: Array, track: Track | None, count: int) -> Array:
-    """Values (n, count) at times t_s (n,); nan outside a track and in its gaps."""
+    """Return values (n, count) at times t_s (n,); nan outside a track and in its gaps."""
     if track is None:
         return np.full((len(t_s), count), np.nan)
     values = np.stack([np.interp(t_s, track.t_s, column) for column in track.values.T], axis=1)
@@ -113,9 +114,14 @@ def _at(t_s: Array, track: Track | None, count: int) -> Array:
 
 @dataclass(frozen=True)
 class Cell:
-    """name: of the rig; axes: names of the joints; baseline_mm: 0 without a second gauge; frame, start_rad, lead_rad,
-    laps: of the circle test, frame None where the rig file has none; range_mm: of each gauge by its certificate, None
-    where it has none; signs: by which its readings grow with the distance from the ball."""
+    """Cell in the view.
+
+    name: of the rig. axes: joint names. baseline_mm: 0 without a second gauge. frame, start_rad, lead_rad, laps: of the
+    circle
+    test, frame None without one. range_mm: of each gauge by its certificate, or None. signs: signs that make the
+    readings
+    increase with the distance from the ball.
+    """
 
     name: str
     arm: Arm
@@ -129,7 +135,7 @@ class Cell:
     signs: tuple[int, ...]
 
     def phi(self, q: Array) -> Array:
-        """Circle angle (n,) rad, 0 … 2 pi, of joints q (n, 6) rad; nan where the tool is not on the circle."""
+        """Return circle angles (n,) rad, 0 … 2 pi, of joints q (n, 6) rad; nan off the circle."""
         phi = np.full(len(q), np.nan)
         known_rows = np.isfinite(q).all(axis=1)
         if self.frame is not None and known_rows.any():
@@ -138,18 +144,20 @@ class Cell:
         return phi
 
     def error_source(self, g_mm: Array) -> Array:
-        """What is drawn around the circle, (n,) of readings (n, 2) mm: the angle in rad where there are two gauges,
-        else the distance in mm."""
+        """Return the values (n,) drawn around the circle for readings (n, 2) mm: angle in rad for two gauges, otherwise
+        distance in
+        mm.
+        """
         return link_angle(g_mm[:, 0], g_mm[:, 1], self.baseline_mm) if self.has_angle else g_mm[:, 0]
 
     @property
     def has_angle(self) -> bool:
-        """Whether the rig has the two gauges that an angle needs."""
+        """Whether the rig has two gauges, as needed for an angle."""
         return self.baseline_mm != 0
 
 
 def cell_of(rig: Rig) -> Cell:
-    """Return what a rig file says of the cell."""
+    """Return the cell of a rig file."""
     circle = rig.tests.circle
     return Cell(
         rig.name,
@@ -166,7 +174,7 @@ def cell_of(rig: Rig) -> Cell:
 
 
 def _range_mm(gauge: Gauge) -> tuple[float, float] | None:
-    """The range of a gauge's certificate, in readings that grow with the distance from the ball."""
+    """Return the certified range of a gauge, for readings that increase with the distance from the ball."""
     if gauge.certificate is None or gauge.certificate.valid_mm is None:
         return None
     low, high = sorted(gauge.sign * end for end in gauge.certificate.valid_mm)

@@ -1,4 +1,4 @@
-"""The loop of `rig live`: what came goes into the view, the view onto the terminal, keys into the controls."""
+"""Main loop of `rig live`: data to the view, the view to the terminal, keys to the controls."""
 
 from __future__ import annotations
 
@@ -27,21 +27,21 @@ _LINE_S = 1.0
 
 
 class Source(Protocol):
-    """Where updates come from, and what is done with a person's wishes."""
+    """Source of updates, and target of user actions."""
 
     def updates(self) -> Sequence[Update]:
-        """Return what has come since the last call."""
+        """Return the updates since the last call."""
 
     def done(self, action: Action) -> str:
-        """Do what a key asks for; return what to say of it."""
+        """Execute the action of a key; return a notice."""
 
     @property
     def ended(self) -> bool:
-        """Whether nothing more will come."""
+        """Whether the data has ended."""
 
 
 class DaemonPlayer:
-    """A running daemon."""
+    """Running daemon."""
 
     ended = False
 
@@ -49,11 +49,11 @@ class DaemonPlayer:
         self._source = source
 
     def updates(self) -> Sequence[Update]:
-        """Return what has come since the last call."""
+        """Return the updates since the last call."""
         return self._source.updates()
 
     def done(self, action: Action) -> str:
-        """Start or end a recording; the answer comes later as a notice."""
+        """Start or end a recording; the answer follows as a notice."""
         match action:
             case Start(label):
                 self._source.request("record_start", action.request(), lambda answer: f"recording to {answer['run']}")
@@ -67,7 +67,7 @@ class DaemonPlayer:
 
 
 class RunPlayer:
-    """Recorded runs that are played by a clock, one after the other."""
+    """Recorded runs played in real time, one after the other."""
 
     def __init__(self, runs: Sequence[PlayedRun], clock: Callable[[], float] = time.monotonic) -> None:
         self._run, *self._next = runs
@@ -76,11 +76,11 @@ class RunPlayer:
 
     @property
     def ended(self) -> bool:
-        """Whether all of them have been shown."""
+        """Whether all runs have been shown."""
         return self._run.ended and not self._next
 
     def updates(self) -> Sequence[Update]:
-        """Return what has come since the last call."""
+        """Return the updates since the last call."""
         now_s = self._clock()
         begun: list[Update] = []
         if self._run.ended and self._next:
@@ -91,7 +91,7 @@ class RunPlayer:
         return [*begun, update]
 
     def done(self, action: Action) -> str:
-        """Pause, go on, or play at another speed."""
+        """Pause, continue, or change the speed."""
         match action:
             case Pause():
                 self._run = replace(self._run, paused=not self._run.paused)
@@ -103,7 +103,7 @@ class RunPlayer:
 
 
 def watch(source: Source, view: LiveView, zero_mm: tuple[float, float] = (0.0, 0.0)) -> None:
-    """Show a source on the terminal, less the zeros of its gauges, until a person quits."""
+    """Show a source on the terminal, relative to the zeros of its gauges, until the user quits."""
     controls = Controls(zero_mm=zero_mm)
     with _ends_in_order(), suppress(KeyboardInterrupt), keys_of(sys.stdin) as keys, Painter(sys.stdout) as painter:
         while True:
@@ -126,7 +126,7 @@ def watch(source: Source, view: LiveView, zero_mm: tuple[float, float] = (0.0, 0
 
 
 def print_lines(source: Source, view: LiveView, say: Callable[[str], None], *, as_json: bool) -> None:
-    """Print a line each second, until the source ends or a person stops it."""
+    """Print a line each second, until the source ends or the user stops it."""
     controls = Controls()
     with suppress(KeyboardInterrupt):
         while True:
@@ -148,7 +148,7 @@ def _advanced(view: LiveView, source: Source) -> tuple[LiveView, str]:
 
 @contextmanager
 def _ends_in_order() -> Iterator[None]:
-    """Restore the terminal also where the session is ended by a signal."""
+    """Restore the terminal even if a signal ends the session."""
 
     def end(number: int, frame: FrameType | None) -> None:
         raise KeyboardInterrupt

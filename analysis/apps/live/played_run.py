@@ -1,4 +1,4 @@
-"""A recorded run as it is played: its rows by the alignment that `rig analyse` uses, up to a time that grows."""
+"""Playback of a recorded run: its rows, aligned as in `rig analyse`, up to an increasing time."""
 
 from __future__ import annotations
 
@@ -18,17 +18,20 @@ from rigs.load import parse
 from rigs.schema.vocabulary import Direction, TestName
 
 _MOST_HZ = 100.0
-"""Rows a second that are shown; a screen shows ten."""
+"""Limit of displayed rows per second; a screen shows ten."""
 _BETWEEN_S = 1.0
-"""From one run to the next in the view."""
+"""Pause between runs in the view."""
 SPEEDS = (0.125, 64.0)
-"""The slowest and the quickest play."""
+"""Slowest and fastest playback."""
 
 
 @dataclass(frozen=True)
 class PlayedRun:
-    """A run and where it is played. rig_sha256: of its rig file; zero_mm: of the view that recorded it; at_s: since its
-    first row; shown: how many rows have been shown; begins_s: time of its first row in the view."""
+    """Run and playback position.
+
+    rig_sha256: of its rig file. zero_mm: of the recording view. at_s: since its first row. shown: number of rows shown.
+    begins_s: time of its first row in the view.
+    """
 
     name: str
     test: TestName
@@ -45,11 +48,11 @@ class PlayedRun:
 
     @property
     def ended(self) -> bool:
-        """Whether all of it has been shown."""
+        """Whether all rows have been shown."""
         return self.shown >= len(self.rows)
 
     def followed_by(self, following: PlayedRun) -> tuple[PlayedRun, Update]:
-        """Return another run at the time, speed and pause of this one, and what is new with it."""
+        """Return a different run at the same time, speed and pause, and the update."""
         begins_s = self.begins_s + float(self.rows.t_s[-1]) + _BETWEEN_S
         cell = following.cell if following.rig_sha256 != self.rig_sha256 else None
         label = (following.name, following.test, following.direction)
@@ -62,7 +65,7 @@ class PlayedRun:
         return LiveView(self.cell).labelled(self.name, self.test, self.direction)
 
     def after(self, seconds: float) -> tuple[PlayedRun, Update]:
-        """Return the run after so many seconds of watching, and what is new."""
+        """Return the run after a number of seconds, and the update."""
         at_s = self.at_s if self.paused or self.ended else self.at_s + self.speed * seconds
         until = int(np.searchsorted(self.rows.t_s, at_s, side="right"))
         at_s = min(at_s, float(self.rows.t_s[-1]))
@@ -75,12 +78,12 @@ class PlayedRun:
         return run, Update(rows=new, readings=readings, played=played)
 
     def sped(self, factor: float) -> PlayedRun:
-        """Return the run at another speed, within `SPEEDS`."""
+        """Return the run at a different speed, within `SPEEDS`."""
         return replace(self, speed=float(np.clip(self.speed * factor, *SPEEDS)))
 
 
 def played_run(path: Path, speed: float) -> PlayedRun:
-    """Read a run to be played. Raises FileError where it cannot be read, or holds no times."""
+    """Read a run for playback. Raises FileError if it is unreadable or contains no times."""
     run = read_run(path)
     rig = parse(run.manifest.rig_text, f"{path}, rig file")
     if run.table is None:
@@ -92,7 +95,7 @@ def played_run(path: Path, speed: float) -> PlayedRun:
             problem = f"is a {run.manifest.test} table, which holds targets and no motion"
             raise FileError(str(path), problem, "play a circle, or a run that rigd recorded")
         t_s, q, readings = table.t_s, table.q, table.g_mm
-    g_mm = np.full((len(readings), 2), np.nan)  # nan for a gauge that the test does not use
+    g_mm = np.full((len(readings), 2), np.nan)  # nan for an unused gauge
     g_mm[:, : readings.shape[1]] = readings
     rows = Rows(t_s, g_mm, q)
     step = max(1, int(np.ceil(len(rows) / max(float(np.ptp(rows.t_s)), 1e-9) / _MOST_HZ)))

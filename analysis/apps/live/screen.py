@@ -1,4 +1,4 @@
-"""The screen: a view, the controls and the size of the terminal in, a canvas of exactly that size out."""
+"""Layout of the screen: view, controls and terminal size in; a canvas of that size out."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from analysis.apps.live.text_panels import draw_events, draw_foot, draw_head, dr
 from analysis.apps.live.view import LiveView
 
 _LEAST_WIDTH, _LEAST_HEIGHT = 60, 18
-"""A smaller terminal shows figures alone."""
+"""A smaller terminal shows figures only."""
 _THREE_WIDE = 150
-"""From this width on the angle stands in large figures beside the gauges."""
+"""Minimum width for large figures of the angle next to the gauges."""
 _STRAIGHT = 170
-"""From this width on the error is laid out straight as well."""
+"""Minimum width for the straight error curve."""
 
 
 def screen(view: LiveView, controls: Controls, width: int, height: int) -> Canvas:
-    """Return what a terminal of this size shows."""
+    """Return the content for a terminal of this size."""
     canvas = Canvas(max(1, width), max(1, height))
     area = canvas.area()
     if width < _LEAST_WIDTH or height < _LEAST_HEIGHT:
@@ -47,7 +47,7 @@ def screen(view: LiveView, controls: Controls, width: int, height: int) -> Canva
         _middle(middle, view, controls, with_angle=figures == 2)
         draw_trace(below, view, controls)
         draw_links(foot, view)
-        if view.lost:  # what is shown is the last that is known
+        if view.lost:  # the last known state is shown
             area.part(1, 0, area.width, area.height - 2).dim()
         draw_foot(area, view, controls)
     if controls.shows_help:
@@ -56,7 +56,7 @@ def screen(view: LiveView, controls: Controls, width: int, height: int) -> Canva
 
 
 def _middle(area: Area, view: LiveView, controls: Controls, *, with_angle: bool) -> None:
-    """The circle at the left, what belongs to it at the right."""
+    """Draw the circle at the left, and its data at the right."""
     curves = shown_curves(view)
     side = min(2 * area.height + 2, area.width // 2)
     circle, right = area.columns(side, area.width - side)

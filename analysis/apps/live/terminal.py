@@ -1,8 +1,8 @@
-"""The terminal: its size, a screen of its own that is drawn without fragments, and keys.
+"""The terminal: size, alternate screen with flicker-free drawing, and keys.
 
-Only rows that have changed are sent, which is kind to ssh; after a change of size everything is. Long lines are cut by
-the terminal while it is smaller than what is drawn. Where the system has no POSIX terminals there are no keys, and
-Ctrl-C ends the program.
+Only changed rows are sent, to save bandwidth over ssh; after a change of size everything is sent. The terminal clips
+long
+lines while it is smaller than the drawing. Without POSIX terminals there are no keys, and Ctrl-C ends the program.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from analysis.apps.live.canvas import Canvas
 from analysis.report.plain_console import PlainConsole
 
 _ENTER = "\x1b[?1049h\x1b[?25l\x1b[?7l"
-"""Own screen, no cursor, no wrapped lines (xterm control sequences)."""
+"""Alternate screen, no cursor, no wrapping (xterm control sequences)."""
 _LEAVE = "\x1b[?7h\x1b[?25h\x1b[?1049l"
 _BEGIN, _END = "\x1b[?2026h", "\x1b[?2026l"
-"""Around a picture, so that no half of it is shown: synchronised output, which other terminals ignore."""
+"""Synchronised output around a picture, to avoid partial display; other terminals ignore it."""
 _CLEAR = "\x1b[0m\x1b[2J"
 _FALLBACK = (80, 24)
 _NO_CHARACTER = re.compile(r"\x1b(\[[0-?]*[ -/]*[@-~]|O.)")
-"""What arrows and the like send: control sequences of ECMA-48, section 5.4, and of the keypad."""
+"""Sequences of arrow and similar keys: control sequences of ECMA-48, section 5.4, and of the keypad."""
 
 
 class Painter:
@@ -51,7 +51,7 @@ class Painter:
             self._out.flush()
 
     def paint(self, canvas: Canvas) -> None:
-        """Draw a canvas; what has not changed is not sent again."""
+        """Draw a canvas, sending changes only."""
         console = PlainConsole(width=canvas.width)
         with console.capture() as captured:
             console.print(canvas, end="", crop=False, soft_wrap=True)
@@ -68,12 +68,12 @@ class Painter:
         self._shown, self._size = lines, size
 
     def forget(self) -> None:
-        """Draw everything at the next picture."""
+        """Send everything with the next picture."""
         self._size = (0, 0)
 
 
 def size_of(out: TextIO) -> tuple[int, int]:
-    """Return columns and rows of a terminal as they are now."""
+    """Return the present columns and rows of a terminal."""
     try:
         size = os.get_terminal_size(out.fileno())
     except (OSError, ValueError):
@@ -82,13 +82,13 @@ def size_of(out: TextIO) -> tuple[int, int]:
 
 
 class Keys:
-    """Keys as they are pressed. descriptor: of a terminal that hands on each key at once, None where there is none."""
+    """Pressed keys. descriptor: of a terminal in unbuffered mode, None without one."""
 
     def __init__(self, descriptor: int | None) -> None:
         self._descriptor = descriptor
 
     def within(self, seconds: float) -> list[str]:
-        """Return the keys pressed within a time, at once if there are any; arrows and the like are left out."""
+        """Return the keys pressed within a time, immediately if there are any, without arrows and similar keys."""
         if self._descriptor is None:
             time.sleep(seconds)
             return []
@@ -102,7 +102,7 @@ class Keys:
 
 @contextmanager
 def keys_of(terminal: TextIO) -> Iterator[Keys]:
-    """Give the keys of a terminal, which is as before afterwards; no keys where it is none, or the system has none."""
+    """Provide the keys of a terminal, restored afterwards; none without a POSIX terminal."""
     try:
         import termios  # noqa: PLC0415 - Windows lacks it
         import tty  # noqa: PLC0415
@@ -117,7 +117,7 @@ def keys_of(terminal: TextIO) -> Iterator[Keys]:
     try:
         tty.setcbreak(descriptor)
         attributes = termios.tcgetattr(descriptor)
-        attributes[6][termios.VSUSP] = b"\0"  # Ctrl-Z would leave the shell with this screen
+        attributes[6][termios.VSUSP] = b"\0"  # Ctrl-Z would leave this screen in the shell
         termios.tcsetattr(descriptor, termios.TCSADRAIN, attributes)
         yield Keys(descriptor)
     finally:
@@ -125,5 +125,5 @@ def keys_of(terminal: TextIO) -> Iterator[Keys]:
 
 
 def is_terminal() -> bool:
-    """Whether standard output is a terminal that can be drawn on."""
+    """Return whether standard output is a terminal suitable for drawing."""
     return sys.stdout.isatty() and os.environ.get("TERM") != "dumb"

@@ -1,4 +1,4 @@
-"""The model behind the screen: samples and states in, what is to be shown out. No terminal, no clock, no socket."""
+"""Model of the live view: samples and states in, displayed values out. No terminal, clock or socket."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ _KEPT_ROWS = 6000
 _KEPT_EVENTS = 200
 _TREND_S = 2.0
 _LEAST_TREND = 4
-"""Rows for a trend."""
+"""Minimum rows for a trend."""
 
 
 @dataclass(frozen=True)
 class Reading:
-    """The last value of a gauge, mm, and its age."""
+    """Last value of a gauge, mm, and its age."""
 
     mm: float
     age_s: float
@@ -31,7 +31,7 @@ class Reading:
 
 @dataclass(frozen=True)
 class Played:
-    """Where a recorded run is played: its name, time and length in s, speed, and whether it stands or has ended."""
+    """Playback of a recorded run: name, time and length in s, speed, and whether it is paused or has ended."""
 
     name: str
     at_s: float
@@ -43,9 +43,12 @@ class Played:
 
 @dataclass(frozen=True)
 class Update:
-    """What came since the last one. state: a `status` answer; cell: a rig file that was read; lost: why nothing comes;
-    notice: what a person should know once; label: name, test and direction of a run that is played from here on. None
-    and empty: nothing new."""
+    """Data since the previous update; None and empty mean no change.
+
+    state: a `status` answer. cell: a new rig file. lost: reason for missing data. notice: one-time message. label:
+    name, test
+    and direction of a run played from here on.
+    """
 
     rows: Rows = NO_ROWS
     readings: Mapping[str, Reading] | None = None
@@ -59,7 +62,7 @@ class Update:
 
 @dataclass(frozen=True)
 class Event:
-    """Something that happened: a reversal of a joint, or words about a fault, a recording or the daemon."""
+    """Event: a joint reversal, or a message about a fault, a recording or the daemon."""
 
     t_s: float
     words: str
@@ -68,12 +71,15 @@ class Event:
 
 @dataclass(frozen=True)
 class LiveView:
-    """Everything that a screen can show.
+    """Complete displayed state.
 
-    extremes_mm (2, 2): smallest and largest reading of each gauge, nan before the first. test, direction and name are
-    those of the recording, or of the run that is played; shown_test: that of the curves. reversal_counts: of each
-    joint since the view began, however many events are kept; last_reversals: the last one by joint (1 … 6). cut: what
-    is said of a recording whose daemon went while it ran, until the next begins.
+    extremes_mm (2, 2): smallest and largest reading of each gauge, nan before the first. test, direction and name
+    belong to the
+    recording or the played run; shown_test belongs to the curves. reversal_counts: per joint since the start of the
+    view,
+    independent of the kept events; last_reversals: by joint (1 … 6). cut: message about a recording whose daemon
+    disappeared,
+    until the next one starts.
     """
 
     cell: Cell | None = None
@@ -99,7 +105,7 @@ class LiveView:
 
     def after(self, update: Update) -> LiveView:
         """Return the view after an update."""
-        # Only what the daemon reads shows that it is back: a refused request comes while it is lost as well.
+        # Only data from the daemon proves its return: refused requests also arrive while it is lost.
         lost = self.lost if not update.lost and update.readings is None else update.lost
         view = replace(self, lost=lost, played=update.played)
         if bool(lost) != bool(self.lost):
@@ -121,8 +127,9 @@ class LiveView:
         return view._with_rows(update.rows) if len(update.rows) else view
 
     def labelled(self, name: str | None, test: str | None, direction: Direction | None) -> LiveView:
-        """Return the view of a recording: its laps are counted from now, and its curve takes the place of the last of
-        its direction."""
+        """Return the view of a new recording: laps are counted from now, and its curve replaces the last one in its
+        direction.
+        """
         if (name, test, direction) == (self.name, self.test, self.direction):
             return self
         view = replace(self, name=name, test=test, direction=direction)
@@ -139,7 +146,7 @@ class LiveView:
         )
 
     def restarted(self) -> LiveView:
-        """Return the view with extremes, curves and counts begun again; rows and state stay."""
+        """Return the view with extremes, curves and counts reset; rows and state stay."""
         return replace(
             self,
             extremes_mm=None,
@@ -154,7 +161,7 @@ class LiveView:
 
     @property
     def trends_mm_s(self) -> Array:
-        """Least-squares slope (2,) mm/s of each gauge over the last two seconds; nan where it is unknown."""
+        """Least-squares slope (2,) mm/s of each gauge over the last two seconds; nan if unknown."""
         recent = self.since(_TREND_S)
         slopes = np.full(2, np.nan)
         for k in range(2):
@@ -172,7 +179,7 @@ class LiveView:
 
     @property
     def reversals(self) -> list[JointReversal]:
-        """The reversals among the events, in order."""
+        """Reversals among the events, in order."""
         return [event.reversal for event in self.events if event.reversal]
 
     def _with_events(self, events: Iterable[Event]) -> LiveView:
@@ -194,8 +201,9 @@ class LiveView:
         phi = self.cell.phi(rows.q)
         lap, sense, share = self.lap.after(phi, self.cell.start_rad, self.cell.lead_rad)
         joints, turned = self.joints.after(rows, phi, sense)
-        # Whether rows at shares (n,) of a lap belong to it. The lead-in does not, nor does what may be the lead-out:
-        # there joints have turned back that had not at the same place of the lap
+        # Mask of rows at shares (n,) of a lap that belong to it. The lead-in does not, nor does a possible lead-out:
+        # there, joints
+        # have reversed that had not at the same position of the lap
         lead = self.cell.lead_rad / (2 * np.pi)
         inside: Mask = (share >= 0) & ((share < 1) | (share % 1 > lead))
         values = np.where(inside, self.cell.error_source(rows.g_mm), np.nan)
@@ -215,12 +223,12 @@ class LiveView:
         )
 
     def _swept(self, sweep: Sweep, direction: Direction, phi: Array, values: Array) -> Sweep:
-        """A way back between two laps is no measurement in the other direction."""
+        """Add rows to a sweep; a return between laps is not a measurement in the opposite direction."""
         return sweep if self.direction not in (None, direction) else sweep.after(phi, values)
 
 
 def _recording_changes(before: dict[str, Any] | None, state: dict[str, Any]) -> list[str]:
-    """What has become of the recording, in words."""
+    """Describe changes of the recording."""
     if before is None or _run_of(before) == _run_of(state):
         return []
     words = []
@@ -233,20 +241,20 @@ def _recording_changes(before: dict[str, Any] | None, state: dict[str, Any]) -> 
 
 
 def _cut(before: dict[str, Any] | None, state: dict[str, Any]) -> str:
-    """What is said of a recording whose daemon has gone: one that knows of no end has been started since it began."""
+    """Describe a recording whose daemon disappeared: a daemon without a record of its end was started later."""
     if before is None or not before["recording"] or state["recording"] or state["last_end"]:
         return ""
     return f"recording {before['recording']} was cut: rigd was started again"
 
 
 def _run_of(state: dict[str, Any]) -> str | None:
-    """The run that is recorded; of two recordings of one name, it differs."""
+    """Return the run directory of the recording, different for recordings with equal names."""
     run: str | None = state.get("run", state["recording"])
     return run
 
 
 def _new_faults(before: dict[str, Any] | None, state: dict[str, Any]) -> list[str]:
-    """What the counters of faults have gained, in words; nothing of what was counted before the view began."""
+    """Describe the increase of the fault counters since the start of the view."""
     if before is None:
         return []
     words = []

@@ -1,18 +1,25 @@
-"""Corrections in the words of a controller: the parameters to change, what each change is worth, and what all leave.
+"""Corrections in the notation of a controller: parameters to change, the benefit of each change, and the remaining
+error.
 
-The whole model's error over the work is projected onto the parameters that the controller has. The work is always that
-of the rig file, never that of a path, so that one rig file has one set of entries and targets for a controller that has
-them stay right.
+The complete error of the model over the work area is projected onto the parameters of the controller. The work area is
+that
+of the rig file, never of a path, so that a rig file has one set of entries, and targets computed for a controller with
+these
+entries stay valid.
 
-A controller's zeros and lengths cannot follow a soft joint or a gear, and still take up a part of what these do to the
-tool. The error of the tool at the postures of the work, place and turn together, is fitted by the constants:
+Zeros and lengths of a controller cannot represent a compliant joint or a gear error, but can absorb part of their
+effect on
+the tool. The error of the tool at the postures of the work area, position and orientation together, is fitted by the
+constants:
 
-- Postures of the work count most. Others, spread over the joint angles for which the model is known, count enough that
-  constants are not bent to the work and wrong beside it.
-- A turn of the tool counts as the distance by which it moves the end of the tool, or a point at 100 mm on a short one.
-- Each constant is expected within a few of its usual sizes. What no constant holds counts as scatter of the postures,
-  so that a large value is never made up for a small gain.
-- Constants that do the same at these postures (d2 and d3 of parallel axes) share it by their usual sizes.
+- Postures of the work area have the largest weight. Others, spread over the joint angles covered by the model, have
+enough
+weight to prevent constants fitted to the work area from being wrong outside.
+- A rotation of the tool counts as the displacement of the tool tip, or of a point at 100 mm for a short tool.
+- Each constant has a prior of a few usual sizes. The error not represented by constants counts as scatter of the
+postures, so
+a large value is never chosen for a small gain.
+- Constants with equal effects at these postures (d2 and d3 of parallel axes) share it by their usual sizes.
 """
 
 from __future__ import annotations
@@ -48,26 +55,30 @@ from rigs.rig import Rig
 from rigs.schema.vocabulary import MakerName
 
 _LEVER_MM = 100.0
-"""Shortest lever by which a turn of the tool counts. Chosen: about half a hand's width beyond a flange."""
+"""Minimum lever of a rotation of the tool. Chosen: about half a hand's width from a flange."""
 _USUAL = 3.0
-"""Sizes of a healthy arm that a constant is expected within. Chosen: an arm that is corrected is not quite healthy."""
+"""Prior of a constant in healthy sizes. Chosen: an arm to be corrected is not quite healthy."""
 _LEAST_MM = 1e-3
-"""Root mean square over the work, in mm, that a constant must do to be entered, and that a combination of constants of
-the expected sizes must do to be known. Chosen: 1 µm, below any robot's repeatability."""
+"""Minimum rms effect over the work area, in mm, of an entered constant, and of a known combination of constants of the
+expected
+sizes. Chosen: 1 µm, below any robot's repeatability.
+"""
 _CRUMB = 0.01
-"""Part of the error, of 1, that a constant must do to be entered: who enters values by hand should not enter crumbs."""
+"""Minimum share of the error for an entered constant: manual entries should be worthwhile."""
 _BESIDE = 0.1
-"""Weight of the postures beside the work, of 1 for all. By trial on ur10e, a joint soft and one wavy: 0 left 93 µm on
-the work and 696 µm beside it (582 before), 0.1 left 134 and 329, 0.5 left 178 and 239."""
+"""Weight of the postures outside the work area, of 1 for all. Tried on ur10e with a compliant joint and a gear error: 0
+left 93
+µm in the work area and 696 µm outside (582 before), 0.1 left 134 and 329, 0.5 left 178 and 239.
+"""
 _SHARE = 0.3
-"""Part of a constant in an unknown combination, of 1, from which they are named together."""
+"""Minimum share of a constant in an undetermined combination to be named as part of it."""
 _ROUNDS = 4
-"""Linear steps. Chosen: each leaves about a thousandth, since constants are wrong by about a thousandth."""
+"""Linear steps. Chosen: each leaves about a thousandth, because constants are wrong by about a thousandth."""
 
 
 @dataclass(frozen=True)
 class Constant:
-    """A constant that a controller has: the axis from 1 and the key as in the rig file; `q_deg` is a joint's zero."""
+    """Constant of a controller: axis from 1, and key as in the rig file; `q_deg` is a joint's zero."""
 
     axis: int
     key: str
@@ -78,17 +89,17 @@ class Constant:
 
     @property
     def usual(self) -> float:
-        """The size, mm or degrees, within which a change is expected."""
+        """Expected size of a change, mm or degrees."""
         return _USUAL * self.effect(0.0).healthy
 
 
 @dataclass(frozen=True)
 class Projection:
-    """Constants (m) with the changes `values` (m,) in mm or degrees that hold most of a model's error.
+    """Constants (m) with changes `values` (m,) in mm or degrees that represent most of a model's error.
 
-    `worth_mm` (m,) is by how much each moves the tool's place, root mean square over the work. `operator` (m, 6n)
-    makes changes of the tool's error at them, weighted by `weights` (n, 6). `twins` lists places in `constants` of
-    those that do the same.
+    `worth_mm` (m,): rms tool displacement by each over the work area. `operator` (m, 6n): maps the tool's error,
+    weighted by
+    `weights` (n, 6), to changes. `twins`: indices of `constants` with equal effects.
     """
 
     constants: tuple[Constant, ...]
@@ -100,21 +111,26 @@ class Projection:
 
     @property
     def effects(self) -> tuple[Effect, ...]:
-        """The changes as effects of the nominal arm: the arm that the controller then computes with."""
+        """Changes as effects of the nominal arm, as used by the controller afterwards."""
         return tuple(
             constant.effect(value) for constant, value in zip(self.constants, self.values.tolist(), strict=True)
         )
 
     def changes(self, moves: Array) -> Array:
-        """Return how much displacements (k, n, 6) mm and rad of the tool change the changes (k, m), in mm or degrees:
-        by displacements of one standard uncertainty each, the sums of squares are theirs."""
-        weighted = (moves * self.weights).reshape(len(moves), self.weights.size)  # of no moves, too
+        """Return the changes (k, m), in mm or degrees, for displacements (k, n, 6) mm and rad of the tool.
+
+        For displacements of one standard uncertainty each, the sums of squares are the variances.
+        """
+        weighted = (moves * self.weights).reshape(len(moves), self.weights.size)  # including zero displacements
         return np.asarray(weighted @ self.operator.T)
 
     def without(self, out: Sequence[int], changes: Array) -> tuple[Projection, Array]:
-        """Return the projection as it is if some of its changes are nothing in truth, and the standard uncertainties
-        (m,) of the others then; `changes` (k, m) are as of `changes`. The others change by what is correlated: of two
-        of which the sum is sure, one becomes the sum, and what is sure by itself stays."""
+        """Return the projection with some changes set to zero, and the standard uncertainties (m,) of the others.
+
+        `changes` (k, m): as of `changes`. The other changes are conditioned on it: of two changes with a certain sum,
+        one becomes
+        the sum; independent ones stay.
+        """
         kept = [k for k in range(len(self.constants)) if k not in out]
         share = np.linalg.pinv(changes[:, out], 1e-9) @ changes[:, kept]
         values = self.values[kept] - self.values[list(out)] @ share
@@ -129,8 +145,12 @@ class Projection:
         return projection, np.linalg.norm(changes[:, kept] - changes[:, out] @ share, axis=0)
 
     def gains(self, fewer: Projection, rig: Rig, used: Sequence[Effect], q: Array, moves: Array) -> bool:
-        """Return whether it leaves less error of the tool's place than one of fewer changes for certain, over the work
-        q (n, 6) rad, in the robot's base or with frame and tool taught; `moves` (k, n and more, 6) as of `changes`."""
+        """Return whether this projection certainly leaves less position error than one with fewer changes.
+
+        Evaluated over the work area q (n, 6) rad, in the robot's base or with frame and tool taught; `moves` (k, n and
+        more, 6) as
+        of `changes`.
+        """
         real, nominal = tool_places(rig, used, q), tool_poses(model_of(rig, ()), q)
         off_mm = [real - tool_places(rig, projection.effects, q) for projection in (fewer, self)]
         in_base, frame = np.concatenate([off_mm, moves[:, : len(q), :3]]), TaughtFrame(nominal)
@@ -144,8 +164,11 @@ class Projection:
 def project(
     rig: Rig, effects: Sequence[Effect], constants: Sequence[Constant], work: Array, spread: Array
 ) -> Projection:
-    """Return the changes of constants that hold most of what effects do to the tool at joint angles of the work (n, 6)
-    rad and at others beside it (k, 6) rad. Constants that do nothing there are left out."""
+    """Return the changes of constants that represent most of the effects on the tool.
+
+    work (n, 6), spread (k, 6): joint angles in rad in and outside the work area. Constants without influence are left
+    out.
+    """
     lever = max(_LEVER_MM, float(np.linalg.norm(rig.robot.tool.xyz_mm)))
     shares = np.repeat([(1 - _BESIDE) / len(work), _BESIDE / len(spread)], [len(work), len(spread)])
     weights = np.sqrt(shares)[:, None] * [1, 1, 1, lever, lever, lever]
@@ -192,8 +215,8 @@ def _solved(rig: Rig, real: Array, constants: Sequence[Constant], q: Array, weig
 
 
 def _twins(vt: Array, determined: Mask, count: int) -> tuple[tuple[int, ...], ...]:
-    """Return which of some constants only their combination is known of."""
-    # Directions without any effect are determined up to a turn among themselves, so all of them are taken together.
+    """Return the groups of constants of which only a combination is determined."""
+    # Directions without any effect are determined up to a rotation among themselves, so they form one group.
     unknown = vt[~determined]
     shared = unknown.T @ unknown
     groups: list[tuple[int, ...]] = []
@@ -205,16 +228,17 @@ def _twins(vt: Array, determined: Mask, count: int) -> tuple[tuple[int, ...], ..
 
 
 _NO_MOVE_MM = 1e-9
-"""A change of the tool below which an entry does nothing."""
+"""Tool displacement below which an entry has no effect."""
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One change at the controller: add `add` ± `u` (standard uncertainty) `unit` to `parameter` of an axis from 1.
+    """Change at the controller: add `add` ± `u` (standard uncertainty) `unit` to `parameter` of an axis from 1.
 
-    `now` is the size of the value before, where only its growth is stated. `reading_deg` is by how much the axis then
-    reads more at an unchanged posture. `worth_um` is by how much the change moves the tool, root mean square over the
-    work of the rig; `leaves_um` is the part of it that its uncertainty leaves.
+    `now`: previous size, if only its growth is stated. `reading_deg`: change of the axis reading at an unchanged
+    posture.
+    `worth_um`: rms tool displacement by the change over the work area. `leaves_um`: part of it remaining because of its
+    uncertainty.
     """
 
     axis: int
@@ -230,7 +254,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class NotEntered:
-    """An effect that no constant and no target holds, and what it does to the tool over the work, root mean square."""
+    """Effect represented by neither constants nor targets, and its rms tool displacement over the work area."""
 
     effect: Effect
     worth_um: float
@@ -238,16 +262,19 @@ class NotEntered:
 
 @dataclass(frozen=True)
 class ControllerEntries:
-    """All changes at one controller and what they leave.
+    """All changes at one controller, and the remaining error.
 
-    `effects` are the changes as effects of the nominal arm; there are none where they take away no error.
-    `before_um` and `after_um` are the error of the tool's
-    place over the work, root mean square, without and with the changes, `by_targets_um` with corrected targets; each
-    has what nothing can correct, the latter two also the uncertainty of the model. `elsewhere_um` is the
-    error of the model alone, without and with the changes, at postures spread over the joint angles of the work or the
-    runs. All of these are in a frame that is taught with the robot at these postures. `base_u_um` is what the place of
-    the whole arm on its base adds to the uncertainty of the model. `twins` names parameters of which only a combination
-    is known.
+    `effects`: changes as effects of the nominal arm; empty if they remove no error. `before_um`, `after_um`: rms
+    position error
+    of the tool over the work area, without and with the changes, `by_targets_um` with corrected targets; all include
+    the
+    uncorrectable error, the latter two also the uncertainty of the model. `elsewhere_um`: error of the model only,
+    without and
+    with the changes, at postures spread over the joint angles of the work area or the runs. All refer to a frame taught
+    with the
+    robot at these postures. `base_u_um`: contribution of the arm's position on its base to the uncertainty. `twins`:
+    parameters
+    of which only a combination is determined.
     """
 
     name: MakerName
@@ -265,22 +292,21 @@ class ControllerEntries:
 
     @property
     def carried_um(self) -> float:
-        """How much of the error the entries take away."""
+        """Error removed by the entries."""
         return self.before_um - self.after_um
 
     @property
     def carried_by_targets_um(self) -> float:
-        """How much of the error corrected targets take away."""
+        """Error removed by corrected targets."""
         return self.before_um - self.by_targets_um
 
 
 def controller_entries(
     rig: Rig, supported: Sequence[Support], name: MakerName, scale: Sequence[float] | None = None
 ) -> ControllerEntries:
-    """Return the changes at a controller that hold most of a rig's model.
+    """Return the changes at a controller that represent most of a rig's model.
 
-    `scale` (6,) has the counts per degree, or the gear ratio, of each axis. Raises UseError for a scale that the
-    controller has no use for.
+    `scale` (6,): counts per degree or gear ratios of the axes. Raises UseError for a scale not used by the controller.
     """
     controller = maker_by(name).controller
     if scale and not controller.scale:
@@ -327,9 +353,10 @@ def controller_entries(
 def _significant(
     rig: Rig, used: Sequence[Effect], controller: Controller, postures: tuple[Array, Array], moves: Array
 ) -> Projection:
-    """Return the projection onto the constants of a controller whose changes are larger than their standard
-    uncertainty: the others go one after the other, the least certain first, since what they held may make the rest
-    certain."""
+    """Return the projection onto constants of a controller with changes above their standard uncertainty.
+
+    Insignificant ones are removed in turn, the least certain first, because this may make the others certain.
+    """
     constants = [Constant(axis, "q_deg") for axis in range(1, 7)]
     for parameter in controller.constants:
         constants += [
@@ -369,8 +396,9 @@ def _certain(rig: Rig, used: Sequence[Effect], every: Projection, q: Array, move
 
 
 def as_entered(rig: Rig, targets: Corrected, at: ControllerEntries) -> Corrected:
-    """Return corrected targets for a controller at which the entries were made: the angles that its joints then read
-    in the same postures, and the poses that it then computes there."""
+    """Return corrected targets for a controller with the entries: joint readings in the same postures, and computed
+    poses.
+    """
     added_deg, done = np.zeros(6), targets.done
     for entry in at.entries:
         added_deg[entry.axis - 1] += entry.reading_deg
@@ -381,8 +409,9 @@ def as_entered(rig: Rig, targets: Corrected, at: ControllerEntries) -> Corrected
 
 
 def _apart_mm(rig: Rig, effects: Sequence[Effect], others: Sequence[Effect], q: Array) -> Array:
-    """Return how far (n,) mm the tool of a model stands from that of another at joint angles q (n, 6) rad, with
-    frame and tool taught there."""
+    """Return the distance (n,) mm between the tools of two models at joint angles q (n, 6) rad, with frame and tool
+    taught there.
+    """
     return rest_mm(tool_places(rig, effects, q), tool_poses(model_of(rig, others), q))
 
 
@@ -395,7 +424,7 @@ def _entry(
     u: float,
     worth_um: float,
 ) -> Entry:
-    """Return the entry of a change by `value` ± `u` mm or degrees that is worth so many µm."""
+    """Return the entry of a change by `value` ± `u` mm or degrees with a benefit of `worth_um`."""
     reading_deg, now = 0.0, None
     if constant.key != "q_deg":
         parameter = next(
@@ -407,22 +436,24 @@ def _entry(
             per_unit, now = per_unit * np.sign(nominal), abs(per_unit * nominal)
     else:
         name, unit, per_unit = controller.zero.format(axis=constant.axis), controller.unit, controller.per_deg
-        # Where an axis goes with the motor of another one, one count alone does not change one reading alone.
+        # For coupled axes, a single count changes several readings.
         coupling = np.abs(np.array(rig.robot.coupling) - np.diag(np.diag(rig.robot.coupling)))
         is_coupled = (coupling.sum(axis=0) + coupling.sum(axis=1))[constant.axis - 1] != 0
         if controller.scale and scale and not is_coupled:
             per_unit *= scale[constant.axis - 1]
         elif controller.scale:
             name, unit, per_unit = f"reading of axis {constant.axis}", "deg", 1.0
-        # A robot whose model is changed, and not its zero, reads what it read before.
+        # If the model is changed instead of the zero, the robot's reading stays.
         reading_deg = value if controller.changes_reading else 0.0
     leaves_um = worth_um * u / abs(value) if worth_um > 1e3 * _NO_MOVE_MM else 0.0
     return Entry(constant.axis, name, per_unit * value, abs(per_unit) * u, unit, now, reading_deg, worth_um, leaves_um)
 
 
 def scale_of(text: str | None) -> tuple[float, ...] | None:
-    """Return the scale of each axis (6,) from a comma-separated list, or None for none. Raises UseError for anything
-    but six numbers other than zero."""
+    """Parse the scale of each axis (6,) from a comma-separated list; None for None. Raises UseError unless there are
+    six non-zero
+    numbers.
+    """
     if text is None:
         return None
     try:

@@ -1,4 +1,4 @@
-"""All corrections of a rig: zeros, link constants, the targets of a path, and those of a person's own programs."""
+"""All corrections of a rig: zeros, link constants, targets of a path, and a user's programs."""
 
 from __future__ import annotations
 
@@ -35,10 +35,14 @@ NO_PROGRAMS = Programs()
 
 @dataclass(frozen=True)
 class Corrections:
-    """What can be corrected: the effects with their use, zeros and constants, and the error over the work; at a
-    controller, the entries in its words; and, if a path was given, the path and its corrected targets, which are for a
-    controller that has its entries if `entered`. `calibrated` are the effects that only the calibration of the rig
-    names, whose zeros and constants are among those."""
+    """Correctable parts of a rig.
+
+    Effects with their use, zeros and constants, and the error over the work area; entries in the notation of a
+    controller; and
+    for a path, its corrected targets, computed for a controller with the entries if `entered`. `calibrated`: effects
+    that are
+    only part of the calibration; their zeros and constants are included above.
+    """
 
     rig: Rig
     effects: tuple[Support, ...]
@@ -53,13 +57,13 @@ class Corrections:
 
     @property
     def errors(self) -> dict[Path, WorkError | None]:
-        """The error at the covered targets of the path and of each program that is written, None where none is."""
+        """Error at the covered targets of the path and of each written program, None if there is none."""
         programs = {program.path: program.error for program in self.programs if program.names and not program.held}
         return ({self.path[0]: self.path[2].error} if self.path else {}) | programs
 
     @property
     def in_vain(self) -> dict[Path, str]:
-        """Those of them of which corrected targets are not known to gain, and why, as after their names."""
+        """Paths and programs without a certain gain, with the reason as a continuation of their names."""
         nothing, unknown = "corrected targets take away no error there", "no run says how well its targets are reached"
         judged = self.errors.items()
         return {path: nothing if error else unknown for path, error in judged if not (error and error.gains)}
@@ -111,7 +115,7 @@ def correct_rig(
 
 
 def _hold_maker(program: CorrectedProgram, rig: Rig, maker: MakerName | None) -> None:
-    """Raise FileError for a program of another maker's robot."""
+    """Raise FileError for a program of a different maker."""
     if maker and program.maker != maker:
         of, robot = (maker_by(name).controller.maker for name in (program.maker, maker))
         whose = "the robot of the rig file is one of" if maker == rig.maker else "--for says"
@@ -133,8 +137,10 @@ def _work(rig: Rig, supported: Sequence[Support]) -> WorkError:
 def _targets(
     rig: Rig, supported: Sequence[Support], path: Path, entered: ControllerEntries | None
 ) -> tuple[Path, TargetPath, Corrected]:
-    """Return a path and its corrected targets, for a controller as it was or with `entered`. Raises FileError where
-    none can be corrected."""
+    """Return a path and its corrected targets, for an unchanged controller or one with `entered`.
+
+    Raises FileError if none can be corrected.
+    """
     axes = len(rig.robot.axes)
     read = read_path(path, axes, rail=rig.robot.rail is not None)
     if rig.robot.rail and not read.joints:

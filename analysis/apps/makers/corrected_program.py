@@ -1,9 +1,9 @@
-"""A person's own program with corrected targets: every other byte stays as it was, and what stays uncorrected is
-listed.
+"""A user's program with corrected targets: all other bytes are unchanged, and uncorrected targets are listed.
 
-A joint target becomes the joint angles that put the real tool where the nominal arm would have it. A pose becomes the
-pose of the nominal arm at such angles: what the controller must be given so that the real arm arrives at the wanted
-one. The controller is assumed to compute with the nominal arm. Nothing is sent anywhere.
+A joint target becomes the joint angles that put the real tool at the nominal position. A pose becomes the pose of the
+nominal arm at such angles: the controller then moves the real arm to the wanted pose. The controller is assumed to use
+the
+nominal arm. Nothing is sent anywhere.
 """
 
 from __future__ import annotations
@@ -30,9 +30,10 @@ from rigs.schema.robot import Pose, Robot
 from rigs.schema.vocabulary import MakerName
 
 MOST_MM, _MOST_DEG, _MOST_JOINT_DEG = 10.0, 1.0, 10.0
-"""A correction beyond it is not written. A zero wrong by half a degree moves a tool at 1.1 m by 10 mm: an arm that is
-farther off has to be mastered, or the rig file is that of another one. A joint that turns by 10° for that is near a
-singularity."""
+"""Largest corrections written. A zero wrong by half a degree moves a tool at 1.1 m by 10 mm: a larger error means that
+the arm
+must be mastered, or the rig file belongs to a different arm. A joint that turns by 10° is near a singularity.
+"""
 
 
 GIVEN_AWAY = 0.1
@@ -42,21 +43,21 @@ _HOW = "give NAME=X,Y,Z,RX,RY,RZ in mm and degrees, roll-pitch-yaw about fixed a
 _NEAREST_MM = 5.0
 """A tool or frame that is nearer than that, and not nothing, looks like one in metres. Chosen: no arm is longer."""
 _FARTHEST_MM = 1e6
-"""A frame farther away than a kilometre is a typing error."""
+"""A frame further away than a kilometre is a typing error."""
 _MOST_TURNED_DEG = 1000.0
-"""No joint turns farther: arms have less than three turns."""
+"""Joint limit: arms have less than three turns."""
 
 
 @dataclass(frozen=True)
 class Frames:
-    """Frames (4, 4) in mm by their names, in lower case: tools from the flange, user frames from the robot's base."""
+    """Frames (4, 4) in mm by name, in lower case: tools from the flange, user frames from the robot's base."""
 
     tools: Mapping[str, Array]
     frames: Mapping[str, Array]
 
 
 NO_FRAMES = Frames({}, {})
-"""Nothing stated: what a program only names is not known."""
+"""No stated frames: frames only named in a program are unknown."""
 
 
 @dataclass(frozen=True)
@@ -124,9 +125,12 @@ def correct_program(
     whole: bool = False,
     start: tuple[float, ...] | None = None,
 ) -> CorrectedProgram:
-    """Return a program with the targets that can be corrected for the effects of a rig; with `whole` it is held where
-    any that a move uses cannot. `start` (6,) rad is where the arm stands whenever the program begins. Raises
-    FileError for a file that is no program."""
+    """Return a program with its correctable targets corrected for the effects of a rig.
+
+    whole: hold the program if any target of a move cannot be corrected. `start` (6,) rad: position at the start of the
+    program.
+    Raises FileError for an invalid program.
+    """
     maker, texts = read_program(path)
     reader = maker.reader
     parsed = reader.parse(texts)
@@ -141,7 +145,7 @@ def correct_program(
     kept = [k for k in range(len(targets)) if k not in reasons and targets[k].of is None]
     changes: list[list[tuple[Number, str]]] = [[] for _ in range(texts.own)]
     for k in kept:
-        if not np.array_equal(done.q[k], q[k]):  # what needs no correction keeps its bytes
+        if not np.array_equal(done.q[k], q[k]):  # targets without a change keep their bytes
             value = done.q[k] if targets[k].joints else _in_program(arm, located[k], done.T[k])
             file = targets[k].file
             changes[file] += _changes(reader, texts.texts[file], targets[k], value, scale)
@@ -187,8 +191,10 @@ def _joints_at(
     scale: Sequence[float] | None,
     start: tuple[float, ...] | None,
 ) -> tuple[Array, dict[int, Reason]]:
-    """Return the joint angles (n, 6) rad at which the program has the nominal arm stand at its targets, and for each of
-    those at which it cannot, why. Raises UseError for a start that the arm does not reach."""
+    """Return the joint angles (n, 6) rad of the nominal arm at the targets, and the reasons for missing ones.
+
+    Raises UseError for an unreachable start.
+    """
     targets, reasons = parsed.targets, dict[int, Reason]()
     poses, angles = np.full((len(targets), 4, 4), np.nan), np.full((len(targets), 6), np.nan)
     for k, target in enumerate(targets):
@@ -210,13 +216,13 @@ def _joints_at(
 
 
 def _needs_start(parsed: Parsed) -> bool:
-    """Whether the posture of a target comes from where the arm stands when the program begins."""
+    """Return whether a target's posture depends on the start of the program."""
     first = [(parsed.targets[step.target], step) for step in parsed.steps if AT_BEGIN in step.comes_from]
     return any(not of.joints and not of.near and not (of.flags and step.by_flags) for of, step in first)
 
 
 def _beside_left(parsed: Parsed, kept: set[int]) -> list[int]:
-    """Return the corrected target at one end of each move whose other end was left."""
+    """Return the corrected target of each move whose other target is unchanged."""
     base = [k if target.of is None else target.of for k, target in enumerate(parsed.targets)]
     ends_kept = [base[k] for k in parsed.next_to_left]
     for step in parsed.steps:
@@ -228,7 +234,7 @@ def _beside_left(parsed: Parsed, kept: set[int]) -> list[int]:
 
 
 def _otherwise(named: Named, frames: Frames) -> bool:
-    """Whether a person stated other numbers for a tool or frame than the program gives it."""
+    """Return whether the stated numbers of a tool or frame differ from the program."""
     stated = (frames.tools if named.kind == "tool" else frames.frames).get(named.name.lower())
     return stated is not None and not np.allclose(stated.ravel(), named.value, atol=1e-6)
 
@@ -266,7 +272,7 @@ def _off_by_offset(
 
 
 def _with_offset(target: Target, X: Array) -> Array:
-    """Return the frame (4, 4) to which a move with a target's offset from X (4, 4) goes."""
+    """Return the frame (4, 4) of a move with a target's offset from X (4, 4)."""
     if target.offset is None:
         return X
     kind, offset = target.offset
@@ -275,7 +281,7 @@ def _with_offset(target: Target, X: Array) -> Array:
 
 @dataclass(frozen=True)
 class _Located:
-    """The tool and the frame (4, 4) in mm of a target, or why they are not known."""
+    """Tool and frame (4, 4) in mm of a target, or the reason if unknown."""
 
     tool: Array
     frame: Array
@@ -283,7 +289,7 @@ class _Located:
 
 
 def _located(arm: Arm, reader: ProgramReader, frames: Frames, target: Target) -> _Located:
-    hangs = reader.of_world and arm.T_world_base[2, 2] < 1 - 1e-6  # the cell's frame cannot be that of its foot
+    hangs = reader.of_world and arm.T_world_base[2, 2] < 1 - 1e-6  # the cell's frame cannot be that of the robot's foot
     tool = _known(target.tool, frames.tools, reader.null_tools)
     frame = _known(target.frame, frames.frames, () if hangs else reader.null_frames)
     if frame is None or tool is None:
@@ -299,7 +305,7 @@ def _known(place: Array | str, named: Mapping[str, Array], null: tuple[str, ...]
 
 
 def _given(target: Target, located: _Located, scale: Sequence[float] | None) -> Array | Reason:
-    """Return the joint angles (6,) rad or the frame (4, 4) of a target's numbers, or why there are none."""
+    """Return the joint angles (6,) rad or the frame (4, 4) of a target's numbers, or the reason for none."""
     if target.form == "pulses" and scale is None:
         return "no_scale"
     values = [number.value for number in target.numbers]
@@ -313,21 +319,20 @@ def _given(target: Target, located: _Located, scale: Sequence[float] | None) -> 
 
 
 def _in_world(arm: Arm, located: _Located, X: Array) -> Array:
-    """Return the pose (4, 4) of the rig's own tool in the world where the program's tool is at X (4, 4) in its
-    frame."""
+    """Return the pose (4, 4) of the rig's tool in the world for the program's tool at X (4, 4) in its frame."""
     T: Array = arm.T_world_base @ located.frame @ X @ np.linalg.inv(located.tool) @ arm.T_flange_tool
     return T
 
 
 def _in_program(arm: Arm, located: _Located, T: Array) -> Array:
-    """Return X (4, 4) of a pose T (4, 4) in the world: the inverse of `_in_world`."""
+    """Return X (4, 4) for a pose T (4, 4) in the world: the inverse of `_in_world`."""
     outer = np.linalg.inv(arm.T_world_base @ located.frame)
     X: Array = outer @ T @ np.linalg.inv(arm.T_flange_tool) @ located.tool
     return X
 
 
 def _implausible(arm: Arm, targets: Sequence[Target], q: Array, done: Corrected, moved_mm: Array) -> dict[int, Reason]:
-    """Return the targets whose correction, by moved_mm (n,), is not to be written, with the reason."""
+    """Return the targets whose correction by moved_mm (n,) must not be written, with the reason."""
     reasons: dict[int, Reason] = {}
     corrected_ones = np.flatnonzero(done.done)
     turned = pose_error(done.T[corrected_ones], forward(arm, q[corrected_ones]))[:, 3:]
@@ -336,9 +341,9 @@ def _implausible(arm: Arm, targets: Sequence[Target], q: Array, done: Corrected,
         joint_deg = float(np.degrees(np.abs(new - q[k]).max()))
         if moved_mm[k] > MOST_MM or turned_deg > _MOST_DEG or joint_deg > _MOST_JOINT_DEG:
             reasons[k] = "too_large"
-        # The controller takes the flags at their word: an angle beyond zero would be reached a turn away.
+        # The controller obeys the flags: an angle across zero would be reached a turn away.
         elif (flags := targets[k].flags) and not np.array_equal(new, q[k]):
-            # Beyond its flags not at all where the old one was not, and else as far as the program's rounding put it.
+            # Beyond its flags only as far as rounding in the program, and not at all if the old angle was not.
             steps = np.radians([0.0, 1e-5, 1e-4, 1e-3, 2e-2])
             slack = next((float(step) for step in steps if agreeing(arm, q[k][None], flags, float(step))[0]), 0.0)
             if not agreeing(arm, new[None], flags, slack)[0]:
@@ -349,7 +354,7 @@ def _implausible(arm: Arm, targets: Sequence[Target], q: Array, done: Corrected,
 def _changes(
     reader: ProgramReader, text: str, target: Target, new: Array, scale: Sequence[float] | None
 ) -> list[tuple[Number, str]]:
-    """Return the numbers of a target in a text with their new text; `new` are angles (6,) rad, or a frame (4, 4)."""
+    """Return the changed numbers of a target in a text; `new`: angles (6,) rad, or a frame (4, 4)."""
     if target.joints:
         values, decimals = joint_numbers(target.form, new, scale), [reader.decimals.turn] * 6
     else:
@@ -360,7 +365,7 @@ def _changes(
 
 
 def _read_back(reader: ProgramReader, before: Parsed, texts: Texts) -> Parsed:
-    """Return the targets of the new texts: the same ones, or the program is not handed out."""
+    """Parse the new texts, and check for the same targets before the program is returned."""
     after = reader.parse(texts)
 
     def others(parsed: Parsed) -> tuple[object, ...]:
@@ -372,7 +377,7 @@ def _read_back(reader: ProgramReader, before: Parsed, texts: Texts) -> Parsed:
 
 
 def _off_um(arm: Arm, target: Target, located: _Located, scale: Sequence[float] | None, meant: Array) -> float:
-    """Return how far in µm the numbers as written put the tool from where it is `meant` (4, 4)."""
+    """Return the distance in µm between the written and the `meant` (4, 4) tool position."""
     if target.joints:
         written_pose = forward(arm, joints_of(target, scale)[None])[0]
     else:
@@ -425,7 +430,7 @@ def _named(option: str, text: str, of_rig: Array | None) -> tuple[str, Array]:
 
 
 def start_of(text: str | None) -> tuple[float, ...] | None:
-    """Return the joint angles (6,) rad of a text "deg,deg,…", None for none. Raises UseError for anything else."""
+    """Parse joint angles (6,) rad from "deg,deg,…"; None for None. Raises UseError for other text."""
     how = "give the six joint angles in degrees at which the arm stands whenever the program begins"
     numbers = () if text is None else _six(f"--start-joints {text}", text, _MOST_TURNED_DEG, how)
     return tuple(np.radians(numbers).tolist()) or None

@@ -16,12 +16,14 @@ from analysis.robot.model.predict import Path, driven, model_of
 from rigs.rig import Rig
 
 _BETWEEN = 16
-"""Places between two targets at which the turning of a joint is looked at."""
+"""Intermediate positions for detecting joint reversals between two targets."""
 
 
 def ahead_of_plays(rig: Rig, plan: Plan) -> Array:
-    """Return by how much further (n, 6) rad the joints of a rig stand at the targets of a plan, in the order of
-    `targets_of`, so that their links stand at the targets in spite of the plays of the rig file."""
+    """Return the lead (n, 6) rad of the joints at the targets of a plan, in the order of `targets_of`.
+
+    With it the links reach the targets despite the backlash of the rig file.
+    """
     targets = targets_of(plan)
     model = model_of(rig, known_plays(rig))
     if not model.effects:
@@ -36,8 +38,7 @@ def ahead_of_plays(rig: Rig, plan: Plan) -> Array:
 
 
 def between(q: Sequence[Array]) -> tuple[Array, Integers]:
-    """Return joint angles (m, 6) rad on straight ways of the joints from one place q (6,) rad to the next, and which of
-    them are the places."""
+    """Return joint angles (m, 6) rad on linear moves between positions q (6,) rad, and the indices of the positions."""
     share = np.arange(_BETWEEN) / _BETWEEN
     ways = [begin + share[:, None] * (end - begin) for begin, end in pairwise(q)]
     return np.concatenate([*ways, q[-1][None]]), _BETWEEN * np.arange(len(q))

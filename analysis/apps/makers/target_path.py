@@ -1,6 +1,6 @@
-"""A path: targets in a CSV table, as joint angles or as poses, in the columns of docs/tables.md.
+"""Path: targets in a CSV table, as joint angles or as poses, in the columns of docs/tables.md.
 
-Other columns are kept as text, at their place.
+Other columns are preserved as text in their positions.
 """
 
 from __future__ import annotations
@@ -29,19 +29,22 @@ from rigs.rig import Rig
 
 POSES = (*PLACE, *TURN)
 ADDED = ("missed_mm", "left_out_mm", "u_um", "u_frame_um", "covered", "corrected")
-"""Columns of a corrected path beside the given ones: the error of the uncorrected arm at the target, the error of
-effects that are not corrected, the standard uncertainty of the corrected place, which includes the latter, in the
-robot's base and with frame and tool taught with the robot, whether all joints stand where the runs drove them (yes, no
-or unknown), and whether the target was corrected (yes or no)."""
+"""Columns added to a corrected path: error of the uncorrected arm at the target, error of uncorrected effects, standard
+uncertainty of the corrected position, including the latter, in the robot's base and with frame and tool taught with the
+robot, whether all joints are within the range of the runs (yes, no or unknown), and whether the target was corrected
+(yes or
+no).
+"""
 
 AGAINST = "against_verdict"
-"""A column that only a path has which was corrected although the model is to correct nothing."""
+"""Column of a path corrected against the verdict."""
 
 
 @dataclass(frozen=True)
 class TargetPath:
-    """Targets: `columns` of the file by name, `lines` (n,) of each row, and `values` (n, axes or 6) of `names`, in mm
-    and degrees."""
+    """Targets: `columns` of the file by name, `lines` (n,) of the rows, and `values` (n, axes or 6) of `names`, in
+    mm and degrees.
+    """
 
     columns: dict[str, list[str]]
     names: tuple[str, ...]
@@ -54,13 +57,12 @@ class TargetPath:
         return self.names != POSES
 
     def angles(self) -> Array:
-        """Return the joint angles (n, axes) rad of targets given as such, and behind them where the rail stands, in
-        m."""
+        """Return the joint angles (n, axes) rad of joint targets, followed by the rail position in m, if any."""
         units = [1 / RAIL_MM if name == RAIL else np.radians(1.0) for name in self.names]
         return np.asarray(self.values * units)
 
     def poses(self) -> Array:
-        """Return the poses (n, 4, 4) of targets given as poses, in the world of the rig file."""
+        """Return the poses (n, 4, 4) of pose targets, in the world of the rig file."""
         from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
         T = np.tile(np.eye(4), (len(self.values), 1, 1))
@@ -70,12 +72,14 @@ class TargetPath:
 
 
 def read_path(path: Path, axes: int = 6, *, rail: bool = False) -> TargetPath:
-    """Read targets of an arm of so many axes, as joint angles if the table has them, and where its rail stands. Raises
-    FileError for a file that is not a path, and TableFileError with every bad cell."""
+    """Read targets of an arm, as joint angles if present in the table, and its rail position.
+
+    Raises FileError for an invalid path, and TableFileError with every bad cell.
+    """
     names, rows = _rows(path)
     joints = (*joint_columns(axes), RAIL) if rail else joint_columns(axes)
     required, others = (joints, POSES) if set(joints) <= set(names) else (POSES, joints)
-    is_corrected = not {*ADDED, AGAINST}.isdisjoint(names)  # of which more is said later
+    is_corrected = not {*ADDED, AGAINST}.isdisjoint(names)  # reported later
     if not is_corrected and set(required) <= set(names) and (both := [name for name in others if name in names]):
         what = f"has the columns {required[0]} … {required[-1]} and {both[0]}: targets are joint angles or poses"
         raise FileError(str(path), what, "leave out or rename those that are not the targets")
@@ -83,16 +87,23 @@ def read_path(path: Path, axes: int = 6, *, rail: bool = False) -> TargetPath:
 
 
 def read_corrected_path(path: Path) -> tuple[TargetPath, TargetPath]:
-    """Read a path that `rig correct` wrote: the joint angles of its targets, and the poses that the controller computes
-    there. Raises as `read_path` does."""
+    """Read a path written by `rig correct`: joint angles of its targets, and the poses computed there by the
+    controller.
+
+    Raises like `read_path`.
+    """
     names, rows = _rows(path)
     remedy = "give the table corrected-….csv that rig correct --path wrote"
     return _targets(path, names, rows, JOINTS, remedy), _targets(path, names, rows, POSES, remedy)
 
 
 def compensated_plans(plans: Sequence[Plan], path: Path, rig: Rig, rig_file: str, *, anyway: bool) -> list[Plan]:
-    """Return the plans with the targets of a corrected path. Raises FileError where the model of the rig or of the path
-    is to correct nothing, unless they are written `anyway`, and as `read_path` and `compensated` do."""
+    """Return the plans with the targets of a corrected path.
+
+    Raises FileError if the model of the rig or path must not be used for correction, unless `anyway`; and like
+    `read_path` and
+    `compensated`.
+    """
     hold_verdict(rig, rig_file, anyway=anyway)
     joints, poses = read_corrected_path(path)
     against = AGAINST in joints.columns
@@ -138,16 +149,19 @@ def hold_uncorrected(path: TargetPath, where: str) -> None:
     """Raise FileError for a path with the columns of a corrected one."""
     if added_columns := [
         name for name in (*ADDED, AGAINST, "u_mm") if name in path.columns
-    ]:  # u_mm: of tables of earlier versions
+    ]:  # u_mm: in tables of earlier versions
         raise FileError(where, f"has a column {added_columns[0]} already", "rename it; is the path corrected already?")
 
 
 def corrected_columns(path: TargetPath, corrected: Corrected, against: str = "") -> pa.Table:
-    """Return the same table with corrected targets, as joint angles and as poses, and their errors. A target that was
-    not corrected stays as it was, and has no numbers that are not known of it. against: the verdict against which it
-    was corrected, in words; empty where there is none."""
+    """Return the table with corrected targets, as joint angles and as poses, and their errors.
+
+    Uncorrected targets are unchanged, and unknown numbers are empty. against: verdict against which the path was
+    corrected, as
+    text; empty if none.
+    """
     columns: dict[str, list[str] | list[float]] = dict(path.columns)
-    # A program takes both: the joint angles say in which of its postures the arm reaches a pose.
+    # A program uses both: the joint angles select the posture of a pose.
     rail = RAIL in path.names
     axes = corrected.q.shape[1] - rail
     names = (*joint_columns(axes), *((RAIL,) if rail else ()), *POSES)
@@ -185,7 +199,7 @@ def corrected_columns(path: TargetPath, corrected: Corrected, against: str = "")
 
 
 def _cells(values: Array) -> list[str] | list[float]:
-    """Return values (n,) as cells of a column, empty where they are NaN."""
+    """Return values (n,) as cells of a column, empty for NaN."""
     cells: list[float] = values.tolist()
     return cells if np.isfinite(values).all() else ["" if np.isnan(number) else repr(number) for number in cells]
 

@@ -1,1 +1,1 @@
-"""The figures of Oh 2019 beside those of one simulated robot (`rig paper`); nothing is stored, all is computed."""
+"""Comparison of Oh 2019 with a simulated robot (`rig paper`); all values are computed, none stored."""

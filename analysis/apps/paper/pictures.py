@@ -1,9 +1,10 @@
-"""The data figures of Oh 2019 as the simulated robot draws them, each with the paper's numbers beside ours.
+"""Figures of Oh 2019 drawn from the simulated robot, each with the paper's numbers next to ours.
 
-3 to 8: yaw; 10 and 11: roll; 13 and 14: the hemisphere; 15: repeatability. 1, 2, 9 and 12 show equipment. What stands
-for a measurement of the paper (3, 5, 6, 10, 13, 15) has all effects of the rig file; its simulations have those that
-the paper names: eccentricity alone (4), datum errors and plays (8), gear errors (14).
-The runs behind all of them are simulated, and then evaluated like any others.
+3 to 8: yaw; 10 and 11: roll; 13 and 14: hemisphere; 15: repeatability. 1, 2, 9 and 12 show equipment. Figures that
+correspond to measurements (3, 5, 6, 10, 13, 15) have all effects of the rig file; the paper's simulations have the
+effects
+it names: eccentricity only (4), datum errors and backlash (8), gear errors (14). All runs are simulated and evaluated
+normally.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ from rigs.schema.vocabulary import Direction, TestName
 
 @dataclass(frozen=True)
 class JointLap:
-    """The reported joint angles on one lap: phi_deg (n,), q_deg (n, 6), and the names of the axes."""
+    """Reported joint angles on one lap: phi_deg (n,), q_deg (n, 6), and axis names."""
 
     phi_deg: Array
     q_deg: Array
@@ -42,7 +43,9 @@ class JointLap:
 @dataclass(frozen=True)
 class SimulatedFigures:
     """Evaluated runs by figure: yaw 3, 5, 6; eccentric 4; joints 7; yaw_datum_and_play 8; roll 10, 11; sphere 13;
-    sphere_gears 14; repeatability 15. Free of noise but the last."""
+    sphere_gears 14;
+    repeatability 15. Only the last has noise.
+    """
 
     yaw: dict[Direction, Result]
     eccentric: Result
@@ -55,7 +58,7 @@ class SimulatedFigures:
 
 
 def figures_of(rig: Rig, rig_text: str) -> SimulatedFigures:
-    """Simulate every run. Raises FileError where the robot cannot do a test."""
+    """Simulate every run. Raises FileError if the robot cannot do a test."""
 
     def result(test: TestName, direction: Direction | None, effects: Sequence[Effect], of: Rig = rig) -> Result:
         return evaluate(simulated_run(of, rig_text, test, direction, None, effects))
@@ -81,19 +84,20 @@ _INK = {"acw": "#d95f02", "cw": "#1f5fa8"}
 _GREY = "#777777"
 _ARROW = {"arrowstyle": "-|>", "lw": 2.0, "color": "black"}
 _MAGNIFIED = 100
-"""Deviations from a sphere of 400 mm are drawn so much larger, as millimetres cannot be seen on it."""
+"""Magnification of deviations, since millimetres are invisible on a sphere of 400 mm."""
 
 
 def save(rig: Rig, rig_text: str, rows: Sequence[Row], directory: Path) -> list[Path]:
-    """Write the pictures, named by the numbers of the paper; returns their paths. Raises FileError where nothing can
-    be written."""
+    """Write the pictures, named after the paper's numbers; return their paths. Raises FileError if they cannot be
+    written.
+    """
     from analysis.runs.written_files import write_views  # noqa: PLC0415 - slow to import
 
     simulated = figures_of(rig, rig_text)
 
     def save_figure(number: int, file: BinaryIO) -> None:
         _, title, draw, height_inch = _FIGURES[number]
-        # Beside figures 4 and 7 stand the rows of the section and the table that they belong to.
+        # Figures 4 and 7 also show the rows of their section and table.
         where = {4: "§2.1", 7: "Table 1"}.get(number, f"Fig. {number}")
         rows_of_figure = [row for row in rows if row.where == where]
         figure = _sheet(f"Figure {number} · {title} · {rig.name}", rows_of_figure, height_inch)
@@ -105,7 +109,7 @@ def save(rig: Rig, rig_text: str, rows: Sequence[Row], directory: Path) -> list[
 
 
 def _sheet(title: str, rows: Sequence[Row], height_inch: float) -> Sheet:
-    """A sheet with room for a drawing in its first subfigure, and with the rows below."""
+    """Return a sheet with space for a drawing in its first subfigure, and the rows below."""
     rows_inch = 0.24 * (len(rows) + 1) + 0.1
     sheet = Sheet(9, height_inch + rows_inch)
     sheet.suptitle(title, fontsize=11)
@@ -144,13 +148,13 @@ def _curve(result: Result) -> CircleCurve:
 
 
 def _sine_deg(result: Result) -> Array:
-    """The least-squares sine (n,) deg of a run at the circle angles of its curve."""
+    """Return the least-squares sine (n,) deg of a run at its circle angles."""
     amplitude, shift, offset = (result.figures[f"{name}_deg"].value for name in ("amplitude", "shift", "offset"))
     return offset + amplitude * np.sin(np.radians(_curve(result).phi_deg + shift))
 
 
 def _raw(figure: FigureBase, simulated: SimulatedFigures) -> None:
-    """3: the angle in each direction with its least-squares sine."""
+    """3: angle in each direction with its least-squares sine."""
     for axes, direction in zip(_circle_panels(figure, 2, "yaw angle / °"), DIRECTIONS, strict=True):
         result = simulated.yaw[direction]
         curve = _curve(result)
@@ -161,7 +165,7 @@ def _raw(figure: FigureBase, simulated: SimulatedFigures) -> None:
 
 
 def _eccentric(figure: FigureBase, simulated: SimulatedFigures) -> None:
-    """4: the angle that an eccentricity alone makes."""
+    """4: angle caused by an eccentricity only."""
     (axes,) = _circle_panels(figure, 1, "yaw angle / °")
     curve = _curve(simulated.eccentric)
     axes.plot(curve.phi_deg, curve.angle_deg, color=_INK["acw"], lw=1.2)
@@ -170,7 +174,7 @@ def _eccentric(figure: FigureBase, simulated: SimulatedFigures) -> None:
 
 
 def _fitted(figure: FigureBase, simulated: SimulatedFigures) -> None:
-    """5: what the least-squares sine leaves; every tenth point with its deviation, drawn larger."""
+    """5: residual of the least-squares sine; every tenth point with its magnified deviation."""
     (axes,) = _circle_panels(figure, 1, "yaw angle / °")
     result = simulated.yaw["cw"]
     curve, sine = _curve(result), _sine_deg(result)
@@ -184,12 +188,12 @@ def _fitted(figure: FigureBase, simulated: SimulatedFigures) -> None:
 
 
 def _yaw_error(figure: FigureBase, simulated: SimulatedFigures) -> None:
-    """6: the orientation error in each direction."""
+    """6: orientation error in each direction."""
     _errors(figure, [simulated.yaw[direction] for direction in DIRECTIONS])
 
 
 def _yaw_simulated(figure: FigureBase, simulated: SimulatedFigures) -> None:
-    """8: the same of a robot with datum errors and plays alone."""
+    """8: orientation error with datum errors and backlash only."""
     _errors(figure, [simulated.yaw_datum_and_play[direction] for direction in DIRECTIONS])
 
 
@@ -202,7 +206,7 @@ def _errors(figure: FigureBase, results: Sequence[Result]) -> None:
         axes.axhspan(error.min(), error.max(), color=_INK[direction], alpha=0.08, lw=0)
         axes.set_title(f"{direction}, error band {result.figures['band_deg'].value:.3f}°", fontsize=9, loc="left")
         axes.margins(y=0.3)
-        # A dashed line where a joint turns back; names of close neighbours take turns in height.
+        # Dashed line at a joint reversal; labels of close neighbours alternate in height.
         previous, step = -100.0, 0
         for turn in result.reversals:
             phi = turn.phi_deg
@@ -223,7 +227,7 @@ def _errors(figure: FigureBase, results: Sequence[Result]) -> None:
 
 
 def _joints(figure: FigureBase, simulated: SimulatedFigures) -> None:
-    """7: the joints on the circle, and as in the paper a square where each turns back."""
+    """7: joints on the circle, with a square at each reversal as in the paper."""
     lap = simulated.joints
     panels = list(figure.subplots(3, 2, sharex=True).flat)
     for axes, name, q_deg in zip(panels, lap.names, lap.q_deg.T, strict=True):
@@ -246,7 +250,7 @@ def _joints(figure: FigureBase, simulated: SimulatedFigures) -> None:
 
 
 def _roll(figure: FigureBase, simulated: SimulatedFigures) -> None:
-    """10: the whole roll angle in each direction; the paper takes no sine off."""
+    """10: roll angle in each direction; as in the paper without removing a sine."""
     for axes, direction in zip(_circle_panels(figure, 2, "roll angle / °"), DIRECTIONS, strict=True):
         curve = _curve(simulated.roll[direction])
         axes.plot(curve.phi_deg, curve.angle_deg, color=_INK[direction], lw=1.2)
@@ -254,7 +258,7 @@ def _roll(figure: FigureBase, simulated: SimulatedFigures) -> None:
 
 
 def _roll_mean(figure: FigureBase, simulated: SimulatedFigures) -> None:
-    """11: the mean of both directions."""
+    """11: mean of both directions."""
     (axes,) = _circle_panels(figure, 1, "roll angle / °")
     curves = [_curve(simulated.roll[direction]) for direction in DIRECTIONS]
     mean_deg = np.mean([curve.angle_deg for curve in curves], axis=0)
@@ -264,25 +268,27 @@ def _roll_mean(figure: FigureBase, simulated: SimulatedFigures) -> None:
 
 
 def _sphere(figure: FigureBase, simulated: SimulatedFigures) -> None:
-    """13: the sphere with all errors."""
+    """13: sphere with all errors."""
     _radial(figure, simulated.sphere)
 
 
 def _sphere_gears(figure: FigureBase, simulated: SimulatedFigures) -> None:
-    """14: with gear errors alone."""
+    """14: sphere with gear errors only."""
     _radial(figure, simulated.sphere_gears)
 
 
 def _radial(figure: FigureBase, result: Result) -> None:
-    """From the side that the sphere is pulled to, from above, and over the azimuth: the errors of the targets' distance
-    from the ball, whose pull to one side is a wave once around."""
+    """Draw the target distance errors from the side of the displacement, from above, and over the azimuth, where a
+    displacement is
+    a wave once around.
+    """
     curve = result.curve
     assert isinstance(curve, RadialCurve)  # noqa: S101 - of a hemisphere
     polar, azimuth = np.radians(curve.polar_deg), np.radians(curve.azimuth_deg)
     ways = np.stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)])
     centre = np.array([result.figures[f"centre_{name}_mm"].value for name in "xyz"])
     radius_mm = result.figures["radius_mm"].value
-    # How far a target lies outside of the nominal sphere about the ball; millimetres on 400 leave the first order.
+    # Distance of a target outside the nominal sphere about the ball; millimetres on 400 are beyond first order.
     error_mm = radius_mm - NOMINAL_RADIUS_MM + centre @ ways + curve.deviation_mm
     pulled_deg = float(np.degrees(np.arctan2(centre[1], centre[0])))
     side, above, wave = figure.subplots(1, 3, width_ratios=(1.5, 0.85, 1.05))
@@ -301,8 +307,10 @@ def _radial(figure: FigureBase, result: Result) -> None:
 
 
 def _draw_side(axes: Axes, ways: Array, error_mm: Array, centre_mm: Array, radius_mm: float) -> None:
-    """The targets, the nominal sphere about the ball, and the least-squares sphere, seen across the pull; errors
-    enlarged. ways (3, t): directions of the targets."""
+    """Draw targets, nominal sphere and least-squares sphere across the displacement, with magnified errors.
+
+    ways (3, t): directions of the targets.
+    """
     along = np.array([centre_mm[0], centre_mm[1], 0.0]) / max(float(np.hypot(*centre_mm[:2])), 1e-12)
     turn = np.linspace(-np.pi / 2, np.pi / 2, 181)
     outline = np.stack([np.sin(turn), np.cos(turn)])
@@ -330,7 +338,7 @@ def _draw_side(axes: Axes, ways: Array, error_mm: Array, centre_mm: Array, radiu
 
 
 def _draw_above(axes: Axes, curve: RadialCurve, error_mm: Array, pulled_deg: float) -> None:
-    """The errors on the hemisphere seen along its axis, with an arrow to the side that it is pulled to."""
+    """Draw the errors on the hemisphere along its axis, with an arrow in the direction of the displacement."""
     azimuth, limit = np.radians(curve.azimuth_deg), float(np.abs(error_mm).max())
     x, y = curve.polar_deg * np.cos(azimuth), curve.polar_deg * np.sin(azimuth)
     axes.scatter(x, y, c=error_mm, cmap="coolwarm", vmin=-limit, vmax=limit, s=60, edgecolors="#555555", linewidths=0.4)
@@ -347,7 +355,7 @@ def _draw_above(axes: Axes, curve: RadialCurve, error_mm: Array, pulled_deg: flo
 
 
 def _repeatability(figure: FigureBase, simulated: SimulatedFigures) -> None:
-    """15: each reading at its target, by the side of approach."""
+    """15: each reading at its target, by side of approach."""
     curve = simulated.repeatability.curve
     assert isinstance(curve, RepeatabilityCurve)  # noqa: S101 - of a repeatability test
     axes = figure.subplots()
@@ -373,11 +381,11 @@ _FIGURES: dict[int, tuple[str, str, Callable[[FigureBase, SimulatedFigures], Non
     14: ("sphere-simulated", "radial accuracy, gear errors alone", _sphere_gears, 4.4),
     15: ("repeatability", "repeatability", _repeatability, 4.0),
 }
-"""Number: name of its file, title, what draws it, and its height in inches without the numbers below it."""
+"""Number: file name, title, drawing function, and height in inches without the numbers below."""
 
 
 def _label_axes(axes: Axes, x: str, y: str) -> None:
-    """Name the axes of a panel, with their units, and draw a grid instead of a box."""
+    """Label the axes of a panel, and draw a grid instead of a box."""
     axes.set_xlabel(x)
     axes.set_ylabel(y)
     axes.grid(color="#dddddd", lw=0.5)

@@ -1,7 +1,4 @@
-"""The rows of the table: a figure of the paper, ours, and what a person should know of the two.
-
-The table of `rig paper`, and the same for scripts.
-"""
+"""Rows of the `rig paper` table: a figure of the paper, ours, and remarks; also for scripts."""
 
 from __future__ import annotations
 
@@ -26,14 +23,16 @@ from rigs.schema.effect import is_play
 from rigs.schema.vocabulary import Direction
 
 STEP_DEG = 6.0
-"""A jump is looked for over this much of the lap: what Theta needs after a reversal to cross its play."""
+"""Circle angle over which a jump is measured: the angle needed by Theta to cross its backlash."""
 DIRECTIONS: tuple[Direction, ...] = ("cw", "acw")
 
 
 @dataclass(frozen=True)
 class Row:
-    """where: section, figure or table of the paper; paper, ours: a number in `unit`, or words; place: whether the
-    number is a place on the circle, where 359° lies 2° from 1°."""
+    """Row. where: section, figure or table of the paper. paper, ours: number in `unit`, or text. place: whether the
+    number is a
+    circle angle, where 359° is 2° from 1°.
+    """
 
     where: str
     figure: str
@@ -46,7 +45,7 @@ class Row:
 
     @property
     def difference(self) -> float | None:
-        """Ours less the paper's, where both are numbers."""
+        """Ours less the paper's, if both are numbers."""
         if isinstance(self.paper, str) or isinstance(self.ours, str):
             return None
         apart = self.ours - self.paper
@@ -54,7 +53,7 @@ class Row:
 
 
 def rows_of(rig: Rig) -> list[Row]:
-    """Every row, computed from the rig's set-up and effects. Raises FileError where the rig cannot do a test."""
+    """Compute all rows from the rig's set-up and effects. Raises FileError if the rig cannot do a test."""
     return [
         *rule_rows(rig),
         *reversal_rows(rig),
@@ -66,7 +65,7 @@ def rows_of(rig: Rig) -> list[Row]:
 
 
 def rule_rows(rig: Rig) -> Iterator[Row]:
-    """§2.1, the eccentricity rule: in words of arithmetic, and through simulation and evaluation."""
+    """Yield §2.1, the eccentricity rule: as arithmetic, and by simulation and evaluation."""
     e_mm, R_mm = paper.RULE_ECCENTRICITY_MM, paper.RULE_RADIUS_MM
     by_rule = paper.RULE_CONSTANT * e_mm * 1000 / R_mm / 3600
     curve = circle(eccentric(rig), "yaw", "acw", ())
@@ -82,7 +81,7 @@ def rule_rows(rig: Rig) -> Iterator[Row]:
 
 
 def eccentric(rig: Rig) -> Rig:
-    """The rig with the eccentricity and the radius of the rule."""
+    """Return the rig with the eccentricity and radius of the rule."""
     frame = frame_of(circle_of(rig))
     eccentricity_mm = tuple(float(x) for x in paper.RULE_ECCENTRICITY_MM * (frame.u + frame.v) / np.sqrt(2))
     moved = circle_of(rig).model_copy(update={"eccentricity_mm": eccentricity_mm, "radius_mm": paper.RULE_RADIUS_MM})
@@ -90,7 +89,7 @@ def eccentric(rig: Rig) -> Rig:
 
 
 def reversal_rows(rig: Rig) -> Iterator[Row]:
-    """Table 1, from the set-up alone; no effect touches it."""
+    """Yield Table 1, from the set-up only, independent of effects."""
     names = [axis.name for axis in rig.robot.axes]
     all_turns = reversals(circle_of(rig), arm_of(rig.robot), rig.name)
     for axis, name in enumerate(names, start=1):
@@ -106,7 +105,9 @@ def reversal_rows(rig: Rig) -> Iterator[Row]:
 
 
 def yaw_rows(rig: Rig) -> Iterator[Row]:
-    """Figures 6 and 8: of 8 how far the residual jumps after each reversal, by plays alone: with them less without."""
+    """Yield figures 6 and 8; for 8 the jump of the residual after each reversal caused by backlash: with less
+    without.
+    """
     curves = {direction: circle(rig, "yaw", direction, rig.effects) for direction in DIRECTIONS}
     for direction, curve in curves.items():
         yield Row(
@@ -130,7 +131,7 @@ def yaw_rows(rig: Rig) -> Iterator[Row]:
 
 
 def roll_rows(rig: Rig) -> Iterator[Row]:
-    """Figures 10 and 11. Their extremes lie 135° apart: no sine was taken off, and none is here."""
+    """Yield figures 10 and 11. Their extremes are 135° apart: the paper removed no sine, and neither do we."""
     curves = {direction: circle(rig, "roll", direction, rig.effects) for direction in DIRECTIONS}
     for direction, curve in curves.items():
         note = f"whole angle, the paper takes no sine off; less its sine {curve.figures['band_deg']:.2f}°"
@@ -156,7 +157,7 @@ def roll_rows(rig: Rig) -> Iterator[Row]:
 
 
 def sphere_rows(rig: Rig) -> Iterator[Row]:
-    """Figures 13 (all errors) and 14 (gear transmission errors alone, as the paper simulated it)."""
+    """Yield figures 13 (all errors) and 14 (gear transmission errors only, as in the paper's simulation)."""
     measured, simulated = sphere(rig, rig.effects), sphere(rig, paper.gears(rig.effects))
     every, gears = "all errors", "gear transmission errors alone"
     yield Row("Fig. 13", "sphere, measured: radius", paper.RADIUS_MM, measured.radius_mm, "mm", every)
@@ -187,7 +188,7 @@ def _towards(ball: FittedSphere, measured: FittedSphere | None = None) -> str:
 
 
 def repeatability_rows(rig: Rig) -> Iterator[Row]:
-    """Figure 15: means over simulated tests, and their spread."""
+    """Yield figure 15: means and spread over simulated tests."""
     figures = repeats(rig, rig.effects)
     uni, bi = figures["uni_mm"], figures["bi_mm"]
     spread = f"mean of {len(uni)} simulated tests, sd {{:.3f}} mm"
@@ -218,7 +219,7 @@ SLIPS = (
 
 
 def as_table(rig: Rig, rows: Sequence[Row]) -> RenderableType:
-    """Every row, then the effects behind them, the slips and what it does not show."""
+    """Return every row, then the effects, the errata, and the limitations."""
     table = Table(title=f"Oh 2019 beside the simulated robot of {rig.name}", title_style="bold", header_style="bold")
     for heading in ("where", "figure", "paper", "ours", "difference", "note"):
         table.add_column(heading, justify="right" if heading in ("paper", "ours", "difference") else "left")
@@ -230,21 +231,21 @@ def as_table(rig: Rig, rows: Sequence[Row]) -> RenderableType:
         previous = section
         difference = ""
         if row.difference is not None:
-            difference = f"{round(row.difference, row.digits) + 0.0:+.{row.digits}f}"  # + 0.0: no -0.0
+            difference = f"{round(row.difference, row.digits) + 0.0:+.{row.digits}f}"  # + 0.0: avoids -0.0
         table.add_row(row.where, row.figure, written(row, row.paper), written(row, row.ours), difference, row.note)
     effects = "Effects: " + "; ".join(in_words(rig, effect) for effect in rig.effects) + "."
     return Group(whole(table), *(Text(line, style="dim") for line in (effects, SLIPS, CAVEAT)))
 
 
 def written(row: Row, value: float | str) -> str:
-    """A value of a row with its unit."""
+    """Format a value of a row with its unit."""
     if isinstance(value, str):
         return value
     return f"{value:.{row.digits}f}{'' if row.unit in ('', '°') else ' '}{row.unit}"
 
 
 def in_words(rig: Rig, effect: Effect) -> str:
-    """An effect with its joint by its own name and its size, as `… Theta 0.071°`."""
+    """Describe an effect with the joint name and size, such as `… Theta 0.071°`."""
     axis = getattr(effect, "axis", None)
     name = f" {rig.robot.axes[axis - 1].name}" if axis else ""
     order = getattr(effect, "order", None)
@@ -254,7 +255,7 @@ def in_words(rig: Rig, effect: Effect) -> str:
 
 
 def as_object(rig: Rig, rows: Sequence[Row]) -> dict[str, Any]:
-    """The same as one JSON object."""
+    """Return the table as a JSON object."""
     return {
         "rig": rig.name,
         "rows": [{**asdict(row), "difference": row.difference} for row in rows],

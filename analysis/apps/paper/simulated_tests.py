@@ -1,6 +1,6 @@
-"""The paper's tests on one simulated robot, by the same simulation and evaluation as everything else.
+"""The paper's tests on a simulated robot, with the usual simulation and evaluation.
 
-Everything is free of noise but the repeatability test, whose uni-directional figure is noise and nothing else.
+All are noise-free except the repeatability test, whose uni-directional figure consists of noise.
 """
 
 from __future__ import annotations
@@ -26,19 +26,22 @@ from rigs.rig import Rig
 from rigs.schema.vocabulary import Direction
 
 SCATTER = Noise(wander_mm=0.087, wander_s=0.5)
-"""Scatter of a reading at a target, from one approach to the next: 0.087 mm fitted to the paper's 0.261 mm.
+"""Scatter of a reading at a target between approaches: 0.087 mm fitted to the paper's 0.261 mm.
 
-It is the simulator's wander, whose half second is short beside the 4 s between readings. It moves both gauges
-alike, so the angles of yaw and roll do not see it.
+It is the simulator's wander, with half a second being short compared with the 4 s between readings. It moves both
+gauges
+equally, so yaw and roll angles are unaffected.
 """
 SEEDS = 100
-"""Repeatability tests whose mean is reported: the range of three readings is a chancy figure."""
+"""Number of repeatability tests averaged: the range of three readings varies strongly."""
 
 
 @dataclass(frozen=True)
 class SimulatedLap:
-    """A lap in order of phi. phi (n,) rad, 0 … 2 pi; angle, residual (n,) rad: before and after the least-squares
-    sine; figures: the plain ones of its test."""
+    """Lap in order of phi. phi (n,) rad, 0 … 2 pi; angle, residual (n,) rad: before and after removing the
+    least-squares sine;
+    figures: of its test.
+    """
 
     phi: Array
     angle: Array
@@ -48,7 +51,7 @@ class SimulatedLap:
 
 @dataclass(frozen=True)
 class FittedSphere:
-    """A least-squares sphere. radius, band mm; centre (3,) mm from the base-ball, in the hemisphere's frame."""
+    """Least-squares sphere. radius, band mm; centre (3,) mm from the base-ball, in the hemisphere's frame."""
 
     radius_mm: float
     band_mm: float
@@ -56,19 +59,19 @@ class FittedSphere:
 
     @property
     def shift_mm(self) -> float:
-        """How far the sphere is pulled to one side."""
+        """Horizontal displacement of the sphere."""
         return float(np.linalg.norm(self.centre_mm))
 
 
 def circle(rig: Rig, test: str, direction: Direction, effects: Sequence[Effect]) -> SimulatedLap:
-    """Yaw or roll of one lap. Raises FileError where the robot cannot drive it."""
+    """Return one lap of yaw or roll. Raises FileError if the robot cannot drive it."""
     table = simulate(rig, "yaw" if test == "yaw" else "roll", direction, None, effects)
     assert isinstance(table, CircleTable)  # noqa: S101 - by the test's name
     return curve_of(table, rig)
 
 
 def joint_lap(rig: Rig) -> tuple[Array, Array]:
-    """Circle angles (n,) rad in order, 0 … 2 pi, and the joint angles (n, 6) rad that the controller reports there."""
+    """Return circle angles (n,) rad in order, 0 … 2 pi, and the reported joint angles (n, 6) rad."""
     table = simulate(rig, "yaw", "acw", None, ())
     assert isinstance(table, CircleTable)  # noqa: S101 - by the test's name
     lap = laps_of(table, rig, rig.name).first
@@ -78,7 +81,7 @@ def joint_lap(rig: Rig) -> tuple[Array, Array]:
 
 
 def curve_of(table: CircleTable, rig: Rig) -> SimulatedLap:
-    """The curve of a circle table."""
+    """Return the curve of a circle table."""
     lap = laps_of(table, rig, rig.name).first
     phi = lap.phi % (2 * np.pi)
     order = np.argsort(phi)
@@ -89,14 +92,14 @@ def curve_of(table: CircleTable, rig: Rig) -> SimulatedLap:
 
 
 def step(curve: SimulatedLap, at_deg: float, span_deg: float) -> float:
-    """Change of the residual, degrees, from circle angle `at_deg` over `span_deg` (negative for cw)."""
+    """Return the change of the residual, degrees, from circle angle `at_deg` over `span_deg` (negative for cw)."""
     ends = np.radians([at_deg, at_deg + span_deg]) % (2 * np.pi)
     before, after = np.interp(ends, curve.phi, curve.residual, period=2 * np.pi)
     return float(np.degrees(after - before))
 
 
 def sphere(rig: Rig, effects: Sequence[Effect]) -> FittedSphere:
-    """The radial test. Raises FileError where the robot cannot reach a target."""
+    """Return the radial test. Raises FileError if a target is out of reach."""
     table = simulate(rig, "radial", None, None, effects)
     assert isinstance(table, RadialTable)  # noqa: S101 - by the test's name
     result = radial.evaluate(table, hemisphere_of(rig).radius_mm, 0.0, rig.name)
@@ -104,7 +107,7 @@ def sphere(rig: Rig, effects: Sequence[Effect]) -> FittedSphere:
 
 
 def repeats(rig: Rig, effects: Sequence[Effect], seeds: int = SEEDS) -> dict[str, Array]:
-    """uni_mm and bi_mm, (seeds,) each, of as many simulated repeatability tests."""
+    """Return uni_mm and bi_mm, (seeds,) each, of simulated repeatability tests."""
     readings = []
     for seed in range(seeds):
         table = simulate(rig, "repeatability", None, noise_seed(seed, None), effects, SCATTER)
@@ -118,6 +121,6 @@ def repeats(rig: Rig, effects: Sequence[Effect], seeds: int = SEEDS) -> dict[str
 
 
 def typical_seed(figures: dict[str, Array]) -> int:
-    """The number of the test, of figures (seeds,) in mm, that lies nearest to the mean of all, each by its spread."""
+    """Return the index of the test, among figures (seeds,) in mm, closest to the mean, each relative to its spread."""
     off = [(values - values.mean()) / (values.std() or 1.0) for values in figures.values()]
     return int(np.argmin(np.sum(np.square(off), axis=0)))

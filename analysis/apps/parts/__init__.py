@@ -1,1 +1,1 @@
-"""Parts of touches and of the link that a printer makes: solids, drawing and list from the numbers of a rig file."""
+"""3D-printed parts for touches and the link: solids, drawing and parts list from a rig file."""

@@ -1,8 +1,9 @@
-"""What goes with the printed parts: a drawing of each in section, true to scale where it is printed at 100 %, and the
-sheet: what is printed and bought, how it goes together, what is measured.
+"""Documents for the printed parts: a sectional drawing, true to scale at 100 %, and a sheet with parts, assembly and
+checks.
 
-A line of text below a drawn part has every number that a person measures with a caliper after printing. Prices are our
-estimates of what web shops ask for small packs; they bound the cost, and are no offer.
+The text below a drawn part contains every dimension to measure with a caliper after printing. Prices are our estimates
+for
+small packs from web shops; they are upper limits, not offers.
 """
 
 from __future__ import annotations
@@ -16,14 +17,14 @@ from analysis.apps.parts.sizes import Bought, PrintedPart
 from rigs.text import plain
 
 _GRAMS_PER_CM3 = 1.24
-"""PLA; a part printed with four walls and 40 % inside has some 60 % of its solid's weight."""
+"""PLA; a part printed with four walls and 40 % infill has about 60 % of the solid weight."""
 _FILLED = 0.6
 _EURO_PER_GRAM = 0.025
 
 
 @dataclass(frozen=True)
 class Purchase:
-    """A thing to buy: how many, what, its price at most (€) for all, and what it is for."""
+    """Purchased item: quantity, name, maximum total price (€), and purpose."""
 
     count: int
     name: str
@@ -32,7 +33,7 @@ class Purchase:
 
 
 def purchases(parts: Sequence[PrintedPart], bought: Bought) -> list[Purchase]:
-    """Return what is bought for these parts."""
+    """Return the items to buy for these parts."""
     seats = sum(part.count * (2 if part.name in {"bar", "link", "long-link"} else 1) for part in parts)
     magnets = seats - sum(part.count for part in parts if part.name == "holder")
     screws = sum(part.count * (2 if part.name == "bar" else 1) for part in parts if part.name in {"bar", "socket"})
@@ -97,8 +98,9 @@ def sheet(parts: Sequence[PrintedPart], bought: Bought, rig_name: str, remarks: 
 
 
 _MARGIN, _LINE, _COLUMN, _HEAD = 12.0, 5.0, 62.0, 18.0
-"""Millimetres around a part, from line to line of text, the least width of a part's column, and above all parts: a
-ball rises above its seat."""
+"""Margin around a part, line spacing, minimum column width, and space above all parts, in mm: a ball rises above its
+seat.
+"""
 _STYLE = (
     ".paper{fill:#fff}text{font:3.4px sans-serif;fill:#1a1a1a}.title{font-weight:bold;font-size:4px}"
     ".part{fill:#e3e8ee;stroke:#1a1a1a;stroke-width:.35}.ball{fill:none;stroke:#0b57a4;stroke-width:.3}"
@@ -108,7 +110,7 @@ _STYLE = (
 
 
 def drawing(parts: Sequence[PrintedPart], title: str) -> str:
-    """Return an SVG of the parts, a unit of which is a millimetre; title: what stands at its head."""
+    """Return an SVG of the parts in mm; title: heading."""
     body, x, tallest = list[str](), 0.0, 0.0
     for part in parts:
         low, high = part.solid.corners.min(axis=0), part.solid.corners.max(axis=0)
@@ -135,7 +137,7 @@ def drawing(parts: Sequence[PrintedPart], title: str) -> str:
 
 
 def _part(part: PrintedPart, width: float, height: float) -> Iterator[str]:
-    """One part about x = 0, from its title down; its foot is at the same height as its lowest corner."""
+    """Draw one part about x = 0, from its title down; its foot is level with its lowest corner."""
     foot = _MARGIN + height
     axes = [0.0]
     if "distance of the sockets" in part.numbers:
@@ -145,7 +147,7 @@ def _part(part: PrintedPart, width: float, height: float) -> Iterator[str]:
         inner = apart - max(radius for radius, _ in part.section) * 2
         box = f'x="{-inner / 2:.3f}" y="{foot - height:.3f}" width="{inner:.3f}" height="{height:.3f}"'
         yield f'<rect class="part" {box}/>'
-    # How high above the foot the balls sit.
+    # height of the balls above the foot
     balls = [part.numbers[name] for name in ("ball's centre above the foot",) if name in part.numbers]
     if "ball to ball" in part.numbers:
         middle, apart = part.numbers["length"] / 2, part.numbers["ball to ball"]
@@ -169,13 +171,13 @@ def _part(part: PrintedPart, width: float, height: float) -> Iterator[str]:
 
 
 def _below(part: PrintedPart) -> float:
-    """How far the lower ball of a link reaches below its foot."""
+    """Return the distance by which the lower ball of a link reaches below its foot."""
     reach = part.numbers.get("ball to ball", 0.0) - part.numbers.get("length", 0.0)
     return reach / 2 + part.numbers["ball"] / 2 if "ball to ball" in part.numbers else 0.0
 
 
 def _across(left: float, right: float, y: float, words: str) -> Iterator[str]:
-    """A dimension from left to right."""
+    """Draw a dimension from left to right."""
     yield f'<line class="dim" x1="{left:.2f}" x2="{right:.2f}" y1="{y:.2f}" y2="{y:.2f}"/>'
     for x in (left, right):
         yield f'<line class="dim" x1="{x:.2f}" x2="{x:.2f}" y1="{y - 1.2:.2f}" y2="{y + 1.2:.2f}"/>'

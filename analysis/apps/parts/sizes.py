@@ -1,7 +1,7 @@
-"""The sizes of printed parts from a rig file's numbers and a ball, a magnet and a screw that shops have.
+"""Dimensions of printed parts, from a rig file and commercial balls, magnets and screws.
 
-A ball sits in a cone of 90 degrees on a circle, at 0.71 of its radius from the axis, whatever the printer does to the
-rest. The magnet below it does not touch it. The ball's centre is then known from the cone alone.
+A ball sits in a cone of 90 degrees on a circle, at 0.71 of its radius from the axis, independent of printing errors
+elsewhere. The magnet below does not touch it, so the cone alone determines the ball's centre.
 """
 
 from __future__ import annotations
@@ -17,27 +17,27 @@ Size = tuple[float, float]
 _SCREWS: dict[str, Size] = {"M3": (3.4, 6.7), "M4": (4.5, 9.0), "M5": (5.5, 11.2)}
 """Clearance hole (ISO 273, medium) and head of a countersunk screw (ISO 10642), diameters in mm."""
 _TAPPED_MM, _TAPPED_DEEP_MM = 5.0, 14.0
-"""The hole in the foot of the holder: an M6 screw cuts its own thread in plastic (core hole of ISO 965: 5.0 mm)."""
+"""Hole in the foot of the holder: an M6 screw cuts its thread in plastic (core hole of ISO 965: 5.0 mm)."""
 _GAP_MM = 0.5
-"""Between ball and magnet: a layer or two of a printer, so that the ball sits on the cone and never on the magnet."""
+"""Gap between ball and magnet: one or two layers of a printer, so that the ball touches the cone only."""
 _CLEAR_MM = 0.15
-"""A bore is so much larger than what goes in, to each side; usual of filament printers."""
+"""Radial clearance of bores; usual for filament printers."""
 _RIM_MM, _WALL_MM, _FLOOR_MM = 2.0, 3.0, 3.0
-"""Cone beyond the circle on which the ball sits, wall around it, and plastic below a screw's head."""
+"""Cone beyond the contact circle, wall around it, and plastic below a screw head."""
 _FOOT_MM, _FOOT_RADIUS_MM, _NECK_MM = 6.0, 15.0, 1.5
-"""Height and radius of the holder's foot, and how much thinner than its cup the neck is."""
+"""Height and radius of the holder's foot, and reduction of the neck relative to the cup."""
 _SHELF_MM = 1.0
-"""On which a magnet stops at the end of a bore whose ceiling is a cone; a printer bridges so much."""
+"""Stop for a magnet at the end of a bore with a conical ceiling; a printer can bridge this width."""
 _SHORTEST_HOLDER_MM, _LONGEST_HOLDER_MM = 35.0, 150.0
 DISTANCE_MM = 100.0
-"""Distance of the bar's two sockets where the rig file knows none."""
+"""Distance between the bar's two sockets by default."""
 BED_MM = 220.0
-"""What most printers have for a bed; longer parts are not written."""
+"""Bed size of most printers; longer parts are not written."""
 
 
 @dataclass(frozen=True)
 class Bought:
-    """What is bought: the ball's diameter, the magnet's diameter and height (mm), and the screw that holds a socket."""
+    """Purchased dimensions: ball diameter, magnet diameter and height (mm), and the screw of a socket."""
 
     ball_mm: float = 20.0
     magnet_mm: Size = (10.0, 5.0)
@@ -46,8 +46,10 @@ class Bought:
 
 @dataclass(frozen=True)
 class Seat:
-    """The cone in which a ball sits, above the level of its apex (mm): the ball's centre, the circle on which it
-    sits (radius, and as high), the rim (radius, and as high), the magnet's top and the bore about it."""
+    """Cone seat of a ball, heights above its apex (mm): ball centre, contact circle (radius = height), rim (radius =
+    height),
+    top of the magnet, and its bore.
+    """
 
     centre: float
     contact: float
@@ -57,14 +59,16 @@ class Seat:
 
     @property
     def outside(self) -> float:
-        """The radius of the part around it."""
+        """Outer radius of the part."""
         return self.rim + _WALL_MM
 
 
 @dataclass(frozen=True)
 class PrintedPart:
-    """A part. count: how many of it; section: what is drawn of it, corners (radius, height); about: a line for a
-    person; numbers: its dimensions in mm by what they are."""
+    """Printed part. count: quantity. section: corners (radius, height) for the drawing. about: description. numbers:
+    dimensions
+    in mm by name.
+    """
 
     name: str
     count: int
@@ -75,7 +79,7 @@ class PrintedPart:
 
 
 def seat_of(bought: Bought) -> Seat:
-    """Return the seat of a ball over a magnet. Raises UseError for a magnet that is too wide for the ball."""
+    """Return the seat of a ball above a magnet. Raises UseError for a magnet too wide for the ball."""
     radius = bought.ball_mm / 2
     centre, contact = radius * math.sqrt(2), radius / math.sqrt(2)
     bore = bought.magnet_mm[0] / 2 + _CLEAR_MM
@@ -86,7 +90,7 @@ def seat_of(bought: Bought) -> Seat:
 
 
 def parts_of(rig: Rig, bought: Bought) -> tuple[PrintedPart, ...]:
-    """Return the parts that a rig's touches and link need, by its numbers. Raises UseError for what cannot be made."""
+    """Return the parts required by a rig's touches and link. Raises UseError for impossible dimensions."""
     touch, circle = rig.tests.touch, rig.tests.circle
     distance_mm = touch.distances[0].distance_mm if touch and touch.distances else DISTANCE_MM
     sockets = max(len(touch.sockets) - 2, 0) if touch else 1
@@ -102,7 +106,7 @@ def parts_of(rig: Rig, bought: Bought) -> tuple[PrintedPart, ...]:
 
 
 def remarks_of(rig: Rig, bought: Bought) -> list[str]:
-    """Return what a person must know beside the parts: what no usual bed holds, and where the holder stands."""
+    """Return remarks about the parts: oversized ones, and the position of the holder."""
     lengths = {"the long link": _long_mm(rig)}
     if rig.tests.touch and rig.tests.touch.distances:
         lengths["the bar of two sockets"] = rig.tests.touch.distances[0].distance_mm + 2 * seat_of(bought).outside
@@ -122,7 +126,9 @@ def _long_mm(rig: Rig) -> float | None:
 
 
 def _hole(bought: Bought) -> list[tuple[float, float]]:
-    """The inside of a socket from its rim down: cone, bore of the magnet, countersunk screw; heights above the bed."""
+    """Return the inner contour of a socket from its rim down: cone, magnet bore, countersunk screw; heights above
+    the bed.
+    """
     seat = seat_of(bought)
     if bought.screw not in _SCREWS:
         raise UseError("--screw", f"{bought.screw} is none of {', '.join(_SCREWS)}", "give one of them")
@@ -166,7 +172,9 @@ def _bar(bought: Bought, distance_mm: float) -> PrintedPart:
 
 
 def _holder(bought: Bought, asked_mm: float) -> PrintedPart:
-    """The ball's holder on the tool: its centre is as far from the foot as the rig file says, as far as that prints."""
+    """Return the ball holder of the tool, with the ball centre at the distance given in the rig file, as far as
+    printable.
+    """
     seat = seat_of(bought)
     height = min(max(asked_mm, _SHORTEST_HOLDER_MM), _LONGEST_HOLDER_MM)
     rim = height - (seat.centre - seat.contact)
@@ -186,8 +194,10 @@ def _holder(bought: Bought, asked_mm: float) -> PrintedPart:
 
 
 def _link(bought: Bought, name: str, length_mm: float) -> PrintedPart:
-    """A rod with a cone at each end, so long from ball to ball as the radius of its test; the lower magnet's bore ends
-    in a cone beyond a shelf, since a flat ceiling does not print without supports."""
+    """Return a rod with a cone at each end, with the test radius as the distance between the balls.
+
+    The bore of the lower magnet ends in a cone above a shelf, because a flat ceiling needs supports.
+    """
     seat = seat_of(bought)
     top = length_mm / 2 - (seat.centre - seat.rim)
     depth = seat.rim - (seat.magnet_top - bought.magnet_mm[1])

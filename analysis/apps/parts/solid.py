@@ -1,7 +1,7 @@
-"""Closed surfaces of parts that are turned about an axis, or of a bar with two such holes, and the STL that they are.
+"""Closed surfaces of turned parts, or of a bar with two equal holes, and their STL files.
 
-No solid is cut from another: each surface is laid out ring by ring, so that every edge belongs to two triangles by the
-way it is made. Lengths are mm, z is up from the printer's bed.
+There are no boolean operations: each surface is built ring by ring, so by construction every edge belongs to two
+triangles. Lengths are mm, z is up from the printer's bed.
 """
 
 from __future__ import annotations
@@ -19,31 +19,31 @@ Profile = Sequence[tuple[float, float]]
 """Corners (radius, height) of a section, mm."""
 
 SEGMENTS = 128
-"""Sides of a circle. Those of a cone in which a ball of 20 mm sits are 2 µm from round."""
+"""Sides of a circle. The cone seat of a ball of 20 mm is then within 2 µm of round."""
 _HEADER = b"rig parts, mm".ljust(80)
 _ON_AXIS = 1e-9
 
 
 @dataclass(frozen=True)
 class Solid:
-    """A closed surface: corners (n, 3) mm, and faces (m, 3) by numbers of corners, counterclockwise from outside."""
+    """Closed surface: corners (n, 3) mm, and faces (m, 3) as corner indices, counterclockwise from outside."""
 
     corners: Array
     faces: Faces
 
     @property
     def triangles(self) -> Array:
-        """The faces (m, 3, 3) mm by their corners."""
+        """Corners (m, 3, 3) mm of all faces."""
         return np.asarray(self.corners[self.faces])
 
     @property
     def volume_mm3(self) -> float:
-        """The volume that the surface encloses, positive where its faces look outwards."""
+        """Enclosed volume, positive if the faces point outwards."""
         a, b, c = self.triangles.transpose(1, 0, 2)
         return float((a * np.cross(b, c)).sum() / 6)
 
     def stl(self) -> bytes:
-        """The surface as a binary STL, in mm."""
+        """Return the surface as a binary STL, in mm."""
         triangles = self.triangles
         normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
         records = np.zeros(len(triangles), dtype=[("sides", "<f4", (4, 3)), ("attribute", "<u2")])
@@ -53,8 +53,10 @@ class Solid:
 
 
 def turned(profile: Profile) -> Solid:
-    """Return the solid whose section, to one side of the axis, has these corners, clockwise with the axis to the left
-    and z up: down the outside. A section that begins and ends on the axis is closed there; any other is a ring."""
+    """Return the solid of revolution of a section, given as corners on one side of the axis, downwards on the outside.
+
+    A section starting and ending on the axis is closed there; any other forms a ring.
+    """
     angles = 2 * np.pi * np.arange(SEGMENTS) / SEGMENTS
     rings = [
         np.column_stack([radius * np.cos(angles), radius * np.sin(angles), np.full(SEGMENTS, height)])
@@ -66,9 +68,11 @@ def turned(profile: Profile) -> Solid:
 
 
 def bar(hole: Profile, apart_mm: float, beyond_mm: float) -> Solid:
-    """Return a bar with two like holes along x, apart_mm from axis to axis, that goes on beyond_mm from each axis at
-    its ends and its sides. hole: radii and heights from the top to the bottom, which are those of the bar."""
-    # The triangles (m, 3, 3) of the half of a bar about one hole at the origin, open at its cut, x = to_cut.
+    """Return a bar with two equal holes along x, apart_mm between their axes, extending beyond_mm past each axis.
+
+    hole: radii and heights from the top to the bottom of the bar.
+    """
+    # Triangles (m, 3, 3) of the half bar with a hole at the origin, open at the cut x = to_cut.
     to_cut = apart_mm / 2
     corners = np.arctan2([beyond_mm, beyond_mm, -beyond_mm, -beyond_mm], [to_cut, -beyond_mm, -beyond_mm, to_cut])
     angles = np.unique(np.concatenate([2 * np.pi * np.arange(SEGMENTS) / SEGMENTS - np.pi, corners]).round(12))
@@ -95,14 +99,14 @@ def bar(hole: Profile, apart_mm: float, beyond_mm: float) -> Solid:
 
 
 def _band(upper: Array, lower: Array) -> list[Array]:
-    """Triangles (3, 3) between two rings (n, 3), two for each side; of a ring of radius 0 they have no area."""
+    """Return triangles (3, 3) between two rings (n, 3), two per side; degenerate for a ring of radius 0."""
     after_upper, after_lower = np.roll(upper, -1, axis=0), np.roll(lower, -1, axis=0)
     quads = zip(upper, lower, after_lower, after_upper, strict=True)
     return [triangle for a, b, c, d in quads for triangle in (np.array([a, b, c]), np.array([a, c, d]))]
 
 
 def _joined(triangles: Sequence[Array]) -> Solid:
-    """The solid of triangles (3, 3) mm: corners that are the same are one, and faces without area are left out."""
+    """Merge triangles (3, 3) mm into a solid, sharing corners and dropping degenerate faces."""
     all_corners = np.array(triangles).reshape(-1, 3).round(9) + 0.0
     corners, numbers = np.unique(all_corners, axis=0, return_inverse=True)
     faces = numbers.reshape(-1, 3)

@@ -1,8 +1,10 @@
-"""Runs after a repair against runs before it: the difference of each figure, and whether the spread explains it.
+"""Compare runs after a repair with runs before: the difference of each figure, and its significance.
 
-The spread between runs is pooled over both sides, and with that of the robot's history where the runs lie beside one:
-two runs a side hardly show it. A difference then has Student's law, and 2 u hold 95.45 % of it. As many figures are
-compared, the probability that a repair that does nothing seems to do something is shared among them (Bonferroni).
+The spread between runs is pooled over both sides, and with the spread of the robot's history if the runs lie in one:
+two
+runs per side hardly determine it. The difference then follows Student's distribution, and 2 u contain 95.45 %. Because
+many
+figures are compared, the probability of a false finding is shared among them (Bonferroni).
 """
 
 from __future__ import annotations
@@ -26,17 +28,20 @@ from daq.store import load_manifest
 from rigs.errors import FileError
 
 _FEWEST_OF_HISTORY = 10
-"""Runs of a series from which its history shows a spread; fewer add nothing to the runs that are compared."""
+"""Minimum runs of a series for a spread from the history."""
 _EFFICIENCY = 0.37
-"""A median of absolute deviations is as good as a standard deviation of this share of the runs (normal law)."""
+"""Efficiency of a median absolute deviation relative to a standard deviation (normal distribution)."""
 Key = tuple[str, str, str, str]
 
 
 @dataclass(frozen=True)
 class Difference:
-    """A figure of one test before and after. difference: after less before, u infinite where no spread is known;
-    explained: the largest difference that the spread between runs explains, infinite where none is known; runs_before,
-    runs_after: how many."""
+    """Difference of a figure before and after.
+
+    difference: after less before, with infinite u if no spread is known. explained: largest difference explained by the
+    spread
+    between runs, infinite if unknown. runs_before, runs_after: numbers of runs.
+    """
 
     title: str
     figure: str
@@ -49,12 +54,12 @@ class Difference:
 
     @property
     def is_larger(self) -> bool:
-        """Whether the difference is more than the spread between runs explains."""
+        """Whether the difference exceeds the spread between runs."""
         return abs(self.difference.value) > self.explained
 
     @property
     def sentence(self) -> str:
-        """What changed and whether that is more than the spread, in words."""
+        """Describe the change, and whether it exceeds the spread."""
         change = self.difference
         if not np.isfinite(change.u):
             return (
@@ -75,13 +80,13 @@ class Difference:
         return f"{words[0].upper()}{words[1:]} of {self.title}"
 
     def to_dict(self) -> dict[str, Any]:
-        """The same for scripts, with its sentence; u is null where no spread is known."""
+        """Return plain values with the sentence; u is null if no spread is known."""
         plain: dict[str, Any] = for_json(asdict(self) | {"is_larger": self.is_larger, "sentence": self.sentence})
         return plain
 
 
 def headlines(compared: Sequence[Difference]) -> list[str]:
-    """What is said first: a sentence for each figure that changed, or why there is none; and what is not known."""
+    """Return the leading sentences: one per changed figure, or the reason for none; and the unknowns."""
     larger = [difference.sentence for difference in compared if difference.is_larger]
     unknown = sum(not np.isfinite(difference.difference.u) for difference in compared)
     repeat = "record two or more runs on at least one side."
@@ -93,10 +98,9 @@ def headlines(compared: Sequence[Difference]) -> list[str]:
 
 
 def differences(after: Sequence[Path], before: Sequence[Path]) -> list[Difference]:
-    """The differences of all figures that runs on both sides have, by test and program.
+    """Return the differences of all figures with runs on both sides, by test and program.
 
-    Raises FileError for a run that has no figures or whose readings are given twice, for runs of different robots, and
-    where the sides have no test in common.
+    Raises FileError for a run without figures, repeated readings, different robots, or sides without a common test.
     """
     both = {run.resolve() for run in after} & {run.resolve() for run in before}
     for shared in sorted(both):
@@ -123,7 +127,7 @@ def differences(after: Sequence[Path], before: Sequence[Path]) -> list[Differenc
 
 
 def _record(run: Path, histories: dict[Path, dict[str, Record]]) -> Record:
-    """The record of a run, from the history beside it where that is up to date."""
+    """Return the record of a run, from an up-to-date history next to it if possible."""
     path = run.resolve()
     manifest = load_manifest(path)
     try:
@@ -173,7 +177,9 @@ def _difference(
 
 
 def _spread_of_history(key: Key, figure: str, histories: dict[Path, dict[str, Record]]) -> tuple[float, float]:
-    """Standard deviation from run to run in the longest history, and its degrees of freedom; 0 and 0 without one."""
+    """Return the standard deviation between runs in the longest history, and its degrees of freedom; 0 and 0 if
+    there is none.
+    """
     best: list[Record] = []
     for records in histories.values():
         series = [

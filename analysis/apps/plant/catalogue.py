@@ -1,8 +1,9 @@
-"""The catalogue of a plant: one SQLite file with each run's figures, so that a run is read once.
+"""Catalogue of a plant: one SQLite file with the figures of each run, so that runs are read once.
 
-It holds nothing that the runs do not, and lies outside their directory, so that nothing recorded is changed and a plant
-on a share that cannot be written is no special case. A file that is damaged or was made by another version of rig is
-made again. SQLite's own locks and journal order what two commands write at once, and what a crash cuts off.
+It contains derived data only, and is located outside the plant's directory, which stays unchanged and may be read-only.
+A damaged catalogue, or one of a different version, is rebuilt. SQLite's locks and journal handle concurrent commands
+and
+crashes.
 """
 
 from __future__ import annotations
@@ -22,14 +23,15 @@ from analysis.apps.plant.seen import Examined, Seen
 from rigs.errors import CellError, FileError
 
 VERSION = 1
-"""Version of the tables below; that of the figures is the history's, and rig's own."""
+"""Version of the tables; the figures have the versions of the history and of rig."""
 _OURS = 0x52494746
 """SQLite's application_id, `RIGF`."""
 _MAGIC, _ID_AT, _HEADER = b"SQLite format 3\0", 68, 100
-"""How an SQLite file begins, and where in its header the application_id stands (sqlite.org/fileformat.html, 1.3)."""
+"""Start of an SQLite file, and offset of the application_id in its header (sqlite.org/fileformat.html, 1.3)."""
 _WAIT_S = 30.0
-# Tables whose rows hold a record have rowids: without them SQLite puts a row of more than a quarter of a page on pages
-# of its own, which doubles the file.
+# Tables with records have rowids: without them SQLite stores rows above a quarter of a page in separate pages, doubling
+# the
+# file.
 _TABLES = """
 create table made_by (rig text not null);
 create table rigs (sha256 text primary key, rig_text text not null) without rowid;
@@ -43,13 +45,17 @@ create table states (
 """
 
 Key = tuple[str, str]
-"""A robot: the directory of its runs below the plant's, and its name there."""
+"""Robot: the directory of its runs relative to the plant's, and its name there."""
 
 
 @dataclass(frozen=True)
 class Entry:
-    """What the catalogue knows of a run beside its figures; run: its path below the plant's directory; signature: empty
-    where it has to be examined again; robot: empty where its manifest cannot be read."""
+    """Catalogue entry of a run in addition to its figures.
+
+    run: path relative to the plant's directory. signature: empty if a new examination is needed. robot: empty if the
+    manifest
+    is unreadable.
+    """
 
     run: str
     key: Key
@@ -59,25 +65,25 @@ class Entry:
 
 
 class Damaged(FileError):
-    """The catalogue cannot be read, so that it has to be made again."""
+    """The catalogue is unreadable and must be rebuilt."""
 
     def __init__(self, path: Path, why: str) -> None:
         super().__init__(str(path), f"is damaged ({why})", "start again: it is made again from the runs")
 
 
 def default_path(directory: Path) -> Path:
-    """Where the catalogue of a plant's directory lies: in the user's cache, by a digest of the directory's path."""
+    """Return the default path of a plant's catalogue: in the user's cache, by a digest of the plant's path."""
     cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     name = hashlib.sha256(os.fsencode(directory.resolve())).hexdigest()[:16]
     return cache / "rig" / f"fleet-{name}.sqlite"
 
 
 def refuse_foreign(path: Path) -> None:
-    """Raise FileError for a file that somebody named and that is no catalogue."""
+    """Raise FileError for an existing file that is not a catalogue."""
     try:
         if not path.exists():
             return
-        if not path.is_file():  # a FIFO would be waited for
+        if not path.is_file():  # a FIFO would block
             raise FileError(str(path), "is not a regular file", "give another --catalogue")
         with path.open("rb") as file:
             header = file.read(_HEADER)
@@ -89,7 +95,7 @@ def refuse_foreign(path: Path) -> None:
 
 
 def hold_writable(path: Path) -> None:
-    """Raise CellError where no catalogue can be kept at a path."""
+    """Raise CellError if a catalogue cannot be stored at a path."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=path.parent).close()
@@ -100,9 +106,9 @@ def hold_writable(path: Path) -> None:
 
 
 def prepare(path: Path) -> str:
-    """Make a catalogue that can be written, and say in words why a former one was made again, if so.
+    """Create a writable catalogue, and return the reason for rebuilding a previous one, if any.
 
-    Raises CellError where it cannot be made.
+    Raises CellError if it cannot be created.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -128,7 +134,7 @@ def remove(path: Path) -> None:
 
 
 def _set_up(path: Path) -> str:
-    """Make the tables of an empty file, and say why another cannot go on being used, if so."""
+    """Create the tables of an empty file; return the reason if an existing file is unusable."""
     made_by = f"{history_file.made_by()}, figures {history_file.VERSION}"
     with _changing(path) as file:
         if file.execute("select count(*) from sqlite_master").fetchone()[0]:
@@ -156,7 +162,7 @@ def _opened(path: Path) -> Iterator[sqlite3.Connection]:
 
 @contextmanager
 def _changing(path: Path) -> Iterator[sqlite3.Connection]:
-    """The file within one change: all that is written is there afterwards, or nothing."""
+    """Provide the database in a transaction."""
     with _opened(path) as file:
         file.execute("begin immediate")
         yield file
@@ -169,7 +175,7 @@ def _refused(path: Path, error: Exception) -> CellError:
 
 
 def entries(path: Path) -> dict[str, Entry]:
-    """What the catalogue knows, by run. Raises CellError."""
+    """Return all entries by run. Raises CellError."""
     with _opened(path) as file:
         rows = file.execute("select run, folder, robot, signature, fingerprint, problem from runs order by run")
         entries_found = (
@@ -179,7 +185,7 @@ def entries(path: Path) -> dict[str, Entry]:
 
 
 def keep(path: Path, examined_runs: Iterable[tuple[Seen, Examined | None]]) -> None:
-    """Keep what was found out of runs; None for a run that is gone. Raises CellError."""
+    """Store examined runs; None for a deleted run. Raises CellError."""
     with _changing(path) as file:
         for seen, examined in examined_runs:
             if examined is None:
@@ -203,13 +209,13 @@ def keep(path: Path, examined_runs: Iterable[tuple[Seen, Examined | None]]) -> N
 
 
 def forget(path: Path, runs: Iterable[str]) -> None:
-    """Forget runs that are gone. Raises CellError."""
+    """Remove deleted runs. Raises CellError."""
     with _changing(path) as file:
         file.executemany("delete from runs where run = ?", [(os.fsencode(run),) for run in runs])
 
 
 def records_of(path: Path, key: Key) -> tuple[list[Record], dict[str, str]]:
-    """The records of a robot's runs, and the rig file of each by the run's name. Raises CellError."""
+    """Return the records of a robot's runs, and their rig files by run name. Raises CellError."""
     folder, robot = key
     with _opened(path) as file:
         rows = file.execute(
@@ -229,21 +235,21 @@ def records_of(path: Path, key: Key) -> tuple[list[Record], dict[str, str]]:
 
 
 def states(path: Path) -> dict[Key, tuple[str, str]]:
-    """The digest and the state of each robot as they were kept. Raises CellError."""
+    """Return the stored digest and state of each robot. Raises CellError."""
     with _opened(path) as file:
         rows = file.execute("select folder, robot, digest, state from states").fetchall()
     return {(os.fsdecode(folder), robot): (digest, state) for folder, robot, digest, state in rows}
 
 
 def keep_states(path: Path, judged: Iterable[tuple[Key, str, str]]) -> None:
-    """Keep the states of robots by their digests. Raises CellError."""
+    """Store robot states with their digests. Raises CellError."""
     with _changing(path) as file:
         rows = [(os.fsencode(folder), robot, digest, state) for (folder, robot), digest, state in judged]
         file.executemany("insert or replace into states values (?, ?, ?, ?)", rows)
 
 
 def forget_states(path: Path, keys: Iterable[Key]) -> None:
-    """Forget robots that are gone. Raises CellError."""
+    """Remove deleted robots. Raises CellError."""
     with _changing(path) as file:
         rows = [(os.fsencode(folder), robot) for folder, robot in keys]
         file.executemany("delete from states where folder = ? and robot = ?", rows)

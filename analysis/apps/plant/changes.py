@@ -1,18 +1,23 @@
-"""When a figure of a robot changed: where its scatter from run to run does not explain a rise or a fall.
+"""Detect changes of a figure beyond the scatter between runs.
 
-Each series is held against each shape of a change under each kind of noise (`Shapes`); the score is the logarithm of
-the likelihood ratio between the best shape and no change at all, both with the noise that suits them best, so that
-slow noise is not taken for a change. Where a change is found, the runs before and after it are searched in the same way
-(binary segmentation: A. J. Scott and M. Knott, Biometrics 30 (1974)). A single wild run is left out before (F. R.
-Hampel, J. Am. Stat. Assoc. 69 (1974)).
+Each series is compared with each shape of a change under each kind of noise (`Shapes`); the score is the log-likelihood
+ratio between the best shape and no change, both with their best noise, so slow noise is not mistaken for a change.
+After a
+detection, the runs before and after are searched in the same way (binary segmentation: A. J. Scott and M. Knott,
+Biometrics
+30 (1974)). Single outliers are removed first (F. R. Hampel, J. Am. Stat. Assoc. 69 (1974)).
 
-Many figures of a robot are looked at: the probability of a false alarm is shared among them (Bonferroni), so that it
-holds for the robot. `scripts/dev history` measures it, and how soon and how exactly changes are found.
+The false alarm probability of a robot is shared among its figures (Bonferroni). `scripts/dev history` measures it, and
+the
+delay and accuracy of detections.
 
-A shape is a plateau, a straight rise and another plateau; a step is the shortest rise, slow growth one that reaches the
-last run. The noise is white with a slow part that is alike in neighbouring runs (temperature, clamping, one set-up), a
-grid of shares and lengths of it, as decision 0011 has it for laps. Position and size of a change are then those of
-generalised least squares: A. C. Aitken, Proc. R. Soc. Edinburgh 55 (1935).
+A shape is a plateau, a straight ramp and a second plateau; a step is the shortest ramp, and slow growth is a ramp up to
+the
+last run. The noise is white plus a slow part common to neighbouring runs (temperature, clamping, set-up), with a grid
+of
+shares and lengths, as in decision 0011 for laps. Position and size of a change follow from generalised least squares:
+A. C.
+Aitken, Proc. R. Soc. Edinburgh 55 (1935).
 """
 
 from __future__ import annotations
@@ -25,20 +30,22 @@ import numpy as np
 from analysis.robot.kinematics.arm import Array, Integers, Mask
 
 FEWEST = 4
-"""Runs on either side of a step: fewer are a burst of wild runs, or one set-up."""
+"""Minimum runs on either side of a step: fewer may be a burst of outliers, or one set-up."""
 _STARTS = 100
-"""Runs at which a change is looked for at first, evenly over the series; the best is refined to single runs."""
+"""Positions of a change in the first search, evenly over the series; the best is refined to single runs."""
 _ENDS = 25
-"""Places of either end of a rise that are tried when it is refined."""
+"""Positions of each end of a ramp in the refinement."""
 _SHARES = (0.25, 0.5, 0.75, 0.9, 0.97)
 _LENGTHS = (1.5, 5.0, 15.0, 50.0)
-"""Share of the slow part in the variance, and the number of runs over which it fades to 1/e."""
+"""Share of the slow part in the variance, and its correlation length in runs."""
 
 
 @dataclass(frozen=True)
 class Whitening:
-    """One kind of noise: rows (n, n) makes it white with variance 1, relative to the variance of a run; log_det: half
-    the logarithm of its determinant; level (n,): the whitened constant, of length 1."""
+    """Noise model: rows (n, n) whiten it to variance 1, relative to the variance of a run.
+
+    log_det: half the log determinant. level (n,): whitened constant, of length 1.
+    """
 
     rows: Array
     half_log_det: float
@@ -46,14 +53,14 @@ class Whitening:
 
     @classmethod
     def of(cls, covariance: Array) -> Whitening:
-        """Return what makes noise white whose covariance (n, n) is relative to the variance of a run, in any unit."""
+        """Return the whitening of a covariance (n, n) relative to the variance of a run, in any unit."""
         lower = np.linalg.cholesky(covariance)
         rows = np.linalg.inv(lower)
         level = rows @ np.ones(len(rows))
         return cls(rows, float(np.log(np.diag(lower)).sum()), level / np.linalg.norm(level))
 
     def without_level(self, values: Array) -> Array:
-        """Whitened values (n, m), in any unit, less their least-squares constant."""
+        """Return whitened values (n, m), in any unit, without their least-squares constant."""
         white = self.rows @ values
         without: Array = white - np.outer(self.level, self.level @ white)
         return without
@@ -61,8 +68,9 @@ class Whitening:
 
 @dataclass(frozen=True)
 class Shapes:
-    """Rises between runs first (c,) and last (c,) as index numbers, and for each kind of noise their whitened
-    directions (n, c) of length 1."""
+    """Ramps between runs first (c,) and last (c,) (indices), and per noise model their whitened directions (n, c) of
+    length 1.
+    """
 
     first: Integers
     last: Integers
@@ -70,9 +78,9 @@ class Shapes:
     directions: tuple[Array, ...]
 
 
-@lru_cache(maxsize=3)  # at the most runs some 80 MB each
+@lru_cache(maxsize=3)  # about 80 MB each for the longest series
 def shapes_of(count: int) -> Shapes:
-    """The shapes looked for in a series of `count` runs."""
+    """Return the shapes for a series of `count` runs."""
     stride = max(1, count // _STARTS)
     widths = [1]
     while widths[-1] * 2 < count:
@@ -85,23 +93,23 @@ def shapes_of(count: int) -> Shapes:
 
 
 def refined(count: int, first: int, last: int) -> tuple[Integers, Integers]:
-    """Rises near one of `shapes_of`, to single runs: index numbers of their first (c,) and last (c,) runs."""
+    """Return ramps near one of `shapes_of`, to single runs: indices of first (c,) and last (c,) run."""
     reach = 2 * max(1, count // _STARTS) + (last - first) // 2
     near = [np.arange(max(0, at - reach), min(count, at + reach + 1)) for at in (first, last)]
-    if len(near[0]) > _ENDS:  # a long rise: noise hides its ends by more than a run anyway
+    if len(near[0]) > _ENDS:  # a long ramp: noise hides its ends anyway
         near = [np.unique(np.linspace(ends[0], ends[-1], _ENDS).round().astype(int)) for ends in near]
     a, b = (grid.ravel() for grid in np.meshgrid(*near, indexing="ij"))
     return _allowed(np.stack([a, b], axis=1)[a < b], count)
 
 
 def rises(count: int, first: Integers, last: Integers) -> Array:
-    """Shapes (count, c), relative: 0 up to the run of index first (c,), 1 from last (c,) on, straight between."""
+    """Return shapes (count, c), relative: 0 up to run first (c,), 1 from run last (c,) on, linear in between."""
     shape: Array = np.clip((np.arange(count)[:, None] - first) / (last - first), 0.0, 1.0)
     return shape
 
 
 def directions(noise: Whitening, first: Integers, last: Integers) -> Array:
-    """Whitened rises (n, c) from run first (c,) to last (c,), as index numbers, of length 1."""
+    """Return whitened ramps (n, c) from run first (c,) to last (c,), as indices, of length 1."""
     white = noise.without_level(rises(len(noise.level), first, last))
     lengths = np.linalg.norm(white, axis=0)
     unit: Array = white / np.where(lengths > 1e-9, lengths, np.inf)
@@ -109,16 +117,16 @@ def directions(noise: Whitening, first: Integers, last: Integers) -> Array:
 
 
 def _allowed(pairs: Integers, count: int) -> tuple[Integers, Integers]:
-    """Rises with enough runs on either side; those of a long rise count as such."""
+    """Return the ramps with enough runs on either side; runs within a long ramp count."""
     first, last = pairs.T
     within = (last - first - 1) // 2
     enough = (first + 1 + within >= FEWEST) & (count - last + within >= FEWEST)
     return first[enough], last[enough]
 
 
-@lru_cache(maxsize=3)  # at the most runs some 80 MB each
+@lru_cache(maxsize=3)  # about 80 MB each for the longest series
 def whitenings(count: int) -> tuple[Whitening, ...]:
-    """White noise, and each kind with a slow part, for `count` runs."""
+    """Return the noise models for `count` runs: white, and each kind with a slow part."""
     apart = np.abs(np.subtract.outer(np.arange(count), np.arange(count)))
     kinds = [np.eye(count)]
     kinds += [share * np.exp(-apart / length) + (1 - share) * np.eye(count) for share in _SHARES for length in _LENGTHS]
@@ -126,25 +134,30 @@ def whitenings(count: int) -> tuple[Whitening, ...]:
 
 
 FALSE_ALARMS = 0.01
-"""The probability that anything is reported of a robot that does not change."""
+"""False alarm probability for an unchanged robot."""
 NEWEST = 500
-"""Runs of a series in which changes are looked for, the newest: time and memory grow with their square."""
+"""Number of newest runs searched: time and memory are quadratic."""
 _CHANCE = 6.5
 """P(score > s) <= exp(_CHANCE - s) without a change: simulated for 10 to 300 runs, white noise and slow parts of 50 to
-90 % over 1.5 to 50 runs, 1500 to 4000 series each; the worst had their 99 % at 11.2 and their 99.9 % at 14.1."""
+90 %
+over 1.5 to 50 runs, 1500 to 4000 series each; the worst 99 % quantile was 11.2, the worst 99.9 % quantile 14.1.
+"""
 _WINDOW, _WILD = 7, 4.0
-"""Runs of the running median, and the spreads beyond which a single run is wild."""
+"""Window of the running median, and outlier limit in spreads."""
 _SLOWER = 2.0
-"""The score of a longer rise has to be above that of the best step by so much."""
+"""Required score of a longer ramp above that of the best step."""
 _TO_SD, _MEAN_TO_SD = 1.4826, 1.2533
-"""Standard deviation of a normal law over its median, and over its mean, absolute deviation."""
+"""Ratios of the standard deviation of a normal distribution to its median and mean absolute deviation."""
 
 
 @dataclass(frozen=True)
 class Change:
-    """A figure went from `before` to `after`, in its unit, between the runs of index first and last; u: standard
-    uncertainty of the difference by the scatter of the runs; chance: how probable such a series is without a change,
-    over all figures of the robot; is_last: the rise reaches the last run and may go on."""
+    """Change of a figure from `before` to `after`, in its unit, between runs first and last (indices).
+
+    u: standard uncertainty of the difference from the scatter of the runs. chance: probability of such a series without
+    a
+    change, over all figures of the robot. is_last: the ramp reaches the last run and may continue.
+    """
 
     first: int
     last: int
@@ -157,9 +170,11 @@ class Change:
 
 @dataclass(frozen=True)
 class Trend:
-    """What was found in a series: its changes in order of time; wild (n,): which runs were left out; spread: standard
-    deviation from run to run, in the figure's unit, which changes and wild runs do not add to; zero where most runs
-    repeat one value, and nan of a single run."""
+    """Result for a series.
+
+    Changes in order of time; wild (n,): mask of outliers; spread: standard deviation between runs in the figure's unit,
+    excluding changes and outliers; zero if most runs repeat a value, nan for a single run.
+    """
 
     changes: tuple[Change, ...]
     wild: Mask
@@ -175,17 +190,20 @@ class _Best:
 
 
 def trend_of(values: Array, u: Array, series: int) -> Trend:
-    """The changes in a series of values (n,) with standard uncertainties u (n,), in one unit, in order of time; series:
-    how many such series of the robot are looked at."""
+    """Return the changes in values (n,) with standard uncertainties u (n,), in one unit, in order of time.
+
+    series: number of series searched for the robot.
+    """
     wild = wild_runs(values, u)
-    # Standard deviation from one run to the next, which a step or a slow rise hardly changes; none of a single run.
+    # Standard deviation between successive runs, hardly affected by a step or slow ramp; nan for a single run.
     steps = np.abs(np.diff(values[~wild]))
     spread = float(_TO_SD * np.median(steps) / np.sqrt(2)) if len(steps) else float("nan")
     kept = np.flatnonzero(~wild)[-NEWEST:]
     candidates = _changes(values[kept], series)
     if spread == 0:
-        # Most runs repeat the value before: one that is floored at zero, or read in steps. What is less than a run is
-        # known by is no change then: among many zeros a few small values may lie side by side.
+        # Most runs repeat the previous value: floored at zero, or quantised. Differences below the uncertainty are then
+        # ignored:
+        # among many zeros a few small values may be adjacent.
         least = float(np.median(u[~wild]))
         candidates = [change for change in candidates if abs(change.after - change.before) > least > 0]
     changes = [replace(change, first=int(kept[change.first]), last=int(kept[change.last])) for change in candidates]
@@ -193,15 +211,16 @@ def trend_of(values: Array, u: Array, series: int) -> Trend:
 
 
 def wild_runs(values: Array, u: Array) -> Mask:
-    """Which runs (n,) differ from those about them by more than the scatter of runs explains; values and u (n,) in one
-    unit."""
+    """Return a mask (n,) of runs that differ from their neighbours beyond the scatter; values and u (n,) in one
+    unit.
+    """
     count = len(values)
     if count < _WINDOW:
         return np.zeros(count, dtype=np.bool_)
     medians = np.median(np.lib.stride_tricks.sliding_window_view(values, _WINDOW), axis=1)
     half = _WINDOW // 2
     away = np.abs(values - medians[np.clip(np.arange(count) - half, 0, len(medians) - 1)])
-    usual = _TO_SD * float(np.median(away)) or _MEAN_TO_SD * float(np.mean(away))  # where most runs repeat one value
+    usual = _TO_SD * float(np.median(away)) or _MEAN_TO_SD * float(np.mean(away))  # if most runs repeat a value
     scale = max(usual, float(np.median(u)))
     wild: Mask = away > _WILD * scale
     return wild
@@ -217,7 +236,7 @@ def _changes(values: Array, series: int) -> list[Change]:
         return []
     step, rise = _refined(values, step), _refined(values, rise)
     best = rise if rise.score > step.score + _SLOWER else step
-    # The change with its levels, by generalised least squares
+    # change with its levels, by generalised least squares
     shape = rises(count, np.array([best.first]), np.array([best.last]))
     design = best.noise.rows @ np.concatenate([np.ones((count, 1)), shape], axis=1)
     white = best.noise.rows @ values
@@ -230,7 +249,7 @@ def _changes(values: Array, series: int) -> list[Change]:
     )
     earlier = _changes(values[: best.first + 1], series)
     later = _changes(values[best.last :], series)
-    # A rise that ends where the runs before the next change end has not reached the last run.
+    # A ramp ending before the next change has not reached the last run.
     return [
         *(replace(change, is_last=False) for change in earlier),
         change,
@@ -239,7 +258,7 @@ def _changes(values: Array, series: int) -> list[Change]:
 
 
 def _best(values: Array) -> tuple[_Best, _Best]:
-    """The step and the longer rise of the highest scores, each with the noise that suits it."""
+    """Return the step and the longer ramp with the highest scores, each with its best noise."""
     shapes = shapes_of(len(values))
     without, scores = -np.inf, []
     for noise, unit in zip(shapes.noises, shapes.directions, strict=True):
@@ -257,7 +276,9 @@ def _best(values: Array) -> tuple[_Best, _Best]:
 
 
 def _refined(values: Array, best: _Best) -> _Best:
-    """The shape to single runs; its score rises by that, which the chance of a false alarm does not count."""
+    """Return the shape refined to single runs; the increase of its score is not counted in the false alarm
+    probability.
+    """
     first, last = refined(len(values), best.first, best.last)
     is_alike = (last - first == 1) == (best.last - best.first == 1)
     first, last = first[is_alike], last[is_alike]
@@ -268,8 +289,9 @@ def _refined(values: Array, best: _Best) -> _Best:
 
 
 def _likelihoods(values: Array, noise: Whitening, unit: Array) -> tuple[float, Array]:
-    """Log-likelihoods without a change, and (c,) with each of these whitened shapes (n, c), the size of the noise and
-    of the change being those that suit best."""
+    """Return the log-likelihoods without a change, and (c,) with each whitened shape (n, c), maximised over noise
+    and size.
+    """
     count = len(values)
     white = noise.without_level(values[:, None])[:, 0]
     total = float(white @ white)

@@ -1,4 +1,6 @@
-"""From a directory of runs to the records of one robot: what is known is read, what is new is evaluated and kept."""
+"""Collect the records of a robot from a directory of runs: existing ones are read, new runs are evaluated and
+stored.
+"""
 
 from __future__ import annotations
 
@@ -21,22 +23,22 @@ from rigs.rig import Rig
 from rigs.schema.limits import Limits
 
 Progress = Callable[[int, int], None]
-"""Called with how many of how many runs are evaluated."""
+"""Called with the number of evaluated runs and the total."""
 _FEW = 4
-"""So few runs this process evaluates before others would have started, unless their number is asked for."""
+"""Up to this number, runs are evaluated in this process, unless jobs are specified."""
 _SAVED_EVERY = 50
-"""Runs after which what is evaluated is saved: a minute of work at most is lost."""
+"""Runs between two saves: at most a minute of work can be lost."""
 REASONS = {
     "damaged": "its manifest is missing, or it or the marks cannot be read",
     "crashed": "it was cut off: rig recover makes it readable",
     "recording": "it is being recorded",
 }
-"""Why a run has no figures, by its status."""
+"""Reasons for runs without figures, by status."""
 
 
 @dataclass(frozen=True)
 class Workers:
-    """Where runs are evaluated, as `analysis.runs.batch.each` has it."""
+    """Execution of evaluations, see `analysis.runs.batch.each`."""
 
     jobs: int = 0
     scheduler: str | None = None
@@ -47,7 +49,7 @@ _HERE = Workers()
 
 @dataclass(frozen=True)
 class Job:
-    """A run to evaluate, and what the history calls it."""
+    """Run to evaluate, and its name in the history."""
 
     run: RunInfo
     name: str
@@ -59,8 +61,9 @@ class Job:
 
 @dataclass(frozen=True)
 class Collected:
-    """The runs of a robot in order of time, those without figures, what a person should know of the file, and the
-    limits in the rig file of the newest run."""
+    """Runs of a robot in order of time, runs without figures, notes about the file, and the limits of the newest
+    run.
+    """
 
     robot: str
     runs: tuple[Record, ...]
@@ -70,10 +73,9 @@ class Collected:
 
 
 def collect(directory: Path, robot: str, progress: Progress, how: Workers = _HERE) -> Collected:
-    """The records of every run of a robot in a directory and below it, by the name of its rig file or of the robot in
-    it. how: where runs are evaluated.
+    """Return the records of every run of a robot in or below a directory, by the name of the rig file or its robot.
 
-    Raises FileError where there is no such directory or no run of the robot.
+    how: execution of evaluations. Raises FileError if the directory does not exist or contains no run of the robot.
     """
     file = directory / FILE
     notes: list[str] = []
@@ -110,9 +112,10 @@ def collect(directory: Path, robot: str, progress: Progress, how: Workers = _HER
 def collected_of(
     robot: str, records: Sequence[Record], notes: Sequence[str], rig_text_of: Callable[[str], str]
 ) -> Collected:
-    """What the records of a robot's runs give, in any order; rig_text_of: the rig file of a run by its name."""
-    # Each run once, also where a copy was relabelled or a table imported again: of a table the newest import is kept,
-    # as it may have a corrected rig file.
+    """Combine the records of a robot's runs, in any order; rig_text_of: returns the rig file of a run by name."""
+    # Each run once, even after relabelling a copy or importing a table twice: the newest import of a table is kept,
+    # because its
+    # rig file may have been corrected.
     kept: dict[str, Record] = {}
     copy_notes = []
     for record in in_time(record for record in records if not record.problem):
@@ -128,18 +131,18 @@ def collected_of(
 
 
 def _runs_below(directory: Path) -> list[RunInfo]:
-    """What is known of each run in a directory and below it. Raises FileError where there is no such directory."""
+    """Return the facts about each run in or below a directory. Raises FileError if the directory does not exist."""
     runs = list(survey(directory))
     listed = {run.path.resolve() for run in runs}
     for run in run_directories([directory]):
         if run != directory and run.resolve() not in listed:
-            with suppress(FileNotFoundError, PermissionError):  # as `survey` has it
+            with suppress(FileNotFoundError, PermissionError):  # as in `survey`
                 runs.append(look(run))
     return runs
 
 
 def _name(run: Path, directory: Path) -> str:
-    """What the history calls a run: its path below the directory."""
+    """Return the name of a run in the history: its path below the directory."""
     return str(run.relative_to(directory))
 
 
@@ -154,7 +157,7 @@ def _in_memory(file: Path, why: str) -> str:
 def _sorted_out(
     directory: Path, runs: Sequence[RunInfo], records_before: dict[str, Record], broken: list[Record]
 ) -> tuple[list[Record], list[Job]]:
-    """Records that still hold, and runs to evaluate; runs that cannot be read are added to broken."""
+    """Return the valid records, and the runs to evaluate; unreadable runs are added to broken."""
     records, jobs = [], []
     for run in runs:
         assert run.manifest is not None  # noqa: S101 - as chosen by the caller
@@ -176,13 +179,12 @@ def _sorted_out(
 
 
 def _evaluated(jobs: Sequence[Job], progress: Progress, how: Workers) -> Iterator[list[Record]]:
-    """The records of runs in pieces worth saving, at least one; what is done is saved where Ctrl-C ends it."""
+    """Yield the records of runs in batches to save, with at least one; finished ones are saved on Ctrl-C."""
     piece: list[Record] = []
     outcomes = each(_record, jobs, jobs=1 if len(jobs) <= _FEW and not how.jobs else how.jobs, scheduler=how.scheduler)
     try:
         for done, outcome in enumerate(outcomes, 1):
-            # The record of a run; of one over which processes were killed without its fingerprint, so that it is tried
-            # again
+            # Record of a run; without its fingerprint if processes were killed, so that it is repeated later
             record = (
                 outcome.value
                 if isinstance(outcome, Done)
@@ -205,7 +207,7 @@ def _record(job: Job) -> Record:
 
 
 def is_of(rig_name: str, rig_text: str, robot: str) -> bool:
-    """Whether a run is of a robot, by the name of its rig file or of the robot in it."""
+    """Return whether a run belongs to a robot, by the name of its rig file or robot."""
     if robot == rig_name:
         return True
     rig = _rig_of(rig_text)
@@ -214,7 +216,7 @@ def is_of(rig_name: str, rig_text: str, robot: str) -> bool:
 
 @lru_cache(maxsize=64)
 def _rig_of(rig_text: str) -> Rig | None:
-    """The rig of a run, None where its rig file cannot be read."""
+    """Return the rig of a run, None if its rig file is unreadable."""
     try:
         return parse(rig_text, "rig file")
     except FileError:
@@ -222,7 +224,7 @@ def _rig_of(rig_text: str) -> Rig | None:
 
 
 def no_run_of(robot: str, directory: Path, names: Collection[str]) -> FileError:
-    """The error for a directory without a run of a robot; names: of the rig files of its runs."""
+    """Return the error for a directory without runs of a robot; names: of the rig files of its runs."""
     remedy = (
         f"give one of {', '.join(sorted(names))}" if names else "give the directory that holds the runs: --runs DIR"
     )

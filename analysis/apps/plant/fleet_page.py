@@ -1,4 +1,4 @@
-"""The robots of a plant as a page, a row each, which opens the history of that robot on a page beside it."""
+"""Page of a plant with a row per robot, linked to the history page of each robot."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from analysis.runs.batch.each import each
 from analysis.runs.batch.outcomes import Failed
 
 _STANDINGS: dict[Attention, str] = {"beyond": "fail", "watch": "watch", "unreadable": "watch", "changed": "watch"}
-"""Which colour and sign of the report a robot's state has; the others pass."""
+"""Report colour and sign of a robot's state; the others pass."""
 _HEAD_BYTES = 2000
-"""Within so many bytes of its begin a page says what it was made of."""
+"""Range at the start of a page that contains the digest of its inputs."""
 
 
 @dataclass(frozen=True)
 class _Page:
-    """A robot's page to write: its catalogue and key there, what it is made of, and the page of the plant."""
+    """Page of a robot to be written: catalogue and key, inputs, and the page of the plant."""
 
     path: Path
     catalogue: Path
@@ -38,10 +38,11 @@ class _Page:
 
 
 def write_pages(fleet: Fleet, path: Path, workers: Workers, progress: Progress) -> list[str]:
-    """Write the page of the plant, and of each robot the page of its history that is not there yet as it has to be.
+    """Write the page of the plant, and the outdated history pages of its robots.
 
-    Gives a line for each robot whose page could not be written. Raises FileError where the page cannot be written
-    or the catalogue be read.
+    Returns a line for each robot whose page could not be written. Raises FileError if the plant's page cannot be
+    written or the
+    catalogue cannot be read.
     """
     folder = path.with_name(f"{path.stem}-robots")
     pages = [_page(fleet, state, folder, path) for state in fleet.robots if state.runs]
@@ -74,7 +75,8 @@ def write_pages(fleet: Fleet, path: Path, workers: Workers, progress: Progress) 
 def _page(fleet: Fleet, state: State, folder: Path, overview: Path) -> _Page:
     key = (state.folder, state.robot)
     plain = re.sub(r"[^A-Za-z0-9_.-]", "_", state.robot).lstrip(".")[:60]
-    digest = hashlib.sha256(repr(key).encode("utf-8", "surrogatepass")).hexdigest()[:8]  # names may differ in odd signs
+    # names may differ in unusual characters only
+    digest = hashlib.sha256(repr(key).encode("utf-8", "surrogatepass")).hexdigest()[:8]
     made_of = f"{made_by()} {fleet.digests[key]}"
     return _Page(folder / f"{plain}-{digest}.html", fleet.catalogue, key, made_of, quote(f"../{overview.name}"))
 

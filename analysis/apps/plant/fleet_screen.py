@@ -1,5 +1,5 @@
-"""The robots of a plant on a terminal and as JSON; and every figure of every run as one Parquet file: a row a figure,
-for DuckDB, pandas and Power BI.
+"""Robots of a plant on a terminal and as JSON; and all figures as a Parquet file, one row each, for DuckDB, pandas and
+Power BI.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ _STYLES: dict[Attention, str] = {"beyond": "bold red", "watch": "yellow", "unrea
 
 
 def as_screen(fleet: Fleet) -> RenderableType:
-    """A sentence, a line for each robot, and what was left out."""
+    """Return a sentence, a line for each robot, and the omissions."""
     doubts = (Text(line, style="yellow") for line in doubts_of(fleet))
     simulated = [Text(line, style="yellow") for line in filter(None, [origin(fleet)])]
     summed_up = Text(summary(fleet), style="bold")
@@ -56,7 +56,7 @@ def as_screen(fleet: Fleet) -> RenderableType:
         standing = Text(WORDS[state.attention], style=_STYLES.get(state.attention, ""))
         share = [Text(simulated_share(state), style="yellow")] if state.simulated else []
         robot = Text("\n").join([Text(name), *share])
-        # The figure nearest to its limit, the tests, and what to know before trusting it, a line each
+        # figure closest to its limit, the tests, and doubts, one per line
         lines = [Text(state.worst)] if state.worst else []
         lines += [Text(", ".join(state.tests), style="dim")] if state.tests else []
         lines += [Text(plain(", ".join(state.doubts)), style="yellow")] if state.doubts else []
@@ -65,39 +65,39 @@ def as_screen(fleet: Fleet) -> RenderableType:
 
 
 def origin(fleet: Fleet) -> str:
-    """Say whether runs are simulated; empty where none is."""
+    """State whether runs are simulated; empty if none."""
     return simulated_runs(sum(state.simulated for state in fleet.robots), sum(state.runs for state in fleet.robots))
 
 
 def simulated_share(state: State) -> str:
-    """How many runs of a robot are simulated, as it stands beside its name; empty where none is."""
+    """Return the number of a robot's simulated runs, displayed with its name; empty if none."""
     if not state.simulated:
         return ""
     return "simulated" if state.simulated == state.runs else f"{state.simulated} of {state.runs} simulated"
 
 
 def summary(fleet: Fleet) -> str:
-    """How many robots there are, and how many of them stand how."""
+    """Return the number of robots by state."""
     counts = [(sum(state.attention == reason for state in fleet.robots), WORDS[reason]) for reason in ORDER]
     words = ", ".join(f"{count} {word}" for count, word in counts if count)
     return f"{len(fleet.robots)} {'robot' if len(fleet.robots) == 1 else 'robots'}: {words or 'none is known'}."
 
 
 def reading(fleet: Fleet) -> str:
-    """How many runs there are, and how many of them had to be read."""
+    """Return the number of runs, and of runs read."""
     gone = f", {fleet.gone} gone" if fleet.gone else ""
     return f"{fleet.runs} runs, {fleet.examined} of them read (new, changed, or unreadable the last time){gone}"
 
 
 def doubts_of(fleet: Fleet) -> list[str]:
-    """What to know of the catalogue, and runs that are left out: those of no known robot, then each robot's."""
+    """Return notes about the catalogue, and omitted runs: of unknown robots, then of each robot."""
     left_out = [*fleet.strays]
     left_out += [(str(Path(state.folder, run)), why) for state in fleet.robots for run, why in state.without_figures]
     return [*fleet.notes, *without_figures(left_out)]
 
 
 def names_of(fleet: Fleet) -> list[str]:
-    """The name of each robot, in their order; with its directory where another has the same name."""
+    """Return the names of the robots in order, with the directory if ambiguous."""
     times = Counter(state.robot for state in fleet.robots)
     return [
         plain(state.robot if times[state.robot] == 1 else f"{state.robot} in {state.folder}") for state in fleet.robots
@@ -105,11 +105,11 @@ def names_of(fleet: Fleet) -> list[str]:
 
 
 def as_object(fleet: Fleet) -> dict[str, Any]:
-    """The same for scripts, with every run that was left out and why."""
+    """Return plain values for scripts, with every omitted run and its reason."""
     plain: dict[str, Any] = for_json(
         {
             "directory": str(fleet.directory),
-            "catalogue": str(fleet.catalogue) if fleet.catalogue.exists() else None,  # kept for this time alone
+            "catalogue": str(fleet.catalogue) if fleet.catalogue.exists() else None,  # temporary
             "robots": [
                 asdict(state) | {"attention": state.attention, "without_figures": dict(state.without_figures)}
                 for state in fleet.robots
@@ -125,10 +125,9 @@ def as_object(fleet: Fleet) -> dict[str, Any]:
 
 
 def write_figures(fleet: Fleet, path: Path) -> None:
-    """Write the table, in place of a file that is there, which stays until the new one is whole; in memory is one robot
-    at a time. A run without figures has one row, whose `problem` says why.
+    """Write the table, replacing an existing file atomically, with one robot at a time in memory.
 
-    Raises FileError where it cannot be written.
+    A run without figures has one row with its `problem`. Raises FileError if the file cannot be written.
     """
     import pyarrow as pa  # noqa: PLC0415 - slow to import, needed for Parquet only
     import pyarrow.parquet as pq  # noqa: PLC0415
@@ -187,7 +186,7 @@ def _label(robot: str, folder: str, run: str) -> dict[str, Any]:
 def _of_run(record: Record) -> dict[str, Any]:
     started = None
     with suppress(ValueError):
-        started = record.when.astimezone(UTC).replace(tzinfo=None)  # DuckDB reads times with a zone through pytz alone
+        started = record.when.astimezone(UTC).replace(tzinfo=None)  # DuckDB needs pytz for times with a zone
     places = {"test": record.test, "direction": record.direction}
     return (
         {"started_utc": started}

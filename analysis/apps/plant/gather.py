@@ -1,10 +1,11 @@
-"""From the directory of a plant to the states of its robots: only what is new or has changed is read.
+"""Collect the states of a plant's robots, reading only new and changed runs.
 
-Runs are compared with the catalogue by names, sizes and times of files, and examined where these differ, by `each`, a
-run at a time; what is gone is forgotten. Robots are judged again where one of their runs differs, a robot at a time.
+Runs are compared with the catalogue by names, sizes and times of files, and examined with `each` if different; deleted
+runs
+are removed. Robots with changed runs are judged again.
 
-A directory elsewhere takes no file of the history beside its runs, and reading each manifest again would cost a request
-each: the catalogue knows what has not changed by listing alone.
+A remote directory cannot contain history files, and reading each manifest again would cost a request: the catalogue
+identifies unchanged runs by listing only.
 """
 
 from __future__ import annotations
@@ -32,15 +33,14 @@ from rigs.errors import FileError
 
 T = TypeVar("T")
 Progress = Callable[[str, int, int], None]
-"""Called with what is done, and how much of how much of it."""
+"""Called with the present task, the finished number and the total."""
 _SAVED_EVERY_S = 5.0
-"""Time after which what was found is kept: an end in the middle costs no more."""
+"""Interval between saves, which limits the loss of an interruption."""
 
 
 @dataclass(frozen=True)
 class Known:
-    """What the catalogue knows of each run by its path below the plant's directory; notes: what to know of the
-    catalogue; examined and gone: how many runs were read, and how many are no longer there."""
+    """Catalogue content by run path. notes: about the catalogue. examined, gone: numbers of runs read and deleted."""
 
     runs: Mapping[str, Entry]
     notes: tuple[str, ...]
@@ -49,7 +49,7 @@ class Known:
 
 
 def seen_below(directory: Path) -> list[Seen]:
-    """The runs below a directory. Raises FileError where there is none, CellError where a store does not answer."""
+    """Return the runs below a directory. Raises FileError if there are none, CellError if a store does not respond."""
     seen = list(seen_runs(directory))
     if not seen:
         raise FileError(str(directory), "holds no runs", "give the directory that holds the plant's runs")
@@ -57,10 +57,9 @@ def seen_below(directory: Path) -> list[Seen]:
 
 
 def remade(file: Path, work: Callable[[str], T]) -> T:
-    """The value of work with a catalogue, which is made where it is missing, and once more where it is damaged.
+    """Run work with a catalogue, which is created if missing, and rebuilt once if damaged.
 
-    work: called with why the catalogue was made again, in words, empty where it was not. Raises CellError where the
-    catalogue cannot be written.
+    work: called with the reason for rebuilding, or an empty text. Raises CellError if the catalogue cannot be written.
     """
     why = catalogue.prepare(file)
     try:
@@ -72,9 +71,9 @@ def remade(file: Path, work: Callable[[str], T]) -> T:
 
 
 def known_of(file: Path, seen: Sequence[Seen], workers: Workers, progress: Progress, why: str) -> Known:
-    """The catalogue after the runs that are new or have changed were examined; why: it was made again.
+    """Return the catalogue after examining new and changed runs; why: reason for rebuilding.
 
-    Raises Damaged, and StoreLost where a store does not answer any more: what was examined before is kept.
+    Raises Damaged, and StoreLost if a store stops responding: previous results are saved.
     """
     entries = catalogue.entries(file)
     fresh = [
@@ -86,7 +85,7 @@ def known_of(file: Path, seen: Sequence[Seen], workers: Workers, progress: Progr
     if gone:
         catalogue.forget(file, gone)
     if fresh:
-        paths = [run.path.absolute() for run in fresh]  # a worker of a cluster has a directory of its own
+        paths = [run.path.absolute() for run in fresh]  # a cluster worker has a different working directory
         with closing(each(examine, paths, jobs=workers.jobs, scheduler=workers.scheduler)) as outcomes:
             examined = ((seen, _examined(outcome)) for seen, outcome in zip(fresh, outcomes, strict=True))
             kept(examined, partial(catalogue.keep, file), lambda done: progress("reading runs", done, len(fresh)))
@@ -97,8 +96,11 @@ def known_of(file: Path, seen: Sequence[Seen], workers: Workers, progress: Progr
 
 
 def _examined(outcome: Outcome[Path, Examined | None]) -> Examined | None:
-    """What was found of a run; one that cost a process or the memory, or could not be fetched, is tried again the next
-    time. Raises StoreLost."""
+    """Return the examination of a run; None, to be repeated later, if it cost a process or memory, or could not be
+    fetched.
+
+    Raises StoreLost.
+    """
     if isinstance(outcome, Failed):
         if isinstance(outcome.error, StoreLost):
             raise outcome.error
@@ -107,7 +109,7 @@ def _examined(outcome: Outcome[Path, Examined | None]) -> Examined | None:
 
 
 def kept(items: Iterable[T], keep: Callable[[Sequence[T]], None], progress: Callable[[int], None]) -> None:
-    """Keep what is found from time to time and at the end, however that comes."""
+    """Save results periodically and at the end, also after an error."""
     piece: list[T] = []
     saved_s = time.monotonic()
     try:
@@ -123,9 +125,12 @@ def kept(items: Iterable[T], keep: Callable[[Sequence[T]], None], progress: Call
 
 @dataclass(frozen=True)
 class Fleet:
-    """The robots of a plant, what needs attention first; strays: runs whose robot is not known, and why; notes: what
-    to know of the catalogue; digests: of all that the state of each robot follows from; runs, examined and gone: how
-    many runs there are, how many of them were read, and how many are no longer there."""
+    """Robots of a plant, most urgent first.
+
+    strays: runs of unknown robots, with the reason. notes: about the catalogue. digests: of all inputs of each robot's
+    state.
+    runs, examined, gone: numbers of runs, of runs read, and of deleted runs.
+    """
 
     directory: Path
     catalogue: Path
@@ -139,11 +144,11 @@ class Fleet:
 
 
 def gather(directory: Path, file: Path, workers: Workers, progress: Progress) -> Fleet:
-    """The robots of the runs below a directory; file: the catalogue, which is made where it is missing.
+    """Return the robots of the runs below a directory; file: the catalogue, created if missing.
 
-    workers: who reads the runs; robots are judged by processes of this machine alone, which have the catalogue.
-
-    Raises FileError where there is no such directory or no run in it, CellError where the catalogue cannot be written.
+    workers: for reading runs; robots are judged by local processes only, with access to the catalogue. Raises FileError
+    if the
+    directory does not exist or contains no run, CellError if the catalogue cannot be written.
     """
     seen = seen_below(directory)
     return remade(file, partial(_gathered, directory, file, seen, workers, progress))
@@ -153,17 +158,17 @@ def _gathered(
     directory: Path, file: Path, seen: Sequence[Seen], workers: Workers, progress: Progress, why: str
 ) -> Fleet:
     catalogued = known_of(file, seen, workers, progress, why)
-    # A digest for each robot of all that its state follows from.
+    # digest of all inputs of each robot's state
     hashes: dict[Key, hashlib._Hash] = {}
     for entry in catalogued.runs.values():
         if entry.key[1]:
             line = json.dumps([entry.run, entry.fingerprint, entry.problem])
             hashes.setdefault(entry.key, hashlib.sha256()).update(line.encode())
     digests = {key: digest.hexdigest() for key, digest in hashes.items()}
-    # The states of all robots; those whose runs are the same are as they were kept
+    # States of all robots; stored ones if the runs are unchanged
     before = catalogue.states(file)
     catalogue.forget_states(file, before.keys() - digests.keys())
-    # Not read back at the end: another command may have seen other robots meanwhile, of which this one knows no runs.
+    # Not read back at the end: a parallel command may have stored robots unknown to this one.
     states: dict[Key, State] = {}
     for key, (digest, text) in before.items():
         if digests.get(key) == digest:
@@ -191,8 +196,7 @@ def _gathered(
 def _judged(
     outcome: Outcome[tuple[Path, Key], State], digests: Mapping[Key, str], states: dict[Key, State]
 ) -> tuple[Key, str, str]:
-    """A robot with its digest and state as they are kept, which is added to the states; one that could not be judged
-    is tried again the next time."""
+    """Add a robot's state to the states, and return it for storage; one that could not be judged is repeated later."""
     _, key = outcome.item
     if isinstance(outcome, Failed):
         if isinstance(outcome.error, Damaged):
@@ -204,21 +208,21 @@ def _judged(
 
 
 def judge(item: tuple[Path, Key]) -> State:
-    """The state of a robot, by its records in the catalogue."""
+    """Judge a robot by its records in the catalogue."""
     file, (folder, robot) = item
     return state_of(folder, collected_in(file, (folder, robot)))
 
 
 def collected_in(file: Path, key: Key) -> Collected:
-    """What the catalogue holds of a robot. Raises CellError."""
+    """Return the records of a robot in the catalogue. Raises CellError."""
     records, rig_texts = catalogue.records_of(file, key)
     return collected_of(key[1], records, (), rig_texts.__getitem__)
 
 
 def collect_by_catalogue(directory: Path, robot: str, file: Path, workers: Workers, progress: Progress) -> Collected:
-    """The records of every run of a robot below a directory; file: the catalogue, which is made where it is missing.
+    """Return the records of a robot's runs below a directory; file: the catalogue, created if missing.
 
-    Raises as `analysis.apps.plant.gather.gather` does, and FileError where there is no run of the robot.
+    Raises like `analysis.apps.plant.gather.gather`, and FileError if the robot has no run.
     """
     seen = seen_below(directory)
     return remade(file, partial(_collected, directory, robot, file, seen, workers, progress))
@@ -236,7 +240,7 @@ def _collected(
         of_robot, texts = catalogue.records_of(file, (folder, rig_name))
         for record in of_robot:
             is_mine = bool(rig_name) and is_of(rig_name, texts[record.name], robot)
-            if is_mine or not rig_name:  # of no known robot: its manifest cannot be read
+            if is_mine or not rig_name:  # of no known robot: unreadable manifest
                 name = str(Path(folder, record.name))
                 records.append(replace(record, name=name))
                 rig_texts[name] = texts[record.name]

@@ -1,11 +1,13 @@
-"""The history of a robot: each figure of each test over its runs, with what changed and when, and where it stands
-against its limit.
+"""History of a robot: each figure of each test over its runs, its changes with dates, and its standing against the
+limit.
 
-Each run is judged by the rule of the report (ISO 14253-1, `rigs.schema.limits`) with its own uncertainty. A series
-stands where its newest run stands. It crossed a bound at the first run proven beyond it after the last one proven
-within, and came back the other way round: a run whose uncertainty reaches over the bound moves no date. Wild runs
-before others are left out, as they are from the search for changes. The newest ones count: a damage that came suddenly
-is wild until it has lasted for some runs.
+Each run is judged by the rule of the report (ISO 14253-1, `rigs.schema.limits`) with its own uncertainty. The standing
+of a
+series is that of its newest run. It crossed a bound at the first run proven beyond it after the last run proven within,
+and
+vice versa: a run whose uncertainty contains the bound moves no date. Outliers are left out, as in the search for
+changes,
+except the newest runs: sudden damage looks like an outlier until it has lasted for some runs.
 """
 
 from __future__ import annotations
@@ -34,16 +36,16 @@ WATCHED = (
     *("uni_mean_mm", "bi_mean_mm", "reversal_mean_mm"),
     *("rms_mm", "rms_deg", "repeat_mm"),
 )
-"""Figures that show the robot, one of each kind. The others repeat these, or show how ball and gauges were mounted."""
+"""One characteristic figure of each kind. The others repeat these, or depend on the mounting of ball and gauges."""
 CORRECTED = {"targets": "corrected programs", "entries": "with values entered"}
-"""How a series is called that was driven with a correction; the arm itself is unchanged by it."""
+"""Names for series driven with a correction; the arm itself is unchanged."""
 _OF_AN_AXIS = {"play_j": "play", "temperature_j": "mean temperature", "warming_j": "warming within a run"}
-"""What the figures of an axis are called; its number follows."""
+"""Names of axis figures, followed by the axis number."""
 
 
 @dataclass(frozen=True)
 class Series:
-    """A figure of one test and program over its runs (n), in order of time; limit: that of the rig file, if any."""
+    """Figure of a test and program over its runs (n), in order of time; limit: from the rig file, if any."""
 
     title: str
     figure: str
@@ -53,51 +55,51 @@ class Series:
 
     @property
     def corrected(self) -> str:
-        """What corrected the arm while it drove, as the manifests say; empty where nothing did."""
+        """Correction of the arm during the runs, according to the manifests; empty if none."""
         return self.runs[0].corrected
 
     @property
     def quantities(self) -> tuple[Quantity, ...]:
-        """The figure of each run."""
+        """Figure of each run."""
         return tuple(run.figures[self.figure] for run in self.runs)
 
     @property
     def values(self) -> Array:
-        """The figure (n,) in its unit."""
+        """Figure (n,) in its unit."""
         return np.array([quantity.value for quantity in self.quantities])
 
     @property
     def unit(self) -> str:
-        """The unit as people write it."""
+        """Unit for display."""
         return self.quantities[0].sign
 
     @property
     def label(self) -> str:
-        """What the figure is called where people read it."""
+        """Name for display."""
         return label_of(self.figure)
 
 
 @dataclass(frozen=True)
 class History:
-    """Everything that `rig history` shows. few: series with too few runs to show a change."""
+    """Content of `rig history`. few: series with too few runs to show a change."""
 
     collected: Collected
     series: tuple[Series, ...]
 
     @property
     def robot(self) -> str:
-        """The robot by the name that was asked for."""
+        """Requested name of the robot."""
         return self.collected.robot
 
     @property
     def changed(self) -> list[tuple[Series, Change]]:
-        """Every change in order of time; of those at one time the most certain first."""
+        """All changes in order of time; simultaneous ones in order of certainty."""
         changes = [(series, change) for series in self.series for change in series.trend.changes]
         return sorted(changes, key=lambda pair: (pair[0].runs[pair[1].first].when.timestamp(), pair[1].chance))
 
 
 def label_of(figure: str) -> str:
-    """What a figure is called where people read it, as `play of axis 2`."""
+    """Return the displayed name of a figure, such as `play of axis 2`."""
     for prefix, words in _OF_AN_AXIS.items():
         if figure.startswith(prefix):
             return f"{words} of axis {figure[len(prefix)]}"
@@ -107,9 +109,12 @@ def label_of(figure: str) -> str:
 def history_of(
     collected: Collected, figure: str | None = None, since: date | None = None, limits: Limits | None = None
 ) -> History:
-    """The series of a robot's runs and their changes; figure: this one alone, by the name of docs/figures.md; since:
-    runs from this day on; limits: instead of those of the newest run. Raises UseError for an unknown figure,
-    and FileError where nothing is left."""
+    """Return the series of a robot's runs with their changes.
+
+    figure: only this figure, by its name in docs/figures.md. since: first day. limits: in place of those of the newest
+    run.
+    Raises UseError for an unknown figure, FileError if nothing is left.
+    """
     runs = [run for run in collected.runs if since is None or run.when.date() >= since]
     names = {name for run in runs for name in run.figures}
     if not runs:
@@ -137,14 +142,16 @@ def history_of(
 
 
 def title_of(test: str, placement: str, corrected: str) -> str:
-    """What runs of one kind are called: `yaw acw, placement left, corrected programs`."""
+    """Return the title of a group of runs: `yaw acw, placement left, corrected programs`."""
     qualifiers = (f"placement {placement}" if placement else "", CORRECTED.get(corrected, ""))
     return ", ".join([test, *filter(None, qualifiers)])
 
 
 def _programs(runs: Iterable[Record]) -> list[tuple[str, list[Record]]]:
-    """Runs of one test, direction, placement, program and correction, each group with its title: a corrected program
-    shows the correction, and nothing of how the arm itself changed."""
+    """Group runs by test, direction, placement, program and correction, each group with its title.
+
+    A corrected program shows the correction, not the state of the arm.
+    """
     groups: dict[tuple[str, str, str, str], list[Record]] = {}
     for run in runs:
         groups.setdefault((run.title, run.placement, run.program, run.corrected), []).append(run)
@@ -162,14 +169,17 @@ _CROSSED: dict[Standing, tuple[tuple[Standing, ...], Standing]] = {
     "watch": (("watch", "fail"), "pass"),
     "fail": (("fail",), "pass"),
 }
-"""How the first run since the crossing stands against the bound that decides, and how the last one before it, for each
-standing of a series."""
+"""Standing of the first run after the crossing, and of the last run before, against the deciding bound, per
+standing.
+"""
 
 
 @dataclass(frozen=True)
 class Judged:
-    """A series against its limit. standing: of the newest run; bound: that decided it; since: the first run after the
-    crossing; beyond: every run that fails, in order of time; count: how many runs were judged."""
+    """Series with its limit. standing: of the newest run. bound: deciding bound. since: first run after the crossing.
+    beyond: all
+    failing runs, in order of time. count: number of judged runs.
+    """
 
     limit: Limit
     standing: Standing
@@ -181,14 +191,14 @@ class Judged:
 
 
 def judge(series: Series) -> Judged | None:
-    """Return where a series stands, None where it has no limit."""
+    """Return the standing of a series, None without a limit."""
     if series.limit is None:
         return None
     last = max(np.flatnonzero(~series.trend.wild), default=-1)
     kept = enumerate(zip(series.runs, series.quantities, series.trend.wild, strict=True))
     runs = [(run, quantity) for k, (run, quantity, is_wild) in kept if not is_wild or k > last]
     standings = [series.limit.standing(quantity.value, quantity.u) for _, quantity in runs]
-    # The bound that decided: `fail` where a figure is beyond it, else the lower one, in the figure's unit
+    # Deciding bound: `fail` if exceeded, otherwise the lower bound, in the figure's unit
     bounds = [size for size in (series.limit.watch, series.limit.fail) if size is not None]
     bound = bounds[-1] if standings[-1] == "fail" else bounds[0]
     against = [Limit(fail=bound).standing(quantity.value, quantity.u) for _, quantity in runs]

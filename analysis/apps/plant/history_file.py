@@ -1,7 +1,8 @@
-"""`.history.sqlite` beside the runs: their figures, so that a run is evaluated once.
+"""`.history.sqlite` next to the runs: cached figures, so that a run is evaluated once.
 
-It holds nothing that the runs do not: deleted, damaged or of another version, it is made again with the same content.
-SQLite's own locks and journal order what two processes write, and what a crash cuts off.
+It contains derived data only: if deleted, damaged or of a different version, it is rebuilt with the same content.
+SQLite's
+locks and journal handle concurrent writers and crashes.
 """
 
 from __future__ import annotations
@@ -17,13 +18,13 @@ from analysis.apps.plant.records import Record
 from rigs.distribution import version
 
 FILE = ".history.sqlite"
-"""Hidden, so that `runs/*` in a shell is runs only."""
+"""Hidden, so that `runs/*` in a shell matches runs only."""
 VERSION = 6
-"""Version of the tables below and of the figures in them."""
+"""Version of the tables and figures."""
 _OURS = 0x52494748
-"""SQLite's application_id, `RIGH`: a database of somebody else is left alone."""
+"""SQLite's application_id, `RIGH`: databases of other programs are left alone."""
 _MOST_BYTES = 1_000_000_000
-"""Some 300 000 runs of 40 figures; a larger file is not ours."""
+"""About 300 000 runs of 40 figures; a larger file is not ours."""
 _WAIT_S = 10.0
 _OF_THE_SYSTEM = {
     sqlite3.SQLITE_PERM,
@@ -34,7 +35,7 @@ _OF_THE_SYSTEM = {
     sqlite3.SQLITE_FULL,
     sqlite3.SQLITE_CANTOPEN,
 }
-"""Errors of disk, rights and locks: the file itself may be good, and is left as it is."""
+"""Errors of disk, permissions and locks: the file may be valid, and is kept."""
 _TABLES = """
 create table made_by (rig text not null);
 create table runs (name blob primary key, record text not null) without rowid;
@@ -42,14 +43,14 @@ create table runs (name blob primary key, record text not null) without rowid;
 
 
 class Unusable(Exception):
-    """The file can be neither read nor made, and why; the history then lives in memory only."""
+    """The file can neither be read nor created; the history then exists in memory only."""
 
 
 def read_records(path: Path) -> tuple[dict[str, Record], str]:
-    """The records in the file by name, and in words why it has to be made again, if so. Raises Unusable."""
+    """Return the records by name, and the reason for rebuilding the file, if any. Raises Unusable."""
     if not path.exists():
         return {}, ""
-    if not path.is_file():  # a FIFO would be waited for
+    if not path.is_file():  # a FIFO would block
         raise Unusable("it is not a regular file")
     try:
         if path.stat().st_size > _MOST_BYTES:
@@ -62,7 +63,7 @@ def read_records(path: Path) -> tuple[dict[str, Record], str]:
             for (text,) in file.execute("select record from runs order by name"):
                 record = Record.of_json(text)
                 if not record.problem:
-                    datetime.fromisoformat(record.started)  # raises ValueError, which is damage
+                    datetime.fromisoformat(record.started)  # ValueError means damage
                 records[record.name] = record
             return records, ""
     except (sqlite3.Error, TypeError, ValueError) as error:
@@ -72,13 +73,12 @@ def read_records(path: Path) -> tuple[dict[str, Record], str]:
 
 
 def is_of_the_system(error: Exception) -> bool:
-    """Whether disk, rights or locks are at fault, and the file itself may be good."""
+    """Return whether disk, permissions or locks are at fault, so that the file may be valid."""
     return getattr(error, "sqlite_errorcode", 0) & 0xFF in _OF_THE_SYSTEM
 
 
 def write_records(path: Path, records: Iterable[Record], gone: Iterable[str], *, from_new: bool) -> None:
-    """Add records to the file and remove those of runs that are gone. from_new: make the file again. Raises
-    Unusable."""
+    """Add records and remove those of deleted runs. from_new: rebuild the file. Raises Unusable."""
     try:
         if from_new:
             for name in (path, path.with_name(path.name + "-journal")):
@@ -101,7 +101,7 @@ def write_records(path: Path, records: Iterable[Record], gone: Iterable[str], *,
 
 
 def _check_owner(file: sqlite3.Connection) -> None:
-    """Raises Unusable for a database that another program has made."""
+    """Raise Unusable for a database of a different program."""
     tables = file.execute("select count(*) from sqlite_master").fetchone()[0]
     if tables and file.execute("pragma application_id").fetchone()[0] != _OURS:
         raise Unusable("it is the database of another program")
@@ -112,5 +112,5 @@ def _version(file: sqlite3.Connection) -> int:
 
 
 def made_by() -> str:
-    """The version of rig, whose figures may differ from those of another."""
+    """Return the version of rig, because figures may differ between versions."""
     return version()

@@ -1,4 +1,4 @@
-"""A history as one page that needs no other file: the sentences, and a picture of each figure over time."""
+"""History as a self-contained page: sentences, and a picture of each figure over time."""
 
 from __future__ import annotations
 
@@ -19,23 +19,24 @@ from analysis.report.html_page import environment, write_html
 from analysis.report.still_chart import Sheet
 
 _MOST = 60
-"""Pictures on a page, those beyond a limit and those with changes first: some 20 kB each."""
+"""Limit of pictures on a page, exceeded limits and changes first: about 20 kB each."""
 _IN_SIGHT = 2.0
-"""A limit is drawn up to so many times the largest run: one further away would press the runs flat."""
+"""A limit is drawn if below this multiple of the largest run; otherwise the runs would look flat."""
 _METADATA = ("Creator", "Date", "Format", "Type")
 _DAY_S = 86400.0
 _MARGIN = 0.04
-"""Share of the time from the first to the last run that is left free on either side."""
+"""Free margin on either side, as a share of the time span."""
 _INK, _CHANGE, _WILD, _LIMIT = "#1f5fa8", "#d95f02", "#999999", "#222222"
 
 
 def write_page(history: History, path: Path, *, made_of: str = "", overview: str = "") -> None:
-    """Write the page; made_of: a digest that it says it was made of; overview: address of a page that it links to.
+    """Write the page; made_of: digest of the inputs, stated on the page; overview: address of a linked page.
 
-    Raises FileError where it cannot be written."""
+    Raises FileError if it cannot be written.
+    """
     shown = sorted(history.series, key=lambda series: (not _is_beyond(series), not series.trend.changes))
     rows = [_Row.of(series) for series in history.series]
-    # One run, or runs of one moment, have no time to draw the figure over.
+    # A single run, or simultaneous runs, have no time axis.
     drawn = [series for series in shown if len({run.when for run in series.runs}) > 1]
     template = environment().get_template("history.html")
     html = template.render(
@@ -57,7 +58,7 @@ def write_page(history: History, path: Path, *, made_of: str = "", overview: str
 
 @dataclass(frozen=True)
 class _Row:
-    """A line of the table: a figure with its first and its newest run, in words; first is empty where there is one."""
+    """Row of the table: a figure with its first and newest run as text; first is empty for a single run."""
 
     title: str
     label: str
@@ -78,7 +79,7 @@ class _Row:
 
 
 def _moment(run: Record) -> str:
-    """When a run began, to the minute."""
+    """Return the start of a run, to the minute."""
     return f"{run.when:%Y-%m-%d %H:%M}"
 
 
@@ -88,8 +89,8 @@ def _is_beyond(series: Series) -> bool:
 
 
 def _picture(series: Series) -> Markup:
-    """An SVG of a figure over time: runs with their 2 u, the levels that were found, wild runs as crosses."""
-    when = np.array([run.when.timestamp() / _DAY_S for run in series.runs])  # matplotlib's own days since 1970
+    """Return an SVG of a figure over time: runs with 2 u, detected levels, outliers as crosses."""
+    when = np.array([run.when.timestamp() / _DAY_S for run in series.runs])  # matplotlib's days since 1970
     values, wild = series.values, series.trend.wild
     u = np.nan_to_num(np.array([quantity.u for quantity in series.quantities]), posinf=0.0)
     figure = Sheet(8, 2.2)
@@ -102,11 +103,11 @@ def _picture(series: Series) -> Markup:
     bounds = ((series.limit.watch, ":"), (series.limit.fail, "--")) if series.limit else ()
     for bound, style in bounds:
         if bound is not None and bound <= _IN_SIGHT * np.max(np.abs(values)):
-            for side in (1, -1):  # a limit is of the size
+            for side in (1, -1):  # a limit applies to the absolute value
                 if np.any(side * values > 0):
                     axes.axhline(side * bound, ls=style, lw=1.0, color=_LIMIT)
     axes.set_xlim(when[0] - _MARGIN * np.ptp(when), when[-1] + _MARGIN * np.ptp(when))
-    # Label the time axis with years, days or times of the day, as the runs lie apart.
+    # Label the time axis with years, days or times, depending on the range.
     zone = series.runs[-1].when.tzinfo
     ticks = AutoDateLocator(tz=zone, minticks=2, maxticks=7)  # type: ignore[no-untyped-call]
     axes.xaxis.set_major_locator(ticks)
@@ -115,7 +116,7 @@ def _picture(series: Series) -> Markup:
     axes.grid(color="#dddddd", lw=0.5)
     axes.spines[["top", "right"]].set_visible(False)
     drawn = io.StringIO()
-    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": series.figure}):  # text as text, and always the same
+    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": series.figure}):  # text as text, and reproducible
         figure.savefig(drawn, format="svg", metadata=dict.fromkeys(_METADATA))
-    # Its text is the axis' numbers and unit alone, which matplotlib has escaped.
+    # It only contains axis numbers and units, escaped by matplotlib.
     return Markup(re.sub(r"^.*?(?=<svg)", "", drawn.getvalue(), flags=re.S))  # noqa: S704

@@ -1,4 +1,4 @@
-"""A history on a terminal, as JSON and as a table."""
+"""History on a terminal, as JSON and as a table."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from analysis.runs.tabular import for_json, table_of_rows
 
 _BARS = "▁▂▃▄▅▆▇█"
 _WIDTH = 20
-"""Characters of a sparkline; each is the median of as many runs as there are for one."""
+"""Characters of a sparkline; each is a median of equally many runs."""
 
 
 def as_screen(history: History) -> RenderableType:
-    """The sentences, a line for each figure, and what stands behind them."""
+    """Return the sentences, a line for each figure, and remarks."""
     head = [Text(line, style="yellow") for line in filter(None, [origin(history)])]
     head += [Text(sentence, style="bold") for sentence in sentences(history) or [too_few(history)]]
     lines = [Text(line, style="dim") for line in remarks(history)]
@@ -37,7 +37,7 @@ def as_screen(history: History) -> RenderableType:
 
 
 def _table(all_series: Sequence[Series], title: str) -> Table:
-    """A line for each figure: its value where each has one run, else its first and last and its course between."""
+    """Return a table with a line per figure: its value for single runs, otherwise first, last and a sparkline."""
     table = Table(title=title, title_style="dim", header_style="bold", box=None, padding=(0, 1))
     table.add_column("")
     table.add_column("")
@@ -69,7 +69,7 @@ def _table(all_series: Sequence[Series], title: str) -> Table:
 
 
 def as_differences(compared: Sequence[Difference]) -> RenderableType:
-    """Before and after a repair: a sentence for each figure that changed, and a line for each that was compared."""
+    """Return the comparison around a repair: a sentence per changed figure, and a line per compared figure."""
     found_first = [Text(sentence, style="bold") for sentence in headlines(compared)]
     table = Table(header_style="bold", box=None, padding=(0, 1))
     table.add_column("")
@@ -97,7 +97,7 @@ def as_differences(compared: Sequence[Difference]) -> RenderableType:
 
 
 def sparkline(values: Array, width: int = _WIDTH) -> str:
-    """A line of small bars for values (n,) in any unit, from least to largest; flat where all are alike."""
+    """Return a sparkline of values (n,) in any unit, from smallest to largest; flat for equal values."""
     pieces = np.array_split(values, min(width, len(values)))
     heights = np.array([np.median(piece) for piece in pieces])
     low, span = heights.min(), np.ptp(heights)
@@ -107,7 +107,7 @@ def sparkline(values: Array, width: int = _WIDTH) -> str:
 
 
 def as_object(history: History) -> dict[str, Any]:
-    """The same for scripts: every point, change and run without figures; units stand in the names of the figures."""
+    """Return plain values for scripts: every point, change and run without figures; figure names contain the units."""
     plain: dict[str, Any] = for_json(
         {
             "robot": history.robot,
@@ -123,7 +123,7 @@ def as_object(history: History) -> dict[str, Any]:
 
 
 def _series_object(series: Series) -> dict[str, Any]:
-    """The points of a series, its changes, and where it stands against its limit; None for one that has none."""
+    """Return the points of a series, its changes, and its standing; None without a limit."""
     changes = [
         {
             "after_run": series.runs[change.first].name,
@@ -158,7 +158,7 @@ def _points(series: Series) -> list[dict[str, Any]]:
 
 
 def as_table(all_series: Sequence[Series]) -> pa.Table:
-    """A row for each run and figure: title, figure, run, started, value, u, alone."""
+    """Return a row per run and figure: title, figure, run, started, value, u, alone."""
     columns = ("title", "figure", "run", "started", "value", "u", "alone")
     rows = [
         {"title": series.title, "figure": series.figure} | point for series in all_series for point in _points(series)

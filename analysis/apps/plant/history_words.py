@@ -1,4 +1,4 @@
-"""A history in plain sentences."""
+"""History in plain sentences."""
 
 from __future__ import annotations
 
@@ -17,9 +17,11 @@ _MONTHS = ("Jan", "Feb", "March", "April", "May", "June", "July", "Aug", "Sept",
 
 
 def sentences(history: History) -> list[str]:
-    """What lies beyond its limit and since when, then what changed and when, a sentence each; or that nothing did."""
+    """Return a sentence per exceeded limit with its date, then per change with its date; or a statement that there
+    are none.
+    """
     limited = [line for series in history.series for line in _limit_sentences(series)]
-    # Changes of one figure in several tests at one time and in one sense, the most certain first
+    # simultaneous changes of a figure in several tests in one direction, the most certain first
     groups: list[list[tuple[Series, Change]]] = []
     for candidate in history.changed:
         group = next((group for group in groups if _alike(group[0], candidate)), None)
@@ -46,13 +48,13 @@ def sentences(history: History) -> list[str]:
 
 
 def origin(history: History) -> str:
-    """Say whether runs are simulated; empty where none is."""
+    """State whether runs are simulated; empty if none."""
     runs = _runs_of(history)
     return simulated_runs(sum(run.simulated for run in runs), len(runs))
 
 
 def too_few(history: History) -> str:
-    """Say why there is no sentence, as that one run is too few to show a change; its day is said."""
+    """Return the reason for missing sentences, for example a single run with its day."""
     runs = _runs_of(history)
     if not runs:
         return "No run has a figure that is followed."
@@ -61,12 +63,12 @@ def too_few(history: History) -> str:
 
 
 def _runs_of(history: History) -> list[Record]:
-    """Every run that is in a series, once, in order of time."""
+    """Return every run of all series once, in order of time."""
     return in_time({run.name: run for series in history.series for run in series.runs}.values())
 
 
 def remarks(history: History) -> list[str]:
-    """What stands behind the sentences: how much was looked at, what was left out, what is too short."""
+    """Return remarks: amount of data, omissions, and short series."""
     runs = _runs_of(history)
     short = sum(map(is_short, history.series))
     alarms = f"; of a robot that does not change, {FALSE_ALARMS:.0%} of histories report a change"
@@ -91,13 +93,13 @@ def remarks(history: History) -> list[str]:
 
 
 def doubts(history: History) -> list[str]:
-    """Runs that have no figures, and what is to be known of the file of the history."""
+    """Return runs without figures, and notes about the history file."""
     broken = [(record.name, record.problem) for record in history.collected.broken]
     return [*history.collected.notes, *without_figures(broken)]
 
 
 def without_figures(runs: Sequence[tuple[str, str]]) -> list[str]:
-    """Which runs are left out as they have no figures, by name, and why; none where there are none."""
+    """Return the runs left out for missing figures, by name, with the reason; empty if none."""
     if not runs:
         return []
     lines = [f"{counted(len(runs), 'run has no figures and is', 'runs have no figures and are')} left out:"]
@@ -108,12 +110,12 @@ def without_figures(runs: Sequence[tuple[str, str]]) -> list[str]:
 
 
 def is_short(series: Series) -> bool:
-    """Whether a series has too few runs to show a change."""
+    """Return whether a series has too few runs to show a change."""
     return len(series.runs) < 2 * FEWEST
 
 
 def against_limit(series: Series) -> str:
-    """Where a series stands against its limit, as `beyond 0.1 since 2026-05-03`; empty where it has none."""
+    """Return the standing of a series, such as `beyond 0.1 since 2026-05-03`; empty without a limit."""
     judged = judge(series)
     if judged is None:
         return ""
@@ -124,7 +126,7 @@ def against_limit(series: Series) -> str:
 
 
 def _limit_sentences(series: Series) -> list[str]:
-    """Since when a series has been beyond its limit or not proven within, or that it was beyond and has come back."""
+    """Return the dates since which a series exceeds or may exceed its limit, or of a temporary excess."""
     judged = judge(series)
     if judged is None or (judged.standing == "pass" and not judged.beyond):
         return []
@@ -146,7 +148,7 @@ def _limit_sentences(series: Series) -> list[str]:
 
 
 def dates(series: Series, change: Change) -> str:
-    """When a change was, as `between 3 and 17 May 2026`; clock times where it was within a day."""
+    """Return the dates of a change, such as `between 3 and 17 May 2026`; clock times within a day."""
     first, last = series.runs[change.first].when, series.runs[change.last].when
     if first.date() == last.date():
         return f"on {_day(first)} between {first:%H:%M} and {last:%H:%M}"
@@ -156,7 +158,7 @@ def dates(series: Series, change: Change) -> str:
 
 
 def _span(runs: Sequence[Record]) -> str:
-    """The days of runs in order of time, as `from 1 May 2026 to 6 May 2026`."""
+    """Return the range of days of runs in order of time, such as `from 1 May 2026 to 6 May 2026`."""
     first, last = _day(runs[0].when), _day(runs[-1].when)
     return f"on {first}" if first == last else f"from {first} to {last}"
 

@@ -1,17 +1,22 @@
-"""The play of each joint in a circle run: how far the readings jump where the joint turns back.
+"""Backlash of each joint in a circle run: the jump of the readings at joint reversals.
 
-Play is all that makes the lap jump where a joint turns back; the rest of a robot's error is smooth along the lap. The
-angle and the distance of a lap are therefore fitted by low orders and, for each joint that turns back, by the readings
-that the model gives for a play there less those without. A wide play is crossed over many degrees, so that its shape
-depends on its size: the shapes are computed for some widths, and the sizes are those of nonlinear least squares between
-them. Where gravity holds the gears on one side, no jump shows and the figure is near zero. Source: Y. T. Oh, Applied
-Sciences 9 (2019), 3.2.
+Only backlash causes jumps at reversals; the other errors are smooth along the lap. Angle and distance of a lap are
+therefore fitted by low orders and, for each reversing joint, by the modelled change of the readings caused by backlash.
+A
+wide backlash is crossed over many degrees, so its shape depends on its size: shapes are computed for several widths,
+and
+the sizes follow from nonlinear least squares in between. If gravity keeps the gears on one flank, there is no jump and
+the
+figure is near zero. Source: Y. T. Oh, Applied Sciences 9 (2019), 3.2.
 
-Near a reversal, a wave of a gear can look like a play. A gear is out by a wave of the joint's angle, and a joint that
-turns back runs through the same wave twice, so that the lap has no jump there but a bend. Fitted by plays alone, a gear
-of axis 4 with order 8 was a play of axis 5 of -0.30° ± 0.03°. So waves of all axes and of the usual orders are fitted
-with the plays, each with a size of its own that the lap determines (automatic relevance, MacKay 1992): what the lap
-does not show costs nothing, what it cannot distinguish from a play is in the play's uncertainty.
+A gear wave near a reversal can resemble backlash. A gear error depends on the joint angle, and a reversing joint passes
+the
+same wave twice, which gives a bend instead of a jump. Fitted by backlash alone, a gear error of axis 4 with order 8
+became
+a backlash of axis 5 of -0.30° ± 0.03°. So waves of all axes and usual orders are fitted too, each with a size
+determined by
+the lap (automatic relevance, MacKay 1992): waves not visible in the lap cost nothing, and waves indistinguishable from
+backlash increase its uncertainty.
 """
 
 from __future__ import annotations
@@ -41,18 +46,22 @@ if TYPE_CHECKING:
 
 
 ORDERS = (1, 2, 3, 4, 5, 6, 8, 10, 12)
-"""Cycles a turn of a joint: eccentric wheels, wave generators and their stages; what is faster is seldom as large, and
-shorter than the neighbourhood that a jump is judged by."""
+"""Cycles per turn of a joint: eccentricity, wave generators and their stages; faster waves are rarely as large, and
+shorter
+than the neighbourhood of a jump.
+"""
 _SIZE_DEG = 0.005
-"""What a wave is taken to have at the beginning: usual gears have some thousandths of a degree."""
+"""Initial size of a wave: usual gears have some thousandths of a degree."""
 _LEAST_DEG = 1e-6
 _ROUNDS = 40
 
 
 @dataclass(frozen=True)
 class Fitted:
-    """sizes (p,) of the plays in degrees, their part of the solution (p, m) by the readings (m,), the variance of a
-    reading, and the misfit: minus twice the log of the evidence, of which the least is the best."""
+    """sizes (p,) of the backlash in degrees, their part of the solution (p, m) by the readings (m,), variance of a
+    reading, and
+    misfit: minus twice the log evidence.
+    """
 
     sizes_deg: Array
     solve: Array
@@ -61,9 +70,9 @@ class Fitted:
 
 
 def waves_of(slopes: Array, q: Array) -> Array:
-    """What waves of one degree make of a lap: (m, 2 pairs) in mm, a sine and a cosine beside one another.
+    """Return the response of a lap to waves of one degree: (m, 2 pairs) in mm, alternating sine and cosine.
 
-    slopes (m, 6) mm for each degree by which a joint is out; q (m, 6) rad, the joints at the same readings.
+    slopes (m, 6) mm per degree of joint error; q (m, 6) rad: joints at the readings.
     """
     turns = q[:, :, None] * np.array(ORDERS)
     both = np.stack([np.sin(turns), np.cos(turns)], axis=3) * slopes[:, :, None, None]
@@ -80,10 +89,11 @@ def fitted(
     widest_deg: float,
     alike: float,
 ) -> Fitted:
-    """Plays and waves that fit a lap (m,) mm, from plays of start_deg (p,).
+    """Fit backlash and waves to a lap (m,) mm, starting from start_deg (p,).
 
-    curve, slopes: what plays (p,) in degrees make of the lap, (m,) mm, and its derivatives (m, p); waves (m, k) mm for
-    each degree; alike: of how many readings one is by itself.
+    curve, slopes: response of the lap to backlash (p,) in degrees, (m,) mm, and its derivatives (m, p); waves (m, k) mm
+    per
+    degree; alike: number of correlated readings.
     """
     sizes, plays = start_deg.copy(), len(start_deg)
     variances = np.full(waves.shape[1] // 2, _SIZE_DEG**2)
@@ -113,54 +123,60 @@ def fitted(
 
 
 _SMOOTH = 12
-"""Orders that count as smooth: offsets, links and set-up make orders up to 3, eccentric gears some more."""
+"""Smooth orders: offsets, links and set-up have orders up to 3, eccentric gears some more."""
 _WIDTHS_DEG = np.concatenate([0.0025 * 2 ** np.arange(0.0, 6.1, 0.25), [0.32]])
-"""Plays that the readings are computed for; between them they go smoothly. Steps of a factor of 1.19: with 1.41 the
-curve of a play of 0.024° was wrong by half the noise of a reading, and a play of another joint took what was left."""
+"""Widths with computed responses, interpolated smoothly. Factor of 1.19: with 1.41 the curve of 0.024° was wrong by
+half the
+noise of a reading, and the backlash of a different joint absorbed the difference.
+"""
 _BOTH_WAYS_DEG = np.concatenate([-_WIDTHS_DEG[::-1], [0.0], _WIDTHS_DEG])
 _ROWS = 3000
-"""Rows of a lap that the model is computed for: four a node."""
+"""Rows of a modelled lap: four per node."""
 _INDEPENDENT = 72
-"""Pieces of a lap that err independently: a jump is judged by a neighbourhood of some 5°."""
+"""Independent sections of a lap: a jump is judged by a neighbourhood of about 5°."""
 _OUT_DEG = 0.01
-"""So little that the readings follow it in proportion."""
+"""Small enough for a proportional response."""
 _BELOW_ZERO = 3.0
-"""No play is below zero. What noise puts there is a play of zero; further off, it is something else than a play."""
+"""Backlash is never negative. Noise below zero is set to zero; beyond this limit in u, the cause is a different one."""
 _WORST_U_DEG = 0.05
-"""A play known no better than this is left out: its jumps are too small, or too close to those of another joint."""
+"""Results with a larger uncertainty are left out: their jumps are too small, or too close to those of a different
+joint.
+"""
 
 
 @dataclass(frozen=True)
 class _Jumps:
-    """What plays make of a lap, smoothly in their widths: of each axis curves (2 widths + 1, 2 NODES) mm, from the
-    widest negative play, a mirror image that noise may look like, over none to the widest."""
+    """Response of a lap to backlash, smooth in the width: per axis curves (2 widths + 1, 2 NODES) mm, from the widest
+    negative
+    value, a mirror image that noise may resemble, through zero to the widest.
+    """
 
     curves: Array
     by_width: tuple[CubicSpline, ...]
 
     @classmethod
     def through(cls, wider: Array) -> _Jumps:
-        """The jumps through the curves (axes, widths, 2 NODES) mm of plays of _WIDTHS_DEG."""
+        """Interpolate the curves (axes, widths, 2 NODES) mm for _WIDTHS_DEG."""
         from scipy.interpolate import CubicSpline  # noqa: PLC0415 - slow to import, needed where a run is read only
 
         curves = np.concatenate([-wider[:, ::-1], np.zeros_like(wider[:, :1]), wider], axis=1)
         return cls(curves, tuple(CubicSpline(_BOTH_WAYS_DEG, curve) for curve in curves))
 
     def of(self, sizes_deg: Array) -> Array:
-        """The curve (2 NODES,) mm of plays (axes,) in degrees."""
+        """Return the curve (2 NODES,) mm of backlash (axes,) in degrees."""
         curves = [spline(size) for spline, size in zip(self.by_width, sizes_deg, strict=True)]
         together: Array = np.sum(curves, axis=0)
         return together
 
     def slopes(self, sizes_deg: Array) -> Array:
-        """Its derivatives (2 NODES, axes) in mm for each degree."""
+        """Return the derivatives (2 NODES, axes) in mm per degree."""
         return np.stack([spline(size, 1) for spline, size in zip(self.by_width, sizes_deg, strict=True)], axis=1)
 
 
 def joint_plays(result: Result) -> dict[str, Quantity]:
-    """`play_j1_deg` … of the joints that turn back, of a yaw or roll run; nothing for other tests.
+    """Return `play_j1_deg` … of the reversing joints in a yaw or roll run; empty for other tests.
 
-    u holds the noise within the run and what the fit leaves unexplained.
+    u includes the noise within the run and the unexplained part of the fit.
     """
     circle, table = result.found, result.measured.table
     if not isinstance(circle, CircleResult) or not isinstance(table, CircleTable):
@@ -172,7 +188,7 @@ def joint_plays(result: Result) -> dict[str, Quantity]:
     basis = np.linalg.qr(_smooth())[0]
 
     def rough(curves: Array) -> Array:
-        """Curves (..., 2 NODES) mm without what is smooth in them."""
+        """Return curves (..., 2 NODES) mm without their smooth part."""
         rest_mm: Array = curves - (curves @ basis) @ basis.T
         return rest_mm
 
@@ -200,8 +216,11 @@ def joint_plays(result: Result) -> dict[str, Quantity]:
 
 
 def _starts(lap: Array, jumps: _Jumps) -> tuple[Array, Array]:
-    """Sizes (axes,) in degrees to begin with, of a lap (2 NODES,) mm: no play, and the widths that explain most of it
-    one after the other, since plays of joints that turn back together look alike."""
+    """Return initial sizes (axes,) in degrees for a lap (2 NODES,) mm: zero, and the widths that explain most of it in
+    turn.
+
+    Joints reversing together have similar responses, hence the second start.
+    """
     none = np.zeros(len(jumps.curves))
     start, residual_mm = none.copy(), lap
     for _ in start:
@@ -216,7 +235,7 @@ def _starts(lap: Array, jumps: _Jumps) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class _Lap:
-    """The first lap, as the model has it. q (NODES, 6) rad: the joints at the nodes."""
+    """Modelled first lap. q (NODES, 6) rad: joints at the nodes."""
 
     rig: Rig
     way: CircleTable
@@ -229,7 +248,7 @@ class _Lap:
     @classmethod
     def of(cls, laps: Laps, table: CircleTable, rig: Rig, half_mm: float) -> _Lap:
         lap = laps.first
-        # With the lead-in, since a play is where the joint came from; to the end of the first lap.
+        # With the lead-in, because backlash depends on the history; to the end of the first lap.
         upto = int(np.searchsorted(table.t_s, lap.t_s[-1], side="right"))
         rows = slice(None, upto, max(1, len(lap.t_s) // _ROWS))
         way = replace(table, t_s=table.t_s[rows], q=table.q[rows], g_mm=table.g_mm[rows], u_t_s=None)
@@ -240,7 +259,7 @@ class _Lap:
         return replace(bare, without=bare.nodes(()))
 
     def nodes(self, effects: tuple[Effect, ...], out: Array | None = None) -> Array:
-        """Angle and distance (2 NODES,) mm of a robot with effects, its joints out by `out` (6,) rad."""
+        """Return angle and distance (2 NODES,) mm of a robot with effects and joint errors `out` (6,) rad."""
         model = model_of(self.rig, effects)
         way = self.way if out is None else replace(self.way, q=self.way.q + out)
         g_mm = predict(model, way, path_of(model, way), nominal_setup(self.rig, self.way))[self.inside]
@@ -248,17 +267,17 @@ class _Lap:
         return np.concatenate([np.interp(PHI, self.phi, y, period=2 * np.pi) for y in (turned, g_mm.mean(axis=1))])
 
     def play(self, axis: int, width_deg: float) -> Array:
-        """What a play of an axis, in degrees, makes of angle and distance (2 NODES,) mm."""
+        """Return the response (2 NODES,) mm of angle and distance to backlash of an axis, in degrees."""
         return self.nodes((play_of_joint(axis, width_deg),)) - self.without
 
     def offset(self, axis: int) -> Array:
-        """What an axis that is out makes of angle and distance, (2 NODES,) mm for each degree."""
+        """Return the response of angle and distance to an angle error of an axis, (2 NODES,) mm per degree."""
         out = np.where(np.arange(1, 7) == axis, np.radians(_OUT_DEG), 0.0)
         return (self.nodes((), out) - self.without) / _OUT_DEG
 
 
 def _smooth() -> Array:
-    """Low orders (2 NODES, orders), of length 1, of angle and distance, each its own."""
+    """Return low orders (2 NODES, orders), of length 1, separately for angle and distance."""
     orders = np.arange(1, _SMOOTH + 1) * PHI[:, None]
     block = np.concatenate([np.ones((len(PHI), 1)), np.cos(orders), np.sin(orders)], axis=1)
     none = np.zeros_like(block)

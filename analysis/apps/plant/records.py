@@ -1,5 +1,6 @@
-"""A run as the history keeps it: what it was, its figures, or why it has none. How warm the joints were is a figure as
-well: gears and links grow with it."""
+"""History record of a run: description, figures, or the reason for their absence. Joint temperatures are figures too,
+because gears and links expand with them.
+"""
 
 from __future__ import annotations
 
@@ -29,9 +30,10 @@ from rigs.schema.vocabulary import DrivenTest
 
 
 def joint_warmth(condition: Condition) -> dict[str, Quantity]:
-    """`temperature_j1_c` … the mean over the run, and `warming_j1_c` … the rise within it, of the joints that show it.
+    """Return `temperature_j1_c` …, the mean over the run, and `warming_j1_c` …, the rise within it, of joints with
+    temperatures.
 
-    u is how much the readings vary; makers do not state how true the sensors are.
+    u is the variation of the readings; makers do not state the accuracy of the sensors.
     """
     shown = condition.warmth or {}
     means = {f"temperature_j{axis}_c": Quantity(joint.mean_c, joint.u_mean_c, "c") for axis, joint in shown.items()}
@@ -40,22 +42,26 @@ def joint_warmth(condition: Condition) -> dict[str, Quantity]:
 
 
 _MOST_BYTES = 1_000_000_000
-"""The largest ledger, as the store has it."""
+"""Largest ledger, as in the store."""
 _NOT_OF_THE_PROGRAM = {"eccentricity_mm", "laps", "visits"}
-"""What differs between cells and runs of one program, and changes only how well a figure is known."""
+"""Keys that differ between cells and runs of one program, and only affect the uncertainty of a figure."""
 
 
 def escaped(text: str) -> str:
-    """The text with lone surrogates, which no database stores, as their escapes."""
+    """Escape lone surrogates, which databases reject."""
     return text.encode("utf-8", "backslashreplace").decode()
 
 
 @dataclass(frozen=True)
 class Record:
-    """A run: the name of its directory, its fingerprint, when it began (ISO 8601), what was driven, and its figures;
-    problem: why it has none, one line. program: a short digest of circle or hemisphere in its rig file. readings: the
-    digest of what was measured, empty where nothing could be read. simulated: whether no robot was measured.
-    corrected: what corrected the arm while it drove, as the manifest says."""
+    """Run in the history: directory name, fingerprint, start (ISO 8601), test, and figures.
+
+    problem: one-line reason for missing figures. program: short digest of circle or hemisphere in the rig file.
+    readings:
+    digest of the measurements, empty if unreadable. simulated: whether no real robot was measured. corrected:
+    correction during
+    the run, according to the manifest.
+    """
 
     name: str
     fingerprint: str
@@ -73,13 +79,13 @@ class Record:
 
     @property
     def as_json(self) -> str:
-        """The record as a line of JSON, which `of_json` reads; lone surrogates of its problem are their escapes."""
+        """Return the record as a line of JSON for `of_json`, with lone surrogates escaped."""
         figures = {name: astuple(quantity) for name, quantity in self.figures.items()}
         return json.dumps(vars(self) | {"figures": figures, "problem": escaped(self.problem)})
 
     @classmethod
     def of_json(cls, line: str) -> Record:
-        """The record of a line of JSON. Raises TypeError or ValueError for any other."""
+        """Parse a line of JSON. Raises TypeError or ValueError if invalid."""
         fields = json.loads(line)
         try:
             return cls(**fields | {"figures": {name: Quantity(*figure) for name, figure in fields["figures"].items()}})
@@ -88,22 +94,22 @@ class Record:
 
     @property
     def title(self) -> str:
-        """Test and direction, as `yaw acw`."""
+        """Test and direction, such as `yaw acw`."""
         return f"{self.test} {self.direction}".strip()
 
     @property
     def when(self) -> datetime:
-        """When the run began, in this computer's time zone, as its days are counted. Raises ValueError."""
+        """Start of the run in the time zone of this computer, used for counting days. Raises ValueError."""
         when = datetime.fromisoformat(self.started)
         when = when if when.tzinfo else when.replace(tzinfo=UTC)
         try:
             return when.astimezone()
-        except OverflowError:  # within a day of the first or the last year
+        except OverflowError:  # within a day of the first or last year
             return when
 
 
 def fingerprint_of(run: Path) -> str:
-    """The SHA-256 of a run's manifest, ledger and file sizes; the ledger holds the SHA-256 of every chunk.
+    """Return the SHA-256 of a run's manifest, ledger and file sizes; the ledger contains the SHA-256 of every chunk.
 
     Raises OSError or FileError.
     """
@@ -117,16 +123,16 @@ def fingerprint_of(run: Path) -> str:
 
 
 def record_of(path: Path, manifest: Manifest, fingerprint: str) -> Record:
-    """Evaluate a run by itself, so that its record does not depend on the other runs; never raises for a bad run."""
+    """Evaluate a single run, independent of other runs; never raises for a bad run."""
     program, problem, readings, simulated = "", "", "", False
     figures: dict[str, Quantity] = {}
     try:
         datetime.fromisoformat(manifest.started)
         with warnings.catch_warnings():
-            warnings.simplefilter("error", RuntimeWarning)  # a figure that becomes nan is no result
+            warnings.simplefilter("error", RuntimeWarning)  # a figure that becomes nan is not a result
             measured = load_measured(path)
             readings, simulated = measured.run.readings_sha256, measured.is_simulated
-            # A digest of what the robot drives; figures of different programs are not comparable
+            # Digest of the robot program; figures of different programs are not comparable
             is_driven = manifest.test in get_args(DrivenTest)
             part = getattr(measured.rig.tests, kind_named(manifest.test).part) if is_driven else None
             driven = part.model_dump(mode="json", exclude=_NOT_OF_THE_PROGRAM) if part else {}
@@ -142,7 +148,7 @@ def record_of(path: Path, manifest: Manifest, fingerprint: str) -> Record:
 
 
 def record_without_figures(run: RunInfo, problem: str) -> Record:
-    """A run that cannot be evaluated as it lies there."""
+    """Return the record of a run that cannot be evaluated in its present state."""
     if run.manifest is None:
         return Record(run.path.name, "", "", "", "", "", "", problem=problem)
     return _plain_record(run.path, run.manifest, "", "", problem, {})
@@ -167,5 +173,5 @@ def _plain_record(
 
 
 def in_time(records: Iterable[Record]) -> list[Record]:
-    """Records in the order in which the runs began."""
+    """Sort records by the start of the runs."""
     return sorted(records, key=lambda record: (record.when.timestamp(), record.name))

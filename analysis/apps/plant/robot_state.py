@@ -1,4 +1,4 @@
-"""A robot in a line: where it stands against its limits, what changed and since when, and what is in doubt."""
+"""State of a robot in a line: standing against its limits, changes with dates, and doubts."""
 
 from __future__ import annotations
 
@@ -16,22 +16,28 @@ from analysis.procedures.shared.quantity import Quantity
 from rigs.schema.limits import Standing
 
 Attention = Literal["beyond", "watch", "unreadable", "changed", "within", "unlimited"]
-"""Why somebody should look at a robot, the most urgent first: a figure is beyond its limit, or not proven within it; no
-run has figures; a figure grew by more than its scatter; all figures are within their limits; it has no limits."""
+"""Reason for attention, most urgent first: a figure exceeds its limit, or may exceed it; no run has figures; a figure
+grew
+beyond its scatter; all figures are within their limits; there are no limits.
+"""
 ORDER: tuple[Attention, ...] = ("beyond", "watch", "unreadable", "changed", "within", "unlimited")
 
 
 @dataclass(frozen=True)
 class State:
-    """A robot as `rig fleet` lists it; folder: the directory of its runs below the plant's.
+    """Robot in the list of `rig fleet`; folder: directory of its runs relative to the plant's.
 
-    tests: as `yaw acw`; runs: how many have figures; last: when the newest of them began, ISO 8601. standing: the worst
-    against the limits, empty without any; worst: the figure nearest to its limit or furthest beyond it, in words, and
-    worst_ratio, its value over the bound. trend: what changed and since when, in words; changed: the day of it; grew:
-    whether it grew. without_figures: runs by name and why; wild: figures of single runs that were left out; copies:
-    runs that are copies of others; simulated: runs that measured no robot; corrected: runs
-    that were driven with corrected programs or entered values, which say nothing of the arm and are not judged;
-    problem: why it could not be judged.
+    tests: such as `yaw acw`. runs: number with figures. last: start of the newest run, ISO 8601. standing: worst
+    standing,
+    empty without limits. worst: figure closest to or furthest beyond its limit, as text, and worst_ratio, its value
+    over the
+    bound. trend: change with its date, as text. changed: its day. grew: whether it is a growth. without_figures: runs
+    by name
+    with the reason. wild: outliers left out. copies: copied runs. simulated: runs without a real robot. corrected: runs
+    with
+    corrected programs or entered values, which say nothing about the arm and are not judged. problem: reason for a
+    missing
+    judgement.
     """
 
     folder: str
@@ -54,7 +60,7 @@ class State:
 
     @property
     def attention(self) -> Attention:
-        """Why somebody should look at it; the last two say that it can wait."""
+        """Reason for attention; the last two are not urgent."""
         if self.standing == "fail":
             return "beyond"
         if self.standing == "watch":
@@ -67,7 +73,7 @@ class State:
 
     @property
     def doubts(self) -> list[str]:
-        """What to know before trusting it, in words."""
+        """Doubts as text."""
         counts = (
             (len(self.without_figures), "without figures"),
             (self.wild, "wild"),
@@ -78,7 +84,7 @@ class State:
 
 
 def state_of(folder: str, collected: Collected) -> State:
-    """The state of a robot by its runs."""
+    """Return the state of a robot from its runs."""
     broken = tuple((record.name, record.problem) for record in collected.broken)
     if not collected.runs:
         return State(folder, collected.robot, without_figures=broken)
@@ -107,28 +113,28 @@ def state_of(folder: str, collected: Collected) -> State:
 
 
 def as_json(state: State) -> str:
-    """A state as text that `state_from_json` reads; names that are no Unicode pass, which pydantic refuses."""
+    """Return a state as text for `state_from_json`; invalid Unicode, refused by pydantic, is supported."""
     return json.dumps(asdict(state))
 
 
 def state_from_json(text: str) -> State:
-    """A state that was kept. Raises TypeError or ValueError where it is damaged."""
+    """Parse a stored state. Raises TypeError or ValueError if damaged."""
     fields: dict[str, Any] = json.loads(text)
     names = tuple((run, why) for run, why in fields.pop("without_figures"))
     return State(**fields | {"tests": tuple(fields["tests"]), "without_figures": names})
 
 
 def in_order(states: Sequence[State]) -> list[State]:
-    """What needs attention first: by reason, then the furthest against its limit, then the newest change, then by
-    name."""
+    """Sort states by urgency: reason, ratio to the limit, newest change, name."""
     by_name = sorted(states, key=lambda state: (state.robot, state.folder))
     by_change = sorted(by_name, key=lambda state: state.changed if state.attention == "changed" else "", reverse=True)
     return sorted(by_change, key=lambda state: (ORDER.index(state.attention), -state.worst_ratio))
 
 
 def _worst(all_series: Sequence[Series]) -> tuple[Standing | Literal[""], str, float]:
-    """The worst standing, the figure that it is of in words, and its value over the bound; the largest of these where
-    several stand alike."""
+    """Return the worst standing, its figure as text, and the ratio to the bound; the largest ratio for equal
+    standings.
+    """
     judgements = []
     for series in all_series:
         judged = judge(series)
@@ -143,10 +149,10 @@ def _worst(all_series: Sequence[Series]) -> tuple[Standing | Literal[""], str, f
 
 
 def _trend(all_series: Sequence[Series]) -> tuple[str, str, bool]:
-    """The day of a robot's newest change, the change in words, and whether it grew.
+    """Return the day of a robot's newest change, its text, and whether it is a growth.
 
-    Of each series the last change counts, which says how it stands now: one that was repaired shrank. Growth goes
-    before the rest, and of changes on one day the most certain.
+    The last change of each series counts, because it describes the present state: a repaired figure shrank. Growth has
+    precedence, then certainty for changes of one day.
     """
     last = [(series, series.trend.changes[-1]) for series in all_series if series.trend.changes]
     grown = [pair for pair in last if abs(pair[1].after) > abs(pair[1].before)]

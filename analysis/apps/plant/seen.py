@@ -1,9 +1,8 @@
-"""What lies below the directory of a plant, by names, sizes and times of files alone: no run is opened for that.
+"""List the runs of a plant by names, sizes and times of files, without opening them.
 
-Of files elsewhere the store says what it knows of their state: an object store gives each a digest, its ETag.
+Remote stores provide their own state of a file, such as the ETag of an object store.
 
-A run that is new or has changed is examined, and becomes what the catalogue keeps: its record, and the rig file that it
-holds.
+A new or changed run is examined: the catalogue stores its record and rig file.
 """
 
 from __future__ import annotations
@@ -26,8 +25,10 @@ from rigs.errors import FileError
 
 @dataclass(frozen=True)
 class Seen:
-    """A run as it lies there. run: its path below the plant's directory; signature: a digest of the names, sizes and
-    times of its files, empty where they cannot be listed or do not show whether a file has changed."""
+    """Run on the disk. run: path relative to the plant's directory. signature: digest of names, sizes and times of its
+    files,
+    empty if they cannot be listed or compared.
+    """
 
     path: Path
     run: str
@@ -35,8 +36,10 @@ class Seen:
 
 
 def seen_runs(directory: Path) -> Iterator[Seen]:
-    """Every run below a directory, in the order of their paths. Raises FileError where there is no such directory,
-    CellError where a store does not answer."""
+    """Yield every run below a directory in order of path.
+
+    Raises FileError if the directory does not exist, CellError if a store does not respond.
+    """
     if isinstance(directory, RemotePath):
         for run in remote_runs(directory):
             if run.path != directory:
@@ -48,13 +51,14 @@ def seen_runs(directory: Path) -> Iterator[Seen]:
     if not directory.is_dir():
         raise FileError(str(directory), "no such directory", "give the directory that holds the plant's runs")
     for path in run_directories([directory]):
-        if path != directory:  # which stands for itself where no run lies below it
+        if path != directory:  # returned for itself if there are no runs
             yield Seen(path, os.path.relpath(path, directory), signature_of(path))
 
 
 def signature_of(run: Path) -> str:
-    """A digest of the names, sizes and times of a run's files; it costs a call of the system a file, whatever their
-    size. Empty where they cannot be listed."""
+    """Return a digest of the names, sizes and times of a run's files, at one system call per file; empty if
+    unreadable.
+    """
     try:
         with os.scandir(run) as entries:
             files = [(entry.name, entry.stat()) for entry in entries if has_figures(entry.name)]
@@ -64,7 +68,7 @@ def signature_of(run: Path) -> str:
 
 
 def _digest(files: Iterable[tuple[str, int, str]]) -> str:
-    """A digest of names, sizes and times or other stamps."""
+    """Return a digest of names, sizes and times or other stamps."""
     digest = hashlib.sha256()
     for name, size, stamp in sorted(files):
         digest.update(f"{name} {size} {stamp}\n".encode("utf-8", "surrogateescape"))
@@ -73,8 +77,10 @@ def _digest(files: Iterable[tuple[str, int, str]]) -> str:
 
 @dataclass(frozen=True)
 class Examined:
-    """A run's record; rig_text: its rig file; is_evaluated: whether it was evaluated, so that it is examined again only
-    where it has changed."""
+    """Record of a run. rig_text: its rig file. is_evaluated: whether it was evaluated; then only a change requires a
+    new
+    examination.
+    """
 
     record: Record
     rig_text: str = ""
@@ -82,8 +88,10 @@ class Examined:
 
 
 def examine(path: Path) -> Examined | None:
-    """Evaluate a run, or say why it cannot be; None where it is gone. Never raises for a bad run; raises RigError for
-    one elsewhere that cannot be fetched."""
+    """Evaluate a run, or return the reason for failure; None if it is gone. Never raises for a bad run.
+
+    Raises RigError for a remote run that cannot be fetched.
+    """
     with fetched(path) as directory:
         examined = _examined(directory)
     if examined is None:

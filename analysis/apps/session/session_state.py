@@ -97,7 +97,7 @@ class Step(Part):
 
     @property
     def title(self) -> str:
-        """`yaw acw`, say."""
+        """For example `yaw acw`."""
         return " ".join(filter(None, (self.test, self.direction)))
 
 

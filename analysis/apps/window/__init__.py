@@ -1,1 +1,1 @@
-"""What `rig window` serves: the live cell, its session and its runs as pages, by a process that is a client of rigd."""
+"""Web server of `rig window`: live cell, session and runs as pages, in a process that is a client of rigd."""

@@ -1,6 +1,4 @@
-"""The pages by their addresses, in the languages of the report; what the analysis says in its own words stays
-English.
-"""
+"""Web pages by address, in the report's languages; messages of the analysis stay in English."""
 
 from __future__ import annotations
 
@@ -53,8 +51,7 @@ def words_of(language: Language) -> dict[str, str]:
 
 
 def language_of(chosen: str, accepted: str) -> Language:
-    """Return the language that a person has chosen, else the first of those that the browser accepts (RFC 9110,
-    12.5.4, in their order), else English."""
+    """Return the chosen language, or the first supported one accepted by the browser (RFC 9110, 12.5.4), or English."""
     for tag in (chosen, *(part.partition(";")[0].strip() for part in accepted[:200].split(","))):
         for language in LANGUAGES:
             if tag.lower().partition("-")[0] == language:
@@ -67,26 +64,26 @@ LANGUAGE = "rig_window_lang"
 _STATIC = {"window.css": "text/css", "window.js": "text/javascript", "icon.svg": "image/svg+xml"}
 _A_YEAR_S = 31_536_000
 _MOST_RUNS = 60
-"""Runs in one address, which is 8 kB long at most."""
+"""Limit of runs in an address, whose length is limited to 8 kB."""
 _MOST_ROBOTS = 3
 """Robots whose runs are evaluated for one list."""
 _PAGE = "page.html"
 _SCRAPE_S, _LOOK_S = 8.0, 0.2
-"""How long metrics wait for runs that are being evaluated, and between two looks: Prometheus gives up after 10 s."""
+"""Time that metrics wait for runs under evaluation, and polling interval: Prometheus has a limit of 10 s."""
 _WRONG_TOKEN_S = 1.0
-"""A wrong token is answered so late, and one at a time: a word of 16 letters is not found by trying."""
+"""Delay of the answer to a wrong token, one at a time: prevents guessing a word of 16 letters."""
 _SCRIPTED = "sandbox allow-scripts allow-downloads; frame-ancestors 'none'"
-"""For pages of `rig report`, which allow their own scripts by hash: they see nothing of the window."""
+"""Policy for pages of `rig report`, whose own scripts are allowed by hash, isolated from the window."""
 _PLAIN = (
     "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'; "
     "frame-ancestors 'none'"
 )
-"""For everything else that commands make: no script runs."""
+"""Policy for all other generated files: no scripts."""
 
 
 @dataclass(frozen=True)
 class Window:
-    """What a window shows. shelf: of the runs; place: of the session; controls: None where it is read-only."""
+    """Content of a window. shelf: of the runs. place: of the session. controls: None if read-only."""
 
     watcher: Watcher
     shelf: Shelf
@@ -97,7 +94,7 @@ class Window:
 
 
 def app_of(window: Window) -> Guard:
-    """Return the window as an application, with what guards it."""
+    """Return the web application with its guard."""
     pages = _Pages(window)
     routes = [
         Route("/", pages.live),
@@ -150,7 +147,7 @@ class _Pages:
         self._wrong_token = asyncio.Lock()
 
     # ------------------------------------------------------------------------------------------------------------------
-    # The live page and the session.
+    # Live page and session.
 
     async def live(self, request: Request) -> Response:
         return self._page(request, "live.html", session=self._window.place is not None)
@@ -245,11 +242,11 @@ class _Pages:
 
     def metrics(self, request: Request) -> Response:
         daemon = ""
-        with suppress(RigError):  # while there is none, its own are missing
+        with suppress(RigError):  # missing while there is no daemon
             daemon = str(self._window.watcher.ask("metrics")["text"])
         end_s = time.monotonic() + _SCRAPE_S
         while self._evaluates(self._window.shelf.runs()[0]) and time.monotonic() < end_s:
-            time.sleep(_LOOK_S)  # in a thread of the pool; runs that nobody has opened have no figures yet
+            time.sleep(_LOOK_S)  # in a thread of the pool; unopened runs have no figures yet
         text = daemon + metrics_of(self._window.shelf.runs()[0], daemon_is_up=bool(daemon))
         return Response(text, media_type="text/plain; version=0.0.4; charset=utf-8")
 
@@ -262,7 +259,7 @@ class _Pages:
         return FileResponse(file, media_type=kind, headers={"content-security-policy": policy})
 
     # ------------------------------------------------------------------------------------------------------------------
-    # Who, in which language, and what is done.
+    # Users, languages and actions.
 
     async def login(self, request: Request) -> Response:
         gate = self._window.gate
@@ -293,7 +290,7 @@ class _Pages:
         if controls is None or not self._window.gate.is_own_form(form):
             raise HTTPException(403)
         if self._window.gate.token is None:
-            # Who asks without a token must be one who may use the daemon's socket as well, by user and group.
+            # A user without a token needs access to the daemon's socket, by user and group.
             client, server = request.client, request.scope.get("server")
             user = tcp_user((client.host, client.port), server[1]) if client and server else None
             if user is None or not controls.is_allowed(user):
@@ -350,18 +347,18 @@ class _Pages:
         return language_of(request.cookies.get(LANGUAGE, ""), request.headers.get("accept-language", ""))
 
     def _chosen(self, request: Request) -> list[Shown]:
-        """The runs that an address names. Raises FileError, HTTPException."""
+        """Return the runs named by an address. Raises FileError, HTTPException."""
         names = list(dict.fromkeys(request.query_params.getlist("run")))
         if not names or len(names) > _MOST_RUNS:
             raise HTTPException(400, "choose_runs")
         return [self._window.shelf.run(name) for name in names]
 
     def _evaluates(self, shown: Sequence[Shown]) -> bool:
-        """Have runs without figures evaluated, as `rig history` does and keeps; return whether that is under way."""
+        """Start the evaluation of runs without figures, as in `rig history`; return whether it is in progress."""
         new = {str(run.about["rig"]) for run in shown if run.record is None and _is_whole(run)}
         try:
             made = [self._window.made.get(self._history_of(robot)) for robot in sorted(new)[:_MOST_ROBOTS]]
-        except RigError:  # the next try says more
+        except RigError:  # the next attempt reports details
             return False
         return None in made
 
@@ -372,7 +369,7 @@ class _Pages:
         return Wanted("analysis.cli", words, runs)
 
     def _pictures(self, shown: Sequence[Shown]) -> tuple[list[str] | None, str]:
-        """The addresses of the pictures of runs, None while they are drawn; and why there are none."""
+        """Return the picture addresses of runs, None while being drawn, and the reason for missing pictures."""
         words = ("analyse", *_paths(shown), "--json", "--plot", "{out}")
         try:
             made = self._window.made.get(Wanted("analysis.cli", words, tuple(run.path for run in shown)))
@@ -399,24 +396,24 @@ class _Pages:
 
 
 def _label(language: Language, name: str) -> str:
-    """What a figure is called in a language, and in English where it is that of an axis."""
+    """Return the name of a figure in a language; axis figures are in English."""
     label = report_texts(language).label(name)
     return label_of(name) if label == name else label
 
 
 def _written(value: Quantity) -> str:
-    """A figure with its uncertainty; without one where it has none, as what a program only states."""
+    """Format a figure with its uncertainty, if any."""
     return str(value) if value.u > 0 else f"{value.rounded(value.value)} {value.sign}".rstrip()
 
 
 def _say_why(watching: asyncio.Task[None]) -> None:
-    """Let a person see why nothing is watched any more: pages say that there is no news."""
+    """Log the reason when watching ends; pages report missing updates."""
     if not watching.cancelled() and (error := watching.exception()) is not None:
         log.error("the cell is not watched any more", exc_info=error)
 
 
 async def _form(request: Request) -> dict[str, str]:
-    """The fields of a form. Raises HTTPException for what is none."""
+    """Return the fields of a form. Raises HTTPException if invalid."""
     try:
         return await form_of(request)
     except (ValueError, TimeoutError):

@@ -1,4 +1,4 @@
-"""What a person may do from a browser where the window was started with --control. It never commands the robot."""
+"""Browser actions in a window started with --control. The robot is never commanded."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ _TAIL_BYTES = 4096
 
 
 class Controls:
-    """Starts and stops recordings, zeroes the view, and goes on with the session."""
+    """Starts and stops recordings, zeroes the view, and continues the session."""
 
     def __init__(self, watcher: Watcher, place: Place | None, rig_file: str) -> None:
-        """place, rig_file: of the session, None and empty where there is none."""
+        """Create the controls. place, rig_file: of the session, None and empty without one."""
         self._watcher, self._place, self._rig_file = watcher, place, rig_file
         self._session: Child | None = None
         self._lock = threading.Lock()
 
     def is_allowed(self, user: int) -> bool:
-        """Return whether a user of this computer may control the daemon, as its socket decides it."""
+        """Return whether a local user may control the daemon, according to its socket."""
         try:
             return may_use(user, self._watcher.socket())
-        except RigError:  # no daemon runs, and what is started here runs as this user
+        except RigError:  # no daemon runs, and processes started here run as this user
             return user in (0, os.geteuid())
 
     def do(self, action: str, form: Mapping[str, str]) -> str | None:
-        """Do what a form asks for; return what to say of it, None for what is not known. Raises RigError."""
+        """Execute the action of a form; return a message, None for an unknown action. Raises RigError."""
         watcher = self._watcher
         match action:
             case "start":
@@ -61,7 +61,7 @@ class Controls:
         return ""
 
     def session_lines(self) -> list[str]:
-        """Return the last lines of the session that was started here."""
+        """Return the last lines of the session started here."""
         log = self._log
         if log is None or not log.is_file():
             return []
@@ -71,7 +71,7 @@ class Controls:
         return [plain(line) for line in lines[-30:]]
 
     def close(self) -> None:
-        """End the session that was started here; its state stays, and the same command goes on."""
+        """End the session started here; its state is kept, and the same command continues it."""
         with self._lock:
             if self._session is not None:
                 self._session.stop()
@@ -81,7 +81,7 @@ class Controls:
         return self._place.directory / "window.log" if self._place else None
 
     def _go_on(self, maker: MakerName | None, *, entered: bool) -> str:
-        """Begin the session, or go on with it, as `rig session` does. maker: of the controller, for a new one."""
+        """Start or continue the session, as in `rig session`. maker: of the controller, for a new session."""
         if self._place is None or self._log is None:
             raise CellError("rig window", "was started without a cell", "start it as rig window CELL --control")
         with self._lock:

@@ -1,10 +1,10 @@
-"""The live cell by Foxglove's WebSocket protocol: joint angles with the arm's URDF, gauges and angle, as rows come.
+"""Live data over Foxglove's WebSocket protocol: joint angles with the arm's URDF, gauges and angle.
 
-Its server itself lets in every program, so there is a door before it: the window's gate looks at each request first. A
-browser sends the origin of the page that opens a WebSocket, and no page may read the cell but Foxglove's own and those
-of the names of the window. Where the window needs a token, it stands in the address: `ws://127.0.0.1:8765/?token=…`,
-since Foxglove sends no header. The server listens at an address of this computer that cannot be guessed, and its
-library bounds what waits for each client.
+Its server admits every program, so a gateway checks each request first. A browser sends the origin of the page opening
+a
+WebSocket, and only pages of Foxglove and of the window's own names may read the cell. A required token is part of the
+address: `ws://127.0.0.1:8765/?token=…`, because Foxglove sends no header. The server listens at a random local address,
+and its library limits the queue of each client.
 """
 
 from __future__ import annotations
@@ -39,21 +39,22 @@ from rigs.rig import Rig
 _APPS = ("https://app.foxglove.dev", "file://")
 """Origins of Foxglove in a browser and on a desktop."""
 _MOST_HEAD, _HEAD_S, _MOST = 8192, 5.0, 16
-"""Bytes of a request's head, seconds for it, and connections: a person has one or two."""
+"""Limits: request head in bytes, its time in seconds, and connections; a user has one or two."""
 _PIECE = 1 << 16
 
 
 def hidden_address() -> str:
-    """Return an address of this computer, 127.x.y.z, that no page can find by trying: there are 16 million, each with
-    60 000 ports."""
+    """Return a random local address 127.x.y.z, unguessable for web pages: 16 million addresses with 60 000 ports
+    each.
+    """
     return "127." + ".".join(str(1 + secrets.randbelow(254)) for _ in range(3))
 
 
 class Door:
-    """Listens in a thread of its own until it is closed, and lets through what a gate allows."""
+    """Gateway that listens in a thread until closed, and forwards requests permitted by a gate."""
 
     def __init__(self, port: int, inner: tuple[str, int], gate: Gate) -> None:
-        """inner: address and port of the server behind it."""
+        """Create a gateway. inner: address and port of the server behind it."""
         self.port = port
         self._inner, self._gate, self._open = inner, gate, 0
         self._loop = asyncio.new_event_loop()
@@ -62,13 +63,13 @@ class Door:
 
     @classmethod
     def opened(cls, port: int, inner: tuple[str, int], gate: Gate) -> Door:
-        """Return a door that listens already. Raises OSError where the port is taken."""
+        """Return a listening gateway. Raises OSError if the port is taken."""
         door = cls(port, inner, gate)
         door.start()
         return door
 
     def start(self) -> None:
-        """Listen; of port 0, `port` is then the one that was free. Raises OSError where the port is taken."""
+        """Listen; for port 0, `port` becomes the assigned one. Raises OSError if the port is taken."""
         listening = asyncio.start_server(self._come, "127.0.0.1", self.port, limit=_MOST_HEAD)
         try:
             self._server = self._loop.run_until_complete(listening)
@@ -79,7 +80,7 @@ class Door:
         self._thread.start()
 
     def close(self) -> None:
-        """End it, with all connections."""
+        """Stop, closing all connections."""
         self._loop.call_soon_threadsafe(self._end)
         self._thread.join()
         self._loop.close()
@@ -94,7 +95,7 @@ class Door:
     async def _come(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         self._open += 1
         try:
-            # Cancelled when the door is closed, which asyncio would report as an error of this connection.
+            # Cancelled on closing, which asyncio would report as an error of this connection.
             with suppress(OSError, EOFError, asyncio.LimitOverrunError, TimeoutError, asyncio.CancelledError):
                 head = await asyncio.wait_for(reader.readuntil(b"\r\n\r\n"), _HEAD_S)
                 status = "503 Busy" if self._open > _MOST else refused(head, self._gate)
@@ -127,7 +128,7 @@ async def _copied(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) ->
 
 
 def refused(head: bytes, gate: Gate) -> str:
-    """Return the status with which a request is refused by its head, empty where it is let in."""
+    """Return the HTTP status for refusing a request by its head, empty if permitted."""
     first, *lines = head.decode("latin-1").split("\r\n")
     named = [line.partition(":") for line in lines if line]
     headers = {name.strip().lower(): value.strip() for name, _, value in named}
@@ -154,17 +155,19 @@ _GAUGES = {
 
 
 class Foxglove:
-    """A server of what a view shows, from when it is made until it is closed."""
+    """Server of a view's data, from creation until closed."""
 
     def __init__(self, port: int, rig: Rig | None, gate: Gate) -> None:
-        """rig: whose arm is shown; gate: who is let in. Raises CellError where the library is missing or the port is
-        taken."""
+        """Create a server. rig: with the displayed arm. gate: access control. Raises CellError if the library is
+        missing or the port
+        is taken.
+        """
         try:
             import foxglove  # noqa: PLC0415 - an extra
         except ModuleNotFoundError:
             problem = "needs foxglove-sdk, which is not installed"
             raise CellError("--foxglove", problem, to_install("foxglove-sdk")) from None
-        context = self._context = foxglove.Context()  # its channels live as long as it does
+        context = self._context = foxglove.Context()  # its channels live as long as the context
 
         def channel(topic: str, schema: dict[str, Any]) -> Any:
             named = {**schema, "title": schema["title"]}
@@ -189,20 +192,20 @@ class Foxglove:
 
     @property
     def port(self) -> int:
-        """Where it listens."""
+        """Listening port."""
         return self._door.port
 
     def show(self, view: LiveView) -> None:
-        """Send the rows of a view that are newer than those sent before."""
+        """Send the new rows of a view."""
         now_s = time.monotonic()
-        if self._urdf and now_s - self._described_s > 1.0:  # who comes later has it after a second
+        if self._urdf and now_s - self._described_s > 1.0:  # later clients receive it within a second
             self._described_s = now_s
             self._described.log({"data": self._urdf})
         cell, new = view.cell, np.flatnonzero(view.rows.t_s > self._until_s)
         if cell is None or not len(new):
             return
         self._until_s = float(view.rows.t_s[-1])
-        # The daemon's times count from the start of its computer, as this process's monotonic clock does.
+        # The daemon's times count from the start of its computer, like this process's monotonic clock.
         since_1970_ns = time.time_ns() - time.monotonic_ns()
         for k in new.tolist():
             at_ns = int(view.rows.t_s[k] * 1e9) + since_1970_ns
@@ -216,7 +219,7 @@ class Foxglove:
                 self._joints.log(message, log_time=at_ns)
 
     def close(self) -> None:
-        """End it."""
+        """Close the server."""
         self._door.close()
         for channel in (self._joints, self._gauges, self._described):
             channel.close()

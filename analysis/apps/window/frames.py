@@ -1,7 +1,6 @@
-"""What pages show of the live cell and of its session, as plain values: each kind by itself, so that only what has
-changed is sent.
+"""Page data of the live cell and its session as plain values, in separate kinds, so that only changes are sent.
 
-The figures are those of `rig live --json`. Curves come in whole numbers of their last digit, which halves what is sent.
+The figures are those of `rig live --json`. Curves are sent as integers in units of the last digit, half the size.
 """
 
 from __future__ import annotations
@@ -26,13 +25,13 @@ _TRACE_POINTS = 240
 _CURVE_POINTS = 360
 _EVENTS = 12
 _REVERSALS = 24
-"""Reversals that are marked on the circle: the last of some two laps."""
+"""Reversals marked on the circle: the last ones of about two laps."""
 _ONE_PLACE_DEG = 5.0
 _PHI_PER_DEG, _ERROR_PER_UNIT, _UM_TENTHS_PER_MM = 10, 1e5, 1e4
 
 
 def cell(view: LiveView) -> dict[str, Any]:
-    """What stays as long as the rig file does."""
+    """Return the constant data of a rig file."""
     if view.cell is None:
         return {}
     return {
@@ -47,7 +46,7 @@ def cell(view: LiveView) -> dict[str, Any]:
 
 
 def now(view: LiveView, zero_mm: tuple[float, float], tick: int) -> dict[str, Any]:
-    """The present figures, less the zeros of both gauges; tick: counts, so that each differs from the last."""
+    """Return the present figures, relative to the zeros of both gauges; tick: counter that makes each frame unique."""
     lap, state = lap_state(view), view.state or {}
     return {
         **figures(view),
@@ -63,7 +62,7 @@ def now(view: LiveView, zero_mm: tuple[float, float], tick: int) -> dict[str, An
 
 
 def curve(error_curve: ErrorCurve) -> dict[str, Any]:
-    """An error curve: its pieces as places in tenths of a degree and errors in hundred-thousandths of its unit."""
+    """Return an error curve: pieces with angles in tenths of a degree and errors in hundred-thousandths of its unit."""
     step = max(1, math.ceil(len(error_curve.phi) / _CURVE_POINTS))
     return {
         "band": round(error_curve.band, 6) if len(error_curve.phi) else None,
@@ -80,14 +79,14 @@ def curve(error_curve: ErrorCurve) -> dict[str, Any]:
 
 
 def curves(view: LiveView) -> dict[str, dict[str, Any]]:
-    """Both curves by direction, and the circle: its scale, and where joints turned back."""
+    """Return both curves by direction, and the circle: scale and joint reversals."""
     both = shown_curves(view)
     turned: list[list[float]] = []
     for reversal in reversed(view.reversals[-_REVERSALS:]):
         if not math.isfinite(reversal.phi_rad):
             continue
         phi_deg = round(math.degrees(reversal.phi_rad), 1)
-        # One joint at one place, in two laps, is marked once.
+        # A joint reversing at the same position in two laps is marked once.
         is_marked = any(
             (axis, sense) == (reversal.axis, reversal.sense)
             and abs(math.remainder(phi_deg - at_deg, 360.0)) < _ONE_PLACE_DEG
@@ -99,8 +98,10 @@ def curves(view: LiveView) -> dict[str, dict[str, Any]]:
 
 
 def trace(view: LiveView) -> dict[str, Any]:
-    """The readings of the last seconds: times before now in hundredths of a second, and each gauge less its mean over
-    them in tenths of a micrometre, null where there is none."""
+    """Return the readings of the last seconds: ages in hundredths of a second, and deviations from the mean in tenths
+    of a
+    micrometre, null if missing.
+    """
     recent = view.since(TRACE_S)
     recent = recent.taken(slice(None, None, max(1, math.ceil(len(recent) / _TRACE_POINTS))))
     if not len(recent):
@@ -116,7 +117,7 @@ def trace(view: LiveView) -> dict[str, Any]:
 
 
 def links(view: LiveView) -> dict[str, Any]:
-    """Streams, disk and what happened, the latest first."""
+    """Return streams, disk and events, latest first."""
     state = view.state or {}
     streams = [
         {
@@ -143,7 +144,7 @@ def _whole(values: Array) -> list[int]:
 
 
 def summary(session: Session) -> dict[str, Any]:
-    """Return a session as plain values; its texts stay as the session says them."""
+    """Return a session as plain values with unchanged texts."""
     answer, correction = session.answer, session.correction
     return {
         "rig": session.rig,
@@ -182,7 +183,7 @@ def summary(session: Session) -> dict[str, Any]:
 
 
 def _next(session: Session) -> dict[str, Any]:
-    """What comes next: its key among the texts, and what that text names."""
+    """Return the next step: text key and parameters."""
     following = next_of(session)
     match following:
         case Drive(number):

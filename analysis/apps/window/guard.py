@@ -1,8 +1,9 @@
-"""Who may see a page, and from where: host, origin, token and size of each request, before anything else looks at it.
+"""Access control of pages: host, origin, token and size of each request, checked first.
 
-A browser sends requests for any page that a person has open. So the name under which the window is asked for must be
-one of its own (a foreign name that leads to this computer is refused), a request that another site caused is refused,
-and what controls the cell must come from a page of the window itself and hold the secret that only these know.
+Browsers send requests on behalf of any open page. So the requested host name must be one of the window's (foreign names
+resolving to this computer are refused), requests caused by other sites are refused, and control requests must come from
+a
+page of the window and contain its secret.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from rigs.files import read_text
 COOKIE = "rig_window"
 LOGIN = "/login"
 MOST_BODY = 4096
-"""Bytes of a form; a label with every field full has some 300."""
+"""Limit of a form in bytes; a label with all fields has about 300."""
 _BODY_S = 5.0
 _LEAST_TOKEN = 16
 _MOST_TOKEN = 1024
@@ -49,7 +50,7 @@ _HEADERS = {
 
 
 def token_of(file: Path) -> str:
-    """Return the token that a file holds. Raises FileError where it cannot be read or is too short to be one."""
+    """Read the token from a file. Raises FileError if the file is unreadable or the token too short."""
     try:
         token = read_text(file, _MOST_TOKEN).strip()
     except OSError as error:
@@ -63,7 +64,7 @@ def token_of(file: Path) -> str:
 
 
 def is_loopback(address: str) -> bool:
-    """Whether only programs of this computer reach an address. Raises UseError where it is none."""
+    """Return whether an address is only reachable from this computer. Raises UseError if invalid."""
     try:
         return ipaddress.ip_address(address).is_loopback
     except ValueError:
@@ -73,8 +74,7 @@ def is_loopback(address: str) -> bool:
 
 @dataclass(frozen=True)
 class Gate:
-    """names: of the hosts under which the window may be asked for; token: None where none is needed; secret: of this
-    process, in every form that controls something."""
+    """names: permitted host names. token: None if not required. secret: of this process, part of every control form."""
 
     names: frozenset[str]
     token: str | None = None
@@ -82,20 +82,22 @@ class Gate:
 
     @classmethod
     def of(cls, names: Iterable[str], token: str | None) -> Gate:
-        """Return the gate of a window that is asked for under these names, and as this computer itself."""
+        """Return the gate of a window with these names and the local names."""
         return cls(frozenset(name.lower() for name in (*_LOOPBACK, *names)), token)
 
     @property
     def pass_(self) -> str:
-        """What a browser that has shown the token holds; it leads back to no token and ends with the process."""
+        """Return the cookie of a browser that has shown the token; it does not reveal the token and expires with the
+        process.
+        """
         return hmac.new(self.secret.encode(), (self.token or "").encode(), "sha256").hexdigest()
 
     def is_token(self, token: str) -> bool:
-        """Whether this is the token, in the same time whatever is given."""
+        """Compare with the token in constant time."""
         return self.token is not None and _are_equal(token, self.token)
 
     def is_let_in(self, headers: Mapping[str, str]) -> bool:
-        """Whether a request shows the token or the pass."""
+        """Return whether a request contains the token or the cookie."""
         if self.token is None:
             return True
         kind, _, credentials = headers.get("authorization", "").partition(" ")
@@ -108,14 +110,14 @@ class Gate:
         return cookie is not None and _are_equal(cookie.value, self.pass_)
 
     def is_own_form(self, form: Mapping[str, str]) -> bool:
-        """Whether a form was made by this process."""
+        """Return whether a form was created by this process."""
         return _are_equal(form.get("secret", ""), self.secret)
 
     def wrong(self, scope: Scope) -> tuple[int, str]:
-        """Return the status and the reason for which a request is refused, 0 and nothing where it is not."""
+        """Return status and reason for refusing a request, 0 and empty if permitted."""
         headers = Headers(scope=scope)
         host = headers.get("host", "")
-        name = (urlsplit(f"//{host}").hostname or "").lower()  # without port; of version 6 without its brackets
+        name = (urlsplit(f"//{host}").hostname or "").lower()  # without port; IPv6 without brackets
         if name not in self.names:
             return 421, "This window is not served under that name; rig window --name NAME allows one."
         origin, site = headers.get("origin"), headers.get("sec-fetch-site", "none")
@@ -132,13 +134,13 @@ class Gate:
 
 
 class Guard:
-    """Lets through what a gate lets through, and adds what a browser must not do with the answer."""
+    """Forwards permitted requests, and adds security headers to the answers."""
 
     def __init__(self, app: ASGIApp, gate: Gate) -> None:
         self._app, self._gate = app, gate
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer a request, or refuse it."""
+        """Answer or refuse a request."""
         if scope["type"] == "lifespan":
             await self._app(scope, receive, send)
             return
@@ -166,7 +168,7 @@ class Guard:
 
 
 async def form_of(request: Request) -> dict[str, str]:
-    """Return the fields of a form. Raises ValueError for one that is too long or none, TimeoutError for a slow one."""
+    """Return the fields of a form. Raises ValueError for an oversized or invalid form, TimeoutError for a slow one."""
     body = b""
     async with asyncio.timeout(_BODY_S):
         async for piece in request.stream():

@@ -1,7 +1,7 @@
-"""Pages, pictures and tables that commands make for a browser: in processes of their own, one after the other.
+"""Pages, pictures and tables created by commands for a browser, in separate sequential processes.
 
-So an hour of diagnosis neither delays the live page nor the recorder, and what a page shows is what the command writes.
-A table is written without marking the run as exported, as `rig export` would: what a browser keeps may be lost.
+A long diagnosis delays neither the live page nor the recorder, and pages show exactly the output of the command. Tables
+are written without marking the run as exported, because a browser download may be lost.
 """
 
 from __future__ import annotations
@@ -28,16 +28,19 @@ from rigs.text import plain
 
 MOST_WAITING = 8
 _MOST_KEPT = 40
-"""Results that are kept until older ones go; a report has 2 MB."""
+"""Number of results kept; a report has 2 MB."""
 _LONGEST_S = 1800.0
-"""A diagnosis of many runs takes minutes."""
+"""Time limit; a diagnosis of many runs takes minutes."""
 _NICE = 10
 
 
 @dataclass(frozen=True)
 class Wanted:
-    """What is made by the `main` of a module, called as a program with arguments; `{out}` in them is the directory of
-    what is made. runs: of which it is made, so that it is made again when they change."""
+    """Output of the `main` of a module, called as a program with arguments; `{out}` is replaced by the output
+    directory.
+
+    runs: inputs, whose changes invalidate the result.
+    """
 
     module: str
     arguments: tuple[str, ...]
@@ -45,7 +48,7 @@ class Wanted:
 
     @property
     def key(self) -> str:
-        """The name under which it is known: letters and digits."""
+        """Cache key: letters and digits."""
         parts = [self.module, *self.arguments]
         for run in self.runs:
             for name in (MANIFEST, LEDGER):
@@ -56,20 +59,20 @@ class Wanted:
 
 
 class Made:
-    """What has been made, what is being made and what waits, in a directory that ends with this process."""
+    """Finished, running and queued results, in a directory removed with this process."""
 
     def __init__(self, directory: Path) -> None:
         self._directory = directory
         self._lock = threading.Lock()
         self._waiting: OrderedDict[str, Wanted] = OrderedDict()
         self._done: OrderedDict[str, str] = OrderedDict()
-        """Keys with what went wrong, empty where nothing did."""
+        """Keys with their error, empty after success."""
         self._current: tuple[str, Child, float] | None = None
 
     def get(self, making: Wanted) -> Path | None:
-        """Return the directory of what is wanted, None while it is not ready.
+        """Return the directory of a result, None while not ready.
 
-        Raises FileError once where it could not be made, and CellError where too much waits already.
+        Raises FileError once after a failure, and CellError if the queue is full.
         """
         key = making.key
         with self._lock:
@@ -89,7 +92,7 @@ class Made:
             return None
 
     def file(self, key: str, name: str) -> Path | None:
-        """Return a file that was made by its path, None where there is none."""
+        """Return the path of a created file, None if missing."""
         with self._lock:
             if self._done.get(key) != "":
                 return None
@@ -98,7 +101,7 @@ class Made:
         return files.get(name)
 
     def close(self) -> None:
-        """End what is being made."""
+        """Stop the running process."""
         with self._lock:
             self._waiting.clear()
             if self._current is not None:
@@ -106,7 +109,7 @@ class Made:
                 self._current = None
 
     def _advance(self) -> None:
-        """Take in what has ended, and begin the next."""
+        """Collect a finished process, and start the next."""
         if self._current is not None:
             key, child, began_s = self._current
             if child.runs and clock.now_s() - began_s < _LONGEST_S:
@@ -114,7 +117,7 @@ class Made:
             took_too_long = child.runs
             child.stop()
             self._current = None
-            # What could be made of the good runs is shown, although others were refused.
+            # Results of the valid runs are shown, although others were refused.
             is_made = any((self._directory / key).iterdir())
             lines = child.log.read_text("utf-8", "replace").splitlines()
             error = next((line.removeprefix("error: ") for line in lines if line.startswith("error: ")), "")
@@ -137,7 +140,7 @@ WRITERS = {"csv": write_csv, "parquet": write_parquet, "xlsx": write_xlsx}
 
 
 def main() -> None:
-    """Write the table of a run (first argument) to a file (second), in the format that its suffix names."""
+    """Write the table of a run (first argument) to a file (second), in the format of its suffix."""
     run, file = (Path(argument) for argument in sys.argv[1:3])
     try:
         table = load_measured(run).to_table()

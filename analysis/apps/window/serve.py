@@ -1,5 +1,6 @@
-"""A window from its command: what it shows, who may look, and its end; and the socket on which it listens, with how
-long a connection may be silent, slow or in the way of others.
+"""Run a window from its command: content, access, shutdown, and the listening socket with limits for idle, slow and
+excess
+connections.
 """
 
 from __future__ import annotations
@@ -34,21 +35,21 @@ from rigs.errors import CellError, UseError
 from rigs.load import find, load
 
 MOST_CONNECTIONS = 128
-"""Twice as many as pages that follow at once need; a silent one makes room for a new one."""
+"""Twice the need of the permitted viewers; a silent connection is replaced by a new one."""
 HEAD_S = 5.0
-"""From the first byte of a request to the end of its head; on a network it takes milliseconds."""
+"""Limit for the head of a request; on a network it takes milliseconds."""
 SLOW_S = 10.0
-"""A browser that takes nothing of what waits for it for so long is dropped."""
+"""Time after which a browser not accepting data is dropped."""
 _KEPT = 1 << 16
-"""Bytes that wait for a browser in the system, and as many here; a page has fewer."""
+"""Bytes queued for a browser in the system, and as many here; a page has fewer."""
 _MOST_HEAD = 16384
 
 
 class Bounded(H11Protocol):
-    """A connection that cannot be held open by saying nothing, too slowly, or by taking nothing."""
+    """Connection with limits against idle and slow clients."""
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Take a connection; of too many, the oldest that is silent goes."""
+        """Accept a connection; at the limit, the oldest silent one is closed."""
         super().connection_made(transport)
         transport.set_write_buffer_limits(_KEPT)
         self._slow: asyncio.TimerHandle | None = None
@@ -65,11 +66,11 @@ class Bounded(H11Protocol):
 
     @property
     def is_silent(self) -> bool:
-        """Whether no answer is under way on it."""
+        """Return whether no answer is in progress."""
         return self.cycle is None or self.cycle.response_complete
 
     def data_received(self, data: bytes) -> None:
-        """Take bytes; their head must be whole in time."""
+        """Receive bytes; the head must be complete in time."""
         if self._head is None and self.is_silent:
             self._head = self.loop.call_later(HEAD_S, self.transport.abort)
         super().data_received(data)
@@ -83,18 +84,18 @@ class Bounded(H11Protocol):
         super().connection_lost(exc)
 
     def on_response_complete(self) -> None:
-        """Wait for the next request as long as for the first."""
+        """Limit the wait for the next request."""
         self._stop_head()
         super().on_response_complete()
 
     def pause_writing(self) -> None:
-        """Too much waits for the browser: it has some seconds to take it."""
+        """Start the time limit of a full queue."""
         super().pause_writing()
         if self._slow is None:
             self._slow = self.loop.call_later(SLOW_S, self.transport.abort)
 
     def resume_writing(self) -> None:
-        """The browser has taken it."""
+        """Cancel the time limit of the queue."""
         if self._slow is not None:
             self._slow.cancel()
             self._slow = None
@@ -107,7 +108,7 @@ class Bounded(H11Protocol):
 
 
 def listening(address: str, port: int) -> socket.socket:
-    """Return a socket that listens. Raises CellError where it cannot."""
+    """Return a listening socket. Raises CellError on failure."""
     family = socket.AF_INET6 if ":" in address else socket.AF_INET
     sock = socket.socket(family)
     try:
@@ -123,7 +124,7 @@ def listening(address: str, port: int) -> socket.socket:
 
 
 class Server(uvicorn.Server):
-    """Serves until it is asked to end; streams, which have no end of their own, are ended first."""
+    """Server that ends streams, which have no end of their own, before other connections."""
 
     def __init__(self, config: uvicorn.Config, ends: Callable[[], None]) -> None:
         super().__init__(config)
@@ -136,13 +137,13 @@ class Server(uvicorn.Server):
 
 
 def serve(app: ASGIApp, sock: socket.socket, ends: Callable[[], None]) -> None:
-    """Serve until SIGINT or SIGTERM; ends: called when that has come."""
-    with suppress(KeyboardInterrupt):  # Ctrl-C is how a person ends it
+    """Serve until SIGINT or SIGTERM; ends: called at that time."""
+    with suppress(KeyboardInterrupt):  # Ctrl-C is the normal end
         server_of(app, ends).run(sockets=[sock])
 
 
 def server_of(app: ASGIApp, ends: Callable[[], None]) -> Server:
-    """Return what serves an application."""
+    """Return the server of an application."""
     logging.getLogger("uvicorn.error").addFilter(_not_of_peers)
     options: dict[str, Any] = {
         "http": Bounded,
@@ -161,13 +162,13 @@ def server_of(app: ASGIApp, ends: Callable[[], None]) -> Server:
 
 
 def _not_of_peers(record: logging.LogRecord) -> bool:
-    """Nothing that a peer can cause as often as it likes fills the log."""
+    """Filter log messages that peers could trigger arbitrarily often."""
     return record.levelno > logging.WARNING and "ASGI callable" not in record.getMessage()
 
 
 @dataclass(frozen=True)
 class Asked:
-    """What a person asks for, as the options of `rig window`."""
+    """Options of `rig window`."""
 
     rig_file: str | None
     port: int
@@ -180,7 +181,9 @@ class Asked:
     session: Path | None
 
     def gate(self) -> Gate:
-        """Return who may look. Raises UseError where everybody could, and FileError for what is no token."""
+        """Return the access control. Raises UseError for public access without a token, FileError for an invalid
+        token.
+        """
         if not is_loopback(self.listen) and self.token is None:
             problem = f"{self.listen} can be reached by other computers"
             remedy = "give --token FILE as well, or put a proxy that asks who it is before 127.0.0.1"
@@ -189,7 +192,7 @@ class Asked:
 
 
 def run_window(asked: Asked, say: Callable[[str], object]) -> None:
-    """Serve until SIGINT or SIGTERM; say where. Raises RigError where that cannot be."""
+    """Serve until SIGINT or SIGTERM, and print the address. Raises RigError if not possible."""
     gate = asked.gate()
     if asked.session and asked.rig_file is None:
         raise UseError("--session", "needs the rig file of its cell", "give CELL")
@@ -197,7 +200,7 @@ def run_window(asked: Asked, say: Callable[[str], object]) -> None:
     place = Place(asked.session or Path(f"session-{rig.name}")) if rig else None
     shelf = Shelf(asked.runs or (place.runs if place and place.file.exists() else Path("runs")))
     sock = listening(asked.listen, asked.port)
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # what was made and started here is removed and ended
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # so that temporary files and processes are cleaned up
     with ExitStack() as ends:
         made = Made(Path(ends.enter_context(tempfile.TemporaryDirectory(prefix="rig-window-"))))
         stream = None

@@ -1,5 +1,6 @@
-"""The runs in a directory as pages show them: state, figures by the history's file, standing against the limits; the
-newest of them also for Prometheus, beside what the daemon counts.
+"""Runs of a directory for pages: state, figures from the history file, and standing against the limits; the newest also
+as
+Prometheus metrics, with those of the daemon.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ _WORST: tuple[Standing, ...] = ("fail", "watch", "pass")
 
 @dataclass(frozen=True)
 class Figure:
-    """A figure of a run: its name, value and limit, and how it stands against that; None where it has none."""
+    """Figure of a run: name, value, limit and standing, None without a limit."""
 
     name: str
     value: Quantity
@@ -40,7 +41,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Shown:
-    """A run: what `rig runs --json` says of it, its record in the history if there is one, and its figures."""
+    """Run: fields of `rig runs --json`, history record if any, and figures."""
 
     name: str
     path: Path
@@ -50,34 +51,34 @@ class Shown:
 
     @property
     def started(self) -> str:
-        """Day and time, to the minute, as its clock had them."""
+        """Day and time of the run's clock, to the minute."""
         return self.record.started[:16].replace("T", " ") if self.record else ""
 
     @property
     def title(self) -> str:
-        """`yaw acw`, say."""
+        """For example `yaw acw`."""
         return " ".join(filter(None, (self.about["test"], self.about["direction"])))
 
     @property
     def leading(self) -> tuple[Figure, ...]:
-        """The figures by which runs are compared."""
+        """Figures used to compare runs."""
         return tuple(figure for figure in self.figures if figure.name in LEADING)
 
     @property
     def standing(self) -> Standing | None:
-        """The worst standing of its figures, None without limits."""
+        """Worst standing of its figures, None without limits."""
         standings = {figure.standing for figure in self.figures}
         return next((worst for worst in _WORST if worst in standings), None)
 
 
 class Shelf:
-    """A directory of runs; it need not be there yet."""
+    """Directory of runs, which may not exist yet."""
 
     def __init__(self, directory: Path) -> None:
         self.directory = directory
 
     def runs(self, words: str = "") -> tuple[list[Shown], int]:
-        """Return the newest runs that have each of these words in name, test, state or rig, and how many there are."""
+        """Return the newest runs containing all words in name, test, state or rig, and their total number."""
         searched, matching = words.lower().split(), []
         try:
             for run in survey(self.directory):
@@ -86,14 +87,14 @@ class Shelf:
                     of_run += [manifest.test, manifest.direction or "", manifest.rig_name]
                 if all(word in " ".join(of_run).lower() for word in searched):
                     matching.append(run)
-        except FileError:  # the first recording makes it
+        except FileError:  # created by the first recording
             return [], 0
         matching.sort(key=lambda run: run.ended_s, reverse=True)
         records = self._records()
         return [_shown(run, records.get(run.path.name)) for run in matching[:MOST_SHOWN]], len(matching)
 
     def run(self, name: str) -> Shown:
-        """Return a run by its name. Raises FileError where there is none."""
+        """Return a run by name. Raises FileError if it does not exist."""
         path = self.directory / name
         try:
             is_here = path.parent == self.directory and not name.startswith(".") and not path.is_symlink()
@@ -104,11 +105,11 @@ class Shelf:
         raise FileError(name, "is no run here", "choose one of the list")
 
     def robots(self) -> list[str]:
-        """Return the names of the rigs that have runs here."""
+        """Return the names of the rigs with runs here."""
         return sorted({str(run.about["rig"]) for run in self.runs()[0] if run.about["rig"]})
 
     def _records(self) -> Mapping[str, Record]:
-        """What the history knows; where nothing can be read, nothing."""
+        """Return the history records, empty if unreadable."""
         try:
             return read_records(self.directory / FILE)[0]
         except Unusable:
@@ -128,7 +129,7 @@ def _shown(run: RunInfo, record: Record | None) -> Shown:
 
 @lru_cache(maxsize=64)
 def limits_of(rig_text: str) -> Limits:
-    """Return the limits in the rig file of a run, none where it cannot be read."""
+    """Return the limits in a run's rig file, empty if unreadable."""
     try:
         return parse(rig_text, "the rig file of the run").limits
     except RigError:
@@ -139,10 +140,9 @@ _STANDINGS: tuple[Standing, ...] = ("pass", "watch", "fail")
 
 
 def metrics_of(runs: Iterable[Shown], *, daemon_is_up: bool) -> str:
-    """Return whether the daemon answers, and the leading figures and those with a limit of the newest run of each rig,
-    test and direction.
+    """Return metrics: daemon state, leading and limited figures of the newest run per rig, test and direction.
 
-    runs: the newest first.
+    runs: newest first.
     """
     newest: dict[tuple[str, ...], Shown] = {}
     for run in runs:

@@ -1,9 +1,9 @@
-"""What goes on in the cell, put on a board ten times a second, whether a page is open or not; the stream by which a
-browser follows it (server-sent events); and what a person asks of rigd.
+"""Watch the cell ten times a second, publish the state by server-sent events, and forward user requests to rigd.
 
-One client of rigd serves all browsers, so a further one costs the recorder nothing. The board has the newest of each
-kind of news, and there is no queue: a browser that takes its time gets the newest of each kind when it is ready, and
-costs no memory and no other browser anything. What is sent is encoded once for all.
+One client of rigd serves all browsers, so additional browsers cost the recorder nothing. The board contains the newest
+message of each kind, without queues: a slow browser receives the newest ones when ready, and costs no memory. Messages
+are
+encoded once for all browsers.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ from rigs.errors import RigError
 from rigs.text import plain_values
 
 MOST_VIEWERS = 50
-"""Pages that follow at once. Chosen: five times as many as a cell with ten viewers."""
+"""Limit of simultaneous pages. Chosen: five times a cell with ten viewers."""
 
 
 class Board:
-    """What is known, by kind."""
+    """Latest messages by kind."""
 
     def __init__(self) -> None:
         self._news: dict[str, tuple[int, bytes]] = {}
@@ -42,7 +42,7 @@ class Board:
         self._ended = False
 
     def post(self, kind: str, values: Mapping[str, Any]) -> None:
-        """Put something up in place of the last of its kind; what is the same is no news."""
+        """Replace the message of a kind; equal content is not news."""
         text = json.dumps(plain_values(for_json(values)), separators=(",", ":"), ensure_ascii=True, allow_nan=False)
         data = f"event: {kind}\ndata: {text}\n\n".encode()
         version, before = self._news.get(kind, (0, b""))
@@ -52,12 +52,12 @@ class Board:
             self._changed = asyncio.Event()
 
     def end(self) -> None:
-        """End what follows: the window goes, and pages ask again until there is another."""
+        """End all streams: the window closes, and pages reconnect later."""
         self._ended = True
         self._changed.set()
 
     async def follow(self) -> AsyncGenerator[bytes, None]:
-        """Yield what is up, then what is new as often as it is asked for."""
+        """Yield the present messages, then changes as fast as they are consumed."""
         seen: dict[str, int] = {}
         while not self._ended:
             changed = self._changed
@@ -70,13 +70,13 @@ class Board:
 
 
 class Follow:
-    """The answer to one browser that follows a board, until it goes."""
+    """Response that streams a board to a browser."""
 
     def __init__(self, board: Board, headers: Mapping[str, str] | None = None) -> None:
         self._board, self._headers = board, dict(headers or {})
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Send the stream. `analysis.apps.window.serve` drops a reader that takes nothing."""
+        """Send the stream. Readers that accept no data are dropped (`analysis.apps.window.serve`)."""
         headers = {"content-type": "text/event-stream", "cache-control": "no-store", "x-accel-buffering": "no"}
         head = [(name.encode(), value.encode()) for name, value in {**headers, **self._headers}.items()]
         self._board.viewers += 1
@@ -106,24 +106,24 @@ async def _gone(receive: Receive) -> None:
 
 _TICK_S = 0.1
 _SLOW_TICKS = 5
-"""Curves, trace and links are put up on each fifth tick, twice a second."""
+"""Interval in ticks for curves, trace and links, twice a second."""
 
 
 class Source(Protocol):
-    """Where updates come from, from when it is begun until it is ended."""
+    """Source of updates, from `begun` to `end`."""
 
     def begun(self) -> object:
-        """Begin."""
+        """Start."""
 
     def updates(self) -> Sequence[Update]:
-        """Return what has come since the last call."""
+        """Return the updates since the last call."""
 
     def end(self) -> None:
-        """End."""
+        """Stop."""
 
 
 class Watcher:
-    """Follows the daemon and the session of a cell."""
+    """Watches the daemon and the session of a cell."""
 
     def __init__(
         self,
@@ -133,9 +133,12 @@ class Watcher:
         source: Source | None = None,
         begin: str = "",
     ) -> None:
-        """find: the socket of the daemon; raises CellError while there is none. place: of the session. shows: called
-        with each view, for who follows in another way. source: of what is watched, instead of that daemon. begin: the
-        command that begins a session."""
+        """Create a watcher.
+
+        find: returns the socket of the daemon; raises CellError while there is none. place: of the session. shows:
+        called with each
+        view. source: source of updates in place of the daemon. begin: command that starts a session.
+        """
         self.board = Board()
         self.view = LiveView()
         self.zero_mm = (0.0, 0.0)
@@ -143,10 +146,10 @@ class Watcher:
         self._begin = begin
         self._source: Source = source or DaemonSource(find)
         self._session_seen: object = ...
-        """The state of its file when it was read last; None where there was none."""
+        """State of the session file at the last check; None if it did not exist."""
 
     async def run(self) -> None:
-        """Watch until it is cancelled."""
+        """Watch until cancelled."""
         self._source.begun()
         due_s, tick = time.monotonic(), 0
         try:
@@ -171,7 +174,7 @@ class Watcher:
             self._source.end()
 
     def _look_at_session(self) -> None:
-        """Put the session up where its file has changed."""
+        """Publish the session if its file has changed."""
         if self._place is None:
             return
         seen: object = None
@@ -193,7 +196,7 @@ class Watcher:
         return self._find()
 
     def ask(self, command: str, **fields: Any) -> dict[str, Any]:
-        """Ask rigd for something a person wants. Raises RigError."""
+        """Send a user request to rigd. Raises RigError."""
         with Client(self._find()) as client:
             return client.ask(command, **fields)
 
@@ -207,13 +210,13 @@ class Watcher:
         return str(self.ask("record_stop")["run"])
 
     def zero(self) -> None:
-        """Show both gauges less what they read now."""
+        """Zero both gauges at the present readings."""
         readings = self.view.readings
         g1, g2 = (readings[name].mm if name in readings else 0.0 for name in ("g1", "g2"))
         self.zero_mm = (g1, g2)
 
     def restart(self, *, zero: bool = False) -> None:
-        """Begin extremes, curves and counts again; zero: show the readings as they are, too."""
+        """Reset extremes, curves and counts; zero: also remove the zero offsets."""
         if zero:
             self.zero_mm = (0.0, 0.0)
         else:

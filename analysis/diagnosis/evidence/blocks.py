@@ -1,8 +1,10 @@
-"""Blocks: repeated runs as one run, and each one on the simulator.
+"""Blocks: repeated runs combined into one, and their simulation.
 
-`blocks_of` puts the runs together that repeat each other. A `Block` is the first of them, with the mean of what the
-model leaves of all and the noise of that mean, entry by entry. A `SimulatedBlock` computes what its readings would be
-with other effects or another set-up, and so what one effect adds to them: a column, in sigmas of the noise.
+`blocks_of` groups repeated runs. A `Block` is the first of them, with the mean residual of all and the noise of that
+mean per
+entry. A `SimulatedBlock` computes its readings with other effects or a different set-up, and thereby the response to
+one
+effect: a column, in sigmas of the noise.
 """
 
 from __future__ import annotations
@@ -48,14 +50,14 @@ from rigs.effects import Effect, late_stamps, turned
 from rigs.schema.effect import scaled, size_of
 
 # ----------------------------------------------------------------------------------------------------------------------
-# Results that are kept for as long as they are among the most recent ones.
+# Cache of the most recent results.
 
 _Key = TypeVar("_Key", bound=Hashable)
 _One = TypeVar("_One")
 
 
 def recent(kept: dict[_Key, _One], key: _Key, compute: Callable[[], _One], most: int) -> _One:
-    """Return what is kept under a key, or compute it; of more than `most` the least recently used one is dropped."""
+    """Return the value cached under a key, or compute it; above `most` values the least recently used is dropped."""
     result = kept[key] = kept.pop(key) if key in kept else compute()
     if len(kept) > most:
         del kept[next(iter(kept))]
@@ -66,28 +68,36 @@ def recent(kept: dict[_Key, _One], key: _Key, compute: Callable[[], _One], most:
 # Blocks: repeated runs combined into one set of readings with the noise of their mean.
 #
 # Neighbouring readings on a circle are correlated, so circles are decomposed into orders (cycles per lap) of the sum
-# and of the difference of the gauges; `noise` estimates the noise of each order. Readings at targets are used
-# as they are.
+# and the
+# difference of the gauges; `noise` estimates the noise of each order. Readings at targets are used directly.
 
 BAND_EDGES = (0, 3, 8, 16, 30, 60, 120, ORDERS)
-"""Edges of the bands of orders; a residual that no effect explains may have its own strength in each band. Chosen:
-bands of about one octave, so that joint motion (below order 8), gears and probe noise are separate."""
+"""Edges of the bands of orders; an unexplained residual may have a separate strength in each band. Chosen: bands of
+about one
+octave, so that joint motion (below order 8), gears and probe noise are separated.
+"""
 _SLOW = 8
-"""Orders below this are taken to be as slow as the noise of a robot at rest. Chosen: one eighth of a lap lasts several
-seconds, which is longer than the correlation times of most noise."""
+"""Orders below this are as slow as the noise of a robot at rest. Chosen: one eighth of a lap lasts several seconds,
+longer than
+the correlation times of most noise.
+"""
 _BORROWED = 2.0
-"""Degrees of freedom with which each order of a trend counts what is expected of it beside what few repeats show."""
+"""Degrees of freedom of the prior for each order of a trend, relative to those of few repeats."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Block(ObservedRun):
     """Repeated runs of one test and direction as one run: the first of them, whose feedback represents all.
 
-    `y_mm` (N,) is their weighted mean residual and `sd_mm` (N,) its standard deviation without scatter between runs;
-    `scatter_mm` (N, c) is what one standard deviation of the scatter of joints and ball adds, and `stamps_mm` (N, s)
-    what one of the scatter of stamps adds at a few angles. `apart_mm` (n, N) are the deviations of the n runs from
-    their mean, and `steady_mm` (n, N) the same without what stamps are expected to have added. `band` (N,) numbers the
-    entries that share a strength, `count` the runs. `measured` states whether the noise comes from repeats.
+    `y_mm` (N,): weighted mean residual; `sd_mm` (N,): its standard deviation without scatter between runs. `scatter_mm`
+    (N, c):
+    response to one standard deviation of the scatter of joints and ball; `stamps_mm` (N, s): of stamps, at a few
+    angles.
+    `apart_mm` (n, N): deviations of the n runs from their mean; `steady_mm` (n, N): without the expected contribution
+    of stamps.
+    `band` (N,): index of entries with a common strength. `count`: number of runs. `measured`: whether the noise comes
+    from
+    repeats.
     """
 
     y_mm: Array
@@ -101,17 +111,16 @@ class Block(ObservedRun):
     measured: bool
 
     def whitened(self, values: Array) -> Array:
-        """Return readings (m, k, …) mm as entries (N, …) in standard deviations of the noise."""
+        """Return readings (m, k, …) mm as entries (N, …) in noise standard deviations."""
         return self.white(self.entries(values))
 
     def white(self, vector: Array) -> Array:
-        """Return entries (N, …) mm in standard deviations of the noise."""
+        """Return entries (N, …) mm in noise standard deviations."""
         return vector / self.sd_mm.reshape(-1, *[1] * (vector.ndim - 1))
 
 
 def blocks_of(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp], effects: Sequence[Effect] = ()) -> list[Block]:
-    """Return the blocks of all runs about fitted set-ups. The `effects` are included in the model, so that the
-    residuals (N,) do not contain them."""
+    """Return the blocks of all runs about fitted set-ups; residuals (N,) mm exclude the `effects` in the model."""
     groups: dict[tuple[str, bytes], list[ObservedRun]] = {}
     for run in runs:
         groups.setdefault((run.name, run.targets_key), []).append(run)
@@ -120,7 +129,7 @@ def blocks_of(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp], effects:
     averaged = float(np.mean([sampling.averaged for sampling, _ in circles])) if circles else 1.0
     noise = circle_noise([raw.of_laps() for _, raw in circles], averaged)
     sds = iter(noise.sd_mm)
-    # Each set-up has a strength of the residual of its own; all sockets together have one, since one ball is seated.
+    # Each set-up has a separate residual strength; all sockets share one, because a single ball is seated.
     kinds = [first.setup if first.table.kind.parts(first.table) is None else first.table.test for first, _ in grouped]
     numbers = {name: k for k, name in enumerate(dict.fromkeys(kinds))}
     return [
@@ -134,11 +143,13 @@ def blocks_of(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp], effects:
 def _repeated(
     members: Sequence[ObservedRun], setups: Mapping[str, SetUp], effects: Sequence[Effect]
 ) -> tuple[ObservedRun, Repeated]:
-    """Return the first of repeated runs as they are compared, and their residuals (n, N) mm with what scatter adds."""
-    # Periods of standing are compared only if every run has them before and after its lap.
+    """Return the first of repeated runs in comparable form, and their residuals (n, N) mm with the response to
+    scatter.
+    """
+    # Standstills are compared only if every run has them before and after its lap.
     if not all(run.sampling and run.sampling.stands for run in members):
         members = [replace(run, sampling=run.sampling and run.sampling.without_stands()) for run in members]
-    # A trend is compared only over as many laps.
+    # A trend is compared over equal numbers of laps only.
     if len({len(run.sampling.trend) for run in members if run.sampling}) > 1:
         members = [replace(run, sampling=run.sampling and run.sampling.without_trend()) for run in members]
     # All members are circles, or none.
@@ -159,7 +170,7 @@ def _repeated(
         waves = drift_waves((first.t_s - t_s[0]) / (t_s[-1] - t_s[0]))
     drifting = [first.entries(wave[:, None, None] * response) for wave in waves]
     constant = first.entries(response)
-    # Averaging needs repeats of the same targets.
+    # Averaging requires repeats of the same targets.
     alike = [vector for vector in vectors if len(vector) == len(vectors[0])]
     drifts = np.reshape(drifting, (len(drifting), *constant.shape))
     laps = len(first.sampling.share) if first.sampling else 1
@@ -167,22 +178,24 @@ def _repeated(
 
 
 def _circle_block(first: ObservedRun, raw: Repeated, sd_mm: Array, noise: CircleNoise, number: int) -> Block:
-    """Return the block of repeated circles, given the noise sd_mm (n, N) of each run; `number` is that of
-    their set-up."""
+    """Return the block of repeated circles, given the noise sd_mm (n, N) of each run; `number`: index of their
+    set-up.
+    """
     sampling = first.sampling
     assert sampling is not None  # noqa: S101 - circles have one
     weight = 1 / (sd_mm[:, BAND_EDGES[4] > ORDER_OF] ** 2).mean(axis=1)
     weight /= weight.sum()
     few = float(np.linalg.norm(weight))
     sd = np.sqrt(weight**2 @ sd_mm**2)
-    # Slow noise of a period of standing averages like white noise of the same strength; all readings of a gauge that
-    # stands are rounded to the same step, as are those of repeats that differ by less.
+    # Slow noise of a standstill averages like white noise of the same strength; all readings of a standing gauge are
+    # rounded to the
+    # same step, as are those of repeats with smaller differences.
     channels = np.split(sd, 2)
     slow = (ORDER_OF[: len(channels[0])] > 0) & (ORDER_OF[: len(channels[0])] < _SLOW)
     power = np.array([np.mean(channel[slow] ** 2) for channel in channels])
     standing = [np.sqrt(power / share + first.step_mm**2 / 12) for share in sampling.stand_share]
     sd = np.concatenate([sd, *standing, _trend_sd(sampling, raw, sd, noise)])
-    # The assumed noise of a run that was not repeated contains the drift.
+    # The assumed noise of a run without repeats includes the drift.
     repeats = raw if noise.measured else replace(raw, drifting=raw.drifting[:0])
     scatter = noise.scatter(raw.setup)
     columns = few * scatter_columns(raw.response, repeats.drifting, scatter)
@@ -197,7 +210,7 @@ def _circle_block(first: ObservedRun, raw: Repeated, sd_mm: Array, noise: Circle
 
 
 def _target_block(first: ObservedRun, raw: Repeated, noise: CircleNoise, number: int) -> Block:
-    """Return the block of repeated runs at targets; `number` is that of their set-up."""
+    """Return the block of repeated runs at targets; `number`: index of their set-up."""
     table, count = first.table, len(raw.rows)
     sd, measured = target_sd(raw.rows, raw.response, _visit_numbers(first))
     if table.kind.of_places and not measured:
@@ -211,7 +224,7 @@ def _target_block(first: ObservedRun, raw: Repeated, noise: CircleNoise, number:
 
 
 def _visit_numbers(run: ObservedRun) -> Integers:
-    """Return an integer for each entry (N,) which readings of one place, reached in the same way, share."""
+    """Return an integer per entry (N,), equal for readings of one place with the same approach."""
     table, keys = run.table, run.visits
     if table.kind.of_places:
         visit, sides = visits(table.q[run.rows], SAME_RAD), table.kind.sides(table)
@@ -221,9 +234,12 @@ def _visit_numbers(run: ObservedRun) -> Integers:
 
 
 def _trend_sd(sampling: Sampling, raw: Repeated, sd_mm: Array, noise: CircleNoise) -> Array:
-    """Return the standard deviation (14,) mm of the trend from lap to lap, none without one, given that (N,) of the
-    mean of laps: that of one lap, and as much more as repeated runs show beside the drift of joints and ball. Where
-    nothing is measured, this drift is part of it."""
+    """Return the standard deviation (14,) mm of the trend between laps, empty without a trend.
+
+    It is that of one lap, given that (N,) of the mean, plus the excess in repeated runs over the drift of joints and
+    ball.
+    Without measurements this drift is included.
+    """
     if not len(sampling.trend):
         return np.empty(0)
     trend, runs = slice(-len(ORDER_OF_TREND), None), len(raw.rows)
@@ -245,32 +261,35 @@ def _trend_sd(sampling: Sampling, raw: Repeated, sd_mm: Array, noise: CircleNois
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# One block about a set-up on the simulator: its readings, their slopes by joints and by the set-up, and what effects
-# add to them, one by one as columns.
+# Simulation of a block about a set-up: readings, derivatives by joints and set-up, and responses to single effects.
 
 _STEP_DEG = 1e-4
-"""Step of the derivatives by a joint angle. Readings are linear over such a step, which moves the tool of an arm of one
-metre by 2 µm, and far from the limits of floating-point arithmetic."""
+"""Step of the derivatives by a joint angle. Readings are linear over such a step, which moves the tool of a one-metre
+arm by 2
+µm, far from the limits of floating-point arithmetic.
+"""
 _STEP_MM = 0.01
-"""Step of the derivatives by a set-up term. Readings are linear over such a step."""
+"""Step of the derivatives by a set-up term, within the linear range."""
 _EARLY, _READING = ("time", "arm"), ("setup", "gauge")
-"""Stages of effects before the errors of joints, and of those that do not move the tool."""
+"""Stages of effects before joint errors, and of those without influence on the tool."""
 _RIGID = ("arm", "tool")
-"""Stages of effects whose columns are computed at a healthy size and multiplied. They move the tool in proportion to
-their size, but the ball of a column does not move with it: at 13 mm of a length the column was no slope of the fit."""
+"""Stages of effects with columns computed at a healthy size and scaled. They move the tool in proportion to their size,
+but the
+ball of a column does not move with it: for a length of 13 mm the column was not the derivative of the fit.
+"""
 _SCENES, _ERRORS = 4, 64
-"""Number of scenes, and of errors of joints, that are kept for each block, at some 0.1 MB each: a fit returns to those
-of the present effects."""
+"""Number of scenes, and of joint errors, cached per block, at about 0.1 MB each: a fit reuses those of the present
+effects.
+"""
 _FEW = 64
-"""Number of effects whose readings are computed at a time: about what fits a processor's cache."""
+"""Number of effects computed together, to fit a processor's cache."""
 
 
 @dataclass(frozen=True, eq=False)
 class SimulatedBlock:
-    """One block about a set-up, simulated (m readings of k gauges).
+    """Simulated block about a set-up (m readings of k gauges).
 
-    `reference` lists the effects about which it is linear: those found so far, which the readings contain beside those
-    of the rig file.
+    `reference`: effects of the linearisation point, those found so far in addition to those of the rig file.
     """
 
     block: Block
@@ -282,17 +301,17 @@ class SimulatedBlock:
 
     @cached_property
     def scene(self) -> Scene:
-        """The scene up to the tool."""
+        """Scene up to the tool."""
         return self.scene_with(self.reference)
 
     @cached_property
     def base(self) -> Array:
-        """The readings (m, k) mm."""
+        """Readings (m, k) mm."""
         return self.read(self.reference, self.scene, self.setup)
 
     @cached_property
     def slopes(self) -> Array:
-        """The derivatives (m, k, axes) of the readings in mm by the errors of the joints in rad."""
+        """Derivatives (m, k, axes) of the readings in mm by the joint errors in rad."""
         slopes = np.empty((*self.base.shape, self.block.model.arm.axes))
         for axis in range(1, self.block.model.arm.axes + 1):
             effects = (*self.reference, turned(axis, _STEP_DEG))
@@ -302,14 +321,14 @@ class SimulatedBlock:
 
     @cached_property
     def by_setup(self) -> Array:
-        """The change (N, t) of the whitened readings for a mm of each term of the set-up."""
+        """Change (N, t) of the whitened readings per mm of each set-up term."""
         steps = _STEP_MM * np.eye(self.block.table.kind.setup_terms)
         setups = [moved_setup(self.setup, self.block.table, step) for step in steps]
         changed = np.stack([self.read(self.reference, self.scene, setup) - self.base for setup in setups], axis=2)
         return self.block.whitened(changed) / _STEP_MM
 
     def scene_with(self, effects: Sequence[Effect]) -> Scene:
-        """Return the scene up to the tool with `effects` in place of the reference ones."""
+        """Return the scene up to the tool with `effects` in place of the reference."""
         model = _with(self.block.model, *effects)
         early = _early(model.effects)
         errors = [self._error(early, effect) for effect in model.effects if effect.STAGE == "joint"]
@@ -317,7 +336,7 @@ class SimulatedBlock:
         return posed(model, self.block.path, replace(joints, link_q=sum(errors, start=joints.link_q)))
 
     def _joints(self, early: tuple[Effect, ...]) -> Scene:
-        """Return the scene before joints have errors, given the effects of earlier stages."""
+        """Return the scene before joint errors, given the effects of earlier stages."""
 
         def compute() -> Scene:
             return driven(replace(self.block.model, effects=early), self.block.path)
@@ -325,8 +344,10 @@ class SimulatedBlock:
         return recent(self._scenes, early, compute, _SCENES)
 
     def _error(self, early: tuple[Effect, ...], effect: Effect) -> Array:
-        """Return the errors (n, axes) rad of the joints that one effect makes after those of earlier stages. They are
-        kept, because errors of joints add and a fit changes few effects at a time."""
+        """Return the joint errors (n, axes) rad of one effect after those of earlier stages.
+
+        Cached, because joint errors add up and a fit changes few effects at a time.
+        """
         joints = self._joints(early)
 
         def compute() -> Array:
@@ -343,8 +364,10 @@ class SimulatedBlock:
         return self.block.whitened(self.slopes[:, :, axis - 1, None] * off[self.block.samples, None])
 
     def late(self, effect: Effect) -> Array:
-        """Return the change (N, c) of the whitened readings of a circle if the errors of joints that an effect makes
-        come as much later as each of c effects of the stamps has everything, at its healthy size; zero at targets."""
+        """Return the change (N, c) of the whitened readings of a circle if the joint errors of an effect are delayed by
+        each of c
+        healthy-sized stamp effects; zero at targets.
+        """
         stamps = late_stamps()
         if not self.block.sampling:
             return np.zeros((len(self.block.y_mm), len(stamps)))
@@ -354,8 +377,10 @@ class SimulatedBlock:
         return self.block.whitened(np.einsum("mka,mac->mkc", self.slopes, change))
 
     def scattered(self, effect: Effect) -> Array:
-        """Return the change (N, 1) of the whitened readings of a circle if the errors of joints that an effect makes
-        are on average those of a moment earlier and a moment later, as with stamps that scatter; zero at targets."""
+        """Return the change (N, 1) of the whitened readings of a circle if the joint errors of an effect are averaged
+        over an earlier
+        and a later time, as for scattering stamps; zero at targets.
+        """
         if not self.block.sampling:
             return np.zeros((len(self.block.y_mm), 1))
         early = _early((*self.block.model.effects, *self.reference))
@@ -372,12 +397,12 @@ class SimulatedBlock:
         return self.block.whitened(np.einsum("mka,ma->mk", self.slopes, change)[:, :, None])
 
     def columns(self, effects: Sequence[Effect]) -> Array:
-        """Return what each effect adds to the whitened readings, (N, p)."""
+        """Return the responses (N, p) of the whitened readings to the effects."""
         early, parts = _early((*self.block.model.effects, *self.reference)), []
         for begin in range(0, len(effects), _FEW):
             few = effects[begin : begin + _FEW]
             added = np.zeros((len(few), *self.base.shape))
-            # Most forms are sines of joints over their angles, which together take a quarter of the time.
+            # Most forms are sines of joint angles, which together take a quarter of the time.
             if waves := [k for k, effect in enumerate(few) if is_sine(effect)]:
                 axes, order, phase, size = np.array([sine_of(few[k]) for k in waves]).T
                 joint = axes.astype(np.int64) - 1
@@ -389,7 +414,7 @@ class SimulatedBlock:
                     continue
                 if effect.STAGE == "joint":
                     error = self._error(early, effect)
-                    # A product of few rows takes a quarter of the time that numpy's `any` takes along many short ones.
+                    # A product with few rows takes a quarter of the time of numpy's `any` along many short ones.
                     for axis in np.flatnonzero(np.ones(len(error)) @ (error != 0)).tolist():
                         added[k] += self._slopes_of_axes[axis] * error[self.block.samples, axis, None]
                 else:
@@ -402,19 +427,21 @@ class SimulatedBlock:
 
     @cached_property
     def _slopes_of_axes(self) -> Array:
-        """The derivatives (axes, m, k) by each joint, those of one joint side by side in memory."""
+        """Derivatives (axes, m, k) by each joint, contiguous per joint."""
         return np.ascontiguousarray(np.moveaxis(self.slopes, 2, 0))
 
 
 @dataclass(frozen=True, eq=False)
 class SharedBlock(SimulatedBlock):
-    """A simulated block of several linearisations, which keeps the columns (N,) of every effect that it was asked for:
-    those of three runs of a circle take 15 MB."""
+    """Simulated block shared by several linearisations, caching the columns (N,) of every requested effect: 15 MB for
+    three runs of
+    a circle.
+    """
 
     _columns: dict[Effect, Array] = field(default_factory=dict, init=False, repr=False)
 
     def columns(self, effects: Sequence[Effect]) -> Array:
-        """Return what each effect adds to the whitened readings, (N, p)."""
+        """Return the responses (N, p) of the whitened readings to the effects."""
         new = [effect for effect in dict.fromkeys(effects) if effect not in self._columns]
         if new:
             self._columns.update(zip(new, super().columns(new).T, strict=True))
@@ -422,7 +449,7 @@ class SharedBlock(SimulatedBlock):
 
 
 def _early(effects: Sequence[Effect]) -> tuple[Effect, ...]:
-    """Return the effects of the stages before that of the joints."""
+    """Return the effects of the stages before the joint stage."""
     return tuple(without_origin(effect) for effect in effects if effect.STAGE in _EARLY)
 
 

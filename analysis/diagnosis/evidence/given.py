@@ -1,6 +1,6 @@
-"""The effects that a person asks to be fitted: names with places, as NAME:PLACE,NAME:PLACE, and names alone.
+"""Effects requested by the user: names with places, as NAME:PLACE,NAME:PLACE, or names only.
 
-A name alone stands for all axes, or for both gauges. Each effect defines how its place is written.
+A name without a place means all axes, or both gauges. Each effect defines the notation of its place.
 """
 
 from __future__ import annotations
@@ -16,8 +16,11 @@ _AXES = ("axis", "from_axis", "to_axis")
 
 
 def parse_effects(words: str, axes: int = 6) -> list[Effect]:
-    """Return the effects of a list for an arm of so many axes, each once, at their starting sizes: zero or, where it
-    cannot be negative, half a healthy one. Raises UseError for an unknown effect or place."""
+    """Parse a list of effects for an arm, each once, at their initial sizes: zero or, for non-negative ones, half a
+    healthy size.
+
+    Raises UseError for an unknown effect or place.
+    """
     effects: list[Effect] = []
     for word in filter(None, map(str.strip, words.split(","))):
         name, _, place = word.partition(":")
@@ -44,7 +47,9 @@ def parse_effects(words: str, axes: int = 6) -> list[Effect]:
 
 
 def given_effects(words: str, axes: int = 6) -> list[Effect]:
-    """Return the effects of a list for an arm of so many axes, each once, a wave with the phase at which its fit
-    begins. Raises UseError as `parse_effects` does."""
+    """Return the effects of a list for an arm, each once, a wave with the initial phase of its fit. Raises UseError
+    like
+    `parse_effects`.
+    """
     quarters = {quarter for effect in parse_effects(words, axes) for quarter in phases(effect)[1:]}
     return [effect for effect in parse_effects(words, axes) if effect not in quarters or not is_wave(effect)]

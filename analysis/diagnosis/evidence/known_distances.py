@@ -1,9 +1,10 @@
-"""Known distances of sockets, as readings beside those of blocks: each ties the set-ups of two sockets.
+"""Known socket distances as additional readings, each connecting the set-ups of two sockets.
 
-Touches of one ball do not show whether all lengths of an arm are too long by the same share: the sockets are then just
-as much further apart. A distance that is known shows it. It is a reading of its own, of two set-ups and of no error of
-the arm, with the scatter of two seated balls; that it may be known wrongly is one error for all placements of the
-sockets.
+Touches of one ball cannot show a common scale of all arm lengths: the sockets are then proportionally further apart. A
+known
+distance shows it. It is a reading of two set-ups, independent of arm errors, with the scatter of two seated balls; its
+own
+error is common to all placements of the sockets.
 """
 
 from __future__ import annotations
@@ -21,13 +22,14 @@ from analysis.runs.noise.cell_noise import SEAT_MM
 from rigs.schema.declared_tests import SocketDistance
 
 _SD_MM = float(np.sqrt(2.0)) * SEAT_MM
-"""Standard deviation of the distance of two balls that are seated."""
+"""Standard deviation of the distance between two seated balls."""
 
 
 @dataclass(frozen=True)
 class KnownDistances:
-    """The known distances of the sockets of some touches: `pairs` (t) has the names of two set-ups each, and
-    `distances` (t) what the rig file says of them."""
+    """Known distances between the sockets of touches: `pairs` (t) of set-up names, and `distances` (t) of the rig
+    file.
+    """
 
     pairs: tuple[tuple[str, str], ...]
     distances: tuple[SocketDistance, ...]
@@ -39,8 +41,10 @@ class KnownDistances:
         return np.asarray((np.array(stated_mm) - np.array(apart)) / _SD_MM, dtype=float)
 
     def by_setup(self, setups: Mapping[str, SetUp], terms: Mapping[str, Sequence[int]], count: int) -> Array:
-        """Return the change (t, count) of the distances for a mm of each term of the set-ups, in the same unit; `terms`
-        are those of each set-up, that of the socket first."""
+        """Return the change (t, count) of the distances per mm of each set-up term, in the same unit; `terms`: of each
+        set-up, that of
+        the socket first.
+        """
         slopes = np.zeros((len(self.pairs), count))
         for row, pair in zip(slopes, self.pairs, strict=True):
             away = _between(setups, pair)
@@ -51,15 +55,17 @@ class KnownDistances:
 
     @property
     def scatter(self) -> Array:
-        """What one standard uncertainty of each distance of the rig file adds (t, c), in the same unit."""
+        """Return the response (t, c) to one standard uncertainty of each distance of the rig file, in the same unit."""
         different = list(dict.fromkeys(self.distances))
         alike = np.array([[distance == other for other in different] for distance in self.distances], dtype=float)
         return alike.reshape(len(self.distances), len(different)) * [distance.u_mm / _SD_MM for distance in different]
 
 
 def known_distances_of(blocks: Sequence[Block]) -> KnownDistances:
-    """Return the known distances of sockets that were touched in one run, those of repeated runs in the same set-ups
-    once. What belongs to them follows the entries (N,) of the blocks."""
+    """Return the known distances between sockets touched in one run, once for repeated runs of the same set-ups.
+
+    Their rows follow the entries (N,) of the blocks.
+    """
     distances: dict[tuple[str, str], SocketDistance] = {}
     touched = [block for block in blocks if block.table.kind.parts(block.table) is not None]
     for first, second in combinations(touched, 2):
@@ -74,12 +80,12 @@ def known_distances_of(blocks: Sequence[Block]) -> KnownDistances:
 
 
 def _socket(block: Block) -> str:
-    """Return the name of the socket of a block of touches."""
+    """Return the socket name of a block of touches."""
     sockets = block.table.kind.parts(block.table)
     return "" if sockets is None else str(sockets[block.rows[0]])
 
 
 def _between(setups: Mapping[str, SetUp], pair: tuple[str, str]) -> Array:
-    """Return the way (3,) mm from one socket to the other."""
+    """Return the vector (3,) mm from one socket to the other."""
     first, second = (setups[name].T_instrument_world[:3, 3] for name in pair)
     return second - first

@@ -1,9 +1,8 @@
-"""A vibration of the link, whose phase is new in every run: it is searched in the time of each run and not along the
-circle.
+"""Vibration of the link, with a new phase in every run: searched in the time of each run instead of the circle angle.
 
-Because its phase differs between runs, repeats average it out and no fit along the circle detects it. All runs share
-its frequency, so the spectra of their deviations from the mean of their repeats are added, each divided by its own
-noise.
+Because of the varying phase, repeats average it out and no fit along the circle detects it. All runs share its
+frequency, so
+the spectra of their deviations from the mean of repeats are added, each divided by its own noise.
 """
 
 from __future__ import annotations
@@ -21,32 +20,41 @@ from rigs.effects import Effect
 from rigs.effects import swing as vibration_at
 
 _LOWEST_HZ = 2.0
-"""Lowest frequency in Hz that is searched. Chosen: slower motion is servo ripple and path error."""
+"""Lowest frequency searched, in Hz. Chosen: slower motion is servo ripple and path error."""
 _NEAR_HZ = 1.0
-"""Half the width of the neighbourhood in which the noise of a spectrum is taken to be constant. Chosen: wide enough for
-a median over many frequencies."""
+"""Half width, in Hz, of the neighbourhood with constant spectral noise. Chosen: wide enough for a median over many
+frequencies.
+"""
 _FINER = np.linspace(-0.75, 0.75, 25)
-"""Frequencies that are fitted, in steps of the search about the largest line. The deviations lack what the laps of all
-repeats share, so their largest line may be beside the vibration. Chosen: a sixteenth of a step is 0.01 of a turn from
-the first to the last lap."""
+"""Fitted frequencies, in search steps around the largest line. The deviations lack the part common to the laps of all
+repeats,
+so their largest line may be next to the vibration. Chosen: a sixteenth of a step is 0.01 of a turn from the first to
+the last
+lap.
+"""
 _SEEN = 0.2
-"""Share of its power that the deviations must show of a combination of vibrations of the runs for it to be fitted.
-Where every lap meets the vibration at the same phase, they show nothing of what all repeats have in common. Chosen:
-with a twentieth, a frequency beside the true one was preferred, where a combination that hardly shows took up the
-rest."""
+"""Minimum share of power visible in the deviations for fitting a combination of vibrations. If every lap meets the
+vibration at
+the same phase, the common part is invisible. Chosen: with a twentieth, a frequency next to the true one was preferred,
+because a hardly visible combination absorbed the rest.
+"""
 
 _COMMON_SIGMA = 3.0
-"""Standard uncertainties by which the amplitude of whole runs must exceed that of their deviations to count. Chosen: as
-for anything that is called certain."""
+"""Significance of the amplitude of whole runs beyond that of their deviations. Chosen: as for everything called
+certain.
+"""
 _LOST = 0.05
-"""Largest share of an amplitude that stamps which scatter, and phases that differ, are taken to leave unsure of that of
-whole runs, in which no phase cancels another. Chosen."""
+"""Largest relative uncertainty of the amplitude of whole runs caused by scattering stamps and varying phases.
+Chosen.
+"""
 
 
 @dataclass(frozen=True)
 class FoundVibration:
-    """A vibration, with the uncertainties of its parameters and the log evidence for it. `scatter_um` is the root mean
-    square that it adds, in each set-up, to the scatter of one run, in which the laps are averaged."""
+    """Vibration with parameter uncertainties and log evidence. `scatter_um`: rms contribution, per set-up, to the
+    scatter of one run
+    with averaged laps.
+    """
 
     effect: Effect
     amplitude_mm: float
@@ -56,10 +64,9 @@ class FoundVibration:
 
 
 def find_vibration(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp]) -> FoundVibration | None:
-    """Return the strongest vibration of all circles, or None where no circle was repeated; the residual of a run is (m,
-    2) mm.
+    """Return the strongest vibration of all circles, None without repeated circles; the residual of a run is (m, 2) mm.
 
-    It excludes what repeats share: the waves of a gear occur at the same angles in every run, a vibration at other
+    The common part of repeats is excluded: gear waves occur at the same angles in every run, a vibration at different
     times.
     """
     groups = _repeated(runs, setups)
@@ -67,7 +74,7 @@ def find_vibration(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp]) -> 
     if not deviations:
         return None
     seconds = max(float(np.ptp(deviation.t_s)) for deviation in deviations)
-    # There may be a gap between laps, so the rate is that of most rows.
+    # There may be a gap between laps, so the median rate is used.
     rate = min(1 / float(np.median(np.diff(deviation.t_s))) for deviation in deviations)
     f = np.arange(_LOWEST_HZ, 0.45 * rate, 0.25 / seconds)
     if len(f) < 2 or len(f) < 2 * _width(f):
@@ -86,9 +93,9 @@ def find_vibration(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp]) -> 
     noise = float(np.mean(level[:, k])) * sum(fit.spread for fit in fits) / seen
     squares = sum(float(fit.waves.ravel() @ fit.waves.ravel()) for fit in fits) / seen
     amplitude = float(np.sqrt(max(squares - noise, 0.0)))
-    # Of n runs with independent phases, m combinations are seen: their power is that of all times m / n, on average.
+    # For n runs with independent phases, m combinations are visible: their mean power is that of all times m / n.
     phases = 0.25 * float(np.mean([len(fit.waves) / fit.seen - 1 for fit in fits for _ in fit.waves])) / count
-    # Stamps that scatter by s make a wave of angular frequency w smaller by (w s)²/2.
+    # Stamps with scatter s reduce a wave of angular frequency w by (w s)²/2.
     scatter_s = np.mean([STAMP_SCATTER * np.median(np.diff(deviation.t_s)) for deviation in deviations])
     lost = float(2 * np.pi * frequency_hz * scatter_s) ** 2 / 2
     sd = float(np.sqrt(noise / 2 / seen + amplitude**2 * (phases + lost**2)))
@@ -104,11 +111,13 @@ def find_vibration(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp]) -> 
 def _with_the_common_part(
     groups: Sequence[_Repeated], f: Array, frequency_hz: float, amplitude_mm: float, sd_mm: float
 ) -> tuple[float, float, float]:
-    """Return frequency, amplitude and its standard uncertainty of a vibration, with what all repeats have in common at
-    its frequency, given those of their deviations and the frequencies f (F,) that were searched.
+    """Return frequency, amplitude and its standard uncertainty of a vibration including the common part of all repeats.
 
-    A vibration that begins with the program has the same phase in every run, which no deviation shows. What repeats of
-    the circle have there anyway, as waves of gears, is about as large at the frequencies beside it.
+    frequency_hz, amplitude_mm, sd_mm: from the deviations. f (F,): frequencies searched. A vibration synchronous with
+    the program
+    has equal phase in every run, invisible in deviations. Other common parts, such as gear waves, are about as large at
+    adjacent
+    frequencies.
     """
     near = int(np.argmin(np.abs(f - frequency_hz)))
     tried_hz = frequency_hz + (f[1] - f[0]) * _FINER
@@ -121,7 +130,7 @@ def _with_the_common_part(
     noise = float(np.mean(noises))
     whole_mm = float(np.sqrt(max(squares.max() - noise, 0.0)))
     lost = sd_mm / max(amplitude_mm, sd_mm)
-    # Repeats share what is no vibration, so that only groups count as independent.
+    # Repeats share other contributions, so only groups count as independent.
     whole_sd_mm = float(np.hypot(np.sqrt(noise / 2 / len(groups)), min(lost, _LOST) * whole_mm))
     is_common = whole_mm - amplitude_mm > _COMMON_SIGMA * float(np.hypot(sd_mm, whole_sd_mm))
     if not is_common:
@@ -131,8 +140,7 @@ def _with_the_common_part(
 
 @dataclass(frozen=True)
 class _Deviation:
-    """The deviation left_mm (n,) of one run from the mean of its repeats, averaged over the gauges, at times t_s
-    (n,)."""
+    """Deviation left_mm (n,) of one run from the mean of its repeats, averaged over the gauges, at times t_s (n,) s."""
 
     t_s: Array
     left_mm: Array
@@ -140,40 +148,42 @@ class _Deviation:
 
     @cached_property
     def quick(self) -> Array:
-        """The deviation (n,) mm without what changes slowly."""
+        """Deviation (n,) mm without slow changes."""
         slow = np.polynomial.Polynomial.fit(self.t_s, self.left_mm, 3)(self.t_s)
         return np.asarray(self.left_mm - slow, dtype=float)
 
     def waves(self, frequency_hz: float) -> Array:
-        """Return the cosine and the sine (n, 2) of a vibration of 1 mm at the readings, in mm."""
+        """Return cosine and sine (n, 2) of a vibration of 1 mm at the readings, in mm."""
         turn = 2 * np.pi * frequency_hz * self.t_s
         return np.stack([np.cos(turn), np.sin(turn)], axis=1)
 
     def mean_lap(self, frequency_hz: float) -> Array:
-        """Return what the mean of the laps contains of the cosine and the sine of a vibration, (GRID, 2) at the grid.
-        The laps meet it at phases of their own, and the mean has a limited number of angles."""
+        """Return the mean over laps of cosine and sine of a vibration, (GRID, 2) at the grid.
+
+        Laps meet the vibration at different phases, and the mean has a limited number of angles.
+        """
         return self.sampling.gridded(self.waves(frequency_hz))
 
 
 @dataclass(frozen=True)
 class _Repeated:
-    """The deviations of runs that repeat each other, n of them, in one set-up; `wholes` are not the deviations from
-    their mean, but all that the model leaves of each."""
+    """Deviations of n repeated runs in one set-up; `wholes`: complete residuals instead of deviations from the mean."""
 
     setup: str
     runs: tuple[_Deviation, ...]
     wholes: tuple[_Deviation, ...]
 
     def scatter_of(self, frequency_hz: float, waves: Array) -> float:
-        """Return the mean square in mm² that vibrations with cosines and sines (n, 2) mm add to one run, compared with
-        the mean of many."""
+        """Return the mean square in mm² added by vibrations with cosines and sines (n, 2) mm to one run, relative to
+        the mean of many.
+        """
         laps = np.array(
             [deviation.mean_lap(frequency_hz) @ wave for deviation, wave in zip(self.runs, waves, strict=True)]
         )
         return float(np.mean((laps - laps.mean(axis=0)) ** 2)) * len(laps) / (len(laps) - 1)
 
     def fitted(self, frequency_hz: float) -> _Fit:
-        """Return the vibrations of all repeats. Each is in the deviation of every other one through the mean."""
+        """Return the vibrations of all repeats. Each is part of the deviation of every other one through the mean."""
         count = len(self.runs)
         laps = [deviation.mean_lap(frequency_hz) / count for deviation in self.runs]
         normal, right = np.zeros((2 * count, 2 * count)), np.zeros(2 * count)
@@ -183,7 +193,7 @@ class _Repeated:
             normal += columns.T @ columns
             right += columns.T @ deviation.quick
         values, vectors = np.linalg.eigh(normal)
-        # A wave that is seen entirely has half the number of readings as its value.
+        # A completely visible wave has half the number of readings as its value.
         kept = values > _SEEN * np.mean([len(deviation.t_s) for deviation in self.runs]) / 2
         along = vectors[:, kept].T @ right
         waves = vectors[:, kept] @ (along / values[kept])
@@ -193,9 +203,10 @@ class _Repeated:
 
 @dataclass(frozen=True)
 class _Fit:
-    """A vibration with a phase of its own in each of n repeats: their cosines and sines `waves` (n, 2) mm, the energy
-    in mm² that they explain, the number of combinations of runs that the deviations show, and the sum of the variances
-    of the waves for a noise of 1 mm."""
+    """Vibration with separate phases in n repeats: cosines and sines `waves` (n, 2) mm, explained energy in mm², number
+    of visible
+    run combinations, and sum of the variances of the waves for a noise of 1 mm.
+    """
 
     waves: Array
     energy: float
@@ -229,7 +240,7 @@ def _repeated(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp]) -> list[
 
 
 def _at_rows(sampling: Sampling, gridded: Array) -> Array:
-    """Return values at the grid (GRID, k), in any unit, at the rows of the laps, (n, k)."""
+    """Return values at the grid (GRID, k), in any unit, interpolated to the rows of the laps, (n, k)."""
     angles = 2 * np.pi * np.arange(GRID) / GRID
     return np.stack([np.interp(sampling.phi, angles, column, period=2 * np.pi) for column in gridded.T], axis=1)
 
@@ -239,9 +250,9 @@ def _width(f: Array) -> int:
 
 
 def _power(deviation: _Deviation, f: Array) -> Array:
-    """Return |sum r exp(-i 2 pi f t)|² / n (F,) mm² at the uneven instants of the laps."""
+    """Return |sum r exp(-i 2 pi f t)|² / n (F,) mm² at the uneven times of the laps."""
     t, r = deviation.t_s, deviation.quick
-    # Frequencies are evenly spaced, so each wave is the product of a coarse one and a fine one.
+    # Frequencies are evenly spaced, so each wave is the product of a coarse and a fine one.
     width = int(np.ceil(np.sqrt(len(f))))
     fine = np.exp(-2j * np.pi * np.outer(t, (f[1] - f[0]) * np.arange(width)))
     coarse = np.exp(-2j * np.pi * np.outer(f[::width], t))
@@ -249,7 +260,9 @@ def _power(deviation: _Deviation, f: Array) -> Array:
 
 
 def _noise_level(power: Array, width: int) -> Array:
-    """Return the mean noise of a spectrum (F,) about each frequency, from the median, which a line does not raise."""
+    """Return the mean noise of a spectrum (F,) around each frequency, from the median, which is not raised by a
+    line.
+    """
     from scipy.ndimage import median_filter  # noqa: PLC0415 - slow to import
 
     return np.asarray(median_filter(power, size=2 * width + 1, mode="reflect") / np.log(2), dtype=float)

@@ -1,4 +1,4 @@
-"""Noise of runs from their repeats: the scatter of joints and ball, orders, runs and targets, and late stamps."""
+"""Noise of runs from their repeats: scatter of joints and ball; noise of orders, runs and targets; and late stamps."""
 
 from __future__ import annotations
 
@@ -28,35 +28,42 @@ from rigs.effects import turned
 from rigs.schema.vocabulary import MOST_AXES
 
 # ----------------------------------------------------------------------------------------------------------------------
-# The scatter of joints and ball between runs, which moves all readings of a run together.
+# Scatter of joints and ball between runs, which moves all readings of a run together.
 #
-# The geometry of the arm determines how the readings change. A part of the scatter is constant in a run; the rest
-# drifts along it, as encoders and temperature do, in a few waves of unknown phase. Repeated runs determine both.
+# The geometry of the arm determines the response of the readings. A part of the scatter is constant in a run; the rest
+# drifts
+# along it, like encoders and temperature, in a few waves of unknown phase. Repeated runs determine both.
 
 SCATTER_DEG, SCATTER_MM = 0.0002, 0.001
-"""The unit of scatter of joints and ball to which `scatter_response` refers; all scatter is a multiple of it. It has no
-effect on the result."""
+"""Unit of scatter of joints and ball in `scatter_response`, without influence on the result."""
 _MULTIPLES = np.array([0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0])
-"""Scatter that is tried, in these units; the largest exceeds that of real cells, 0.005° and 20 µm. Chosen: factors of
-two, since few repeats do not separate closer ones and their average is used."""
+"""Scatter tried, in these units; the largest exceeds that of real cells, 0.005° and 20 µm. Chosen: factors of two,
+because few
+repeats do not separate closer ones and their average is used.
+"""
 DRIFTING_SHARE = 0.5
-"""Share of the energy of a run's scatter that drifts along the run, where nothing is measured: encoders and warming
-move joints and ball smoothly. Chosen: one half."""
+"""Default share of a run's scatter energy that drifts along the run: encoders and warming move joints and ball
+smoothly. Chosen:
+one half.
+"""
 _SHARES = np.array([0.0, 0.3, 0.6, 0.9])
-"""Shares that are tried where repeats determine it. Chosen: a few runs do not separate closer ones."""
+"""Shares tried with repeats. Chosen: a few runs do not separate closer ones."""
 _JOINTS_AND_BALL = (slice(None, -3), slice(-3, None))
-"""The columns of a response that belong to the joints, and to the ball."""
+"""Columns of a response belonging to the joints, and to the ball."""
 _DRIFT_ORDERS = 3
 """Orders of the drift, in cycles per run. Chosen: slower than any joint motion of a circle."""
 _SEEN = 0.1
-"""Size in standard deviations of the noise below which a combination of scattered terms is ignored. Chosen: it changes
-a variance by one hundredth."""
+"""Size in noise standard deviations below which a combination of scattered terms is ignored. Chosen: it changes a
+variance by
+one hundredth.
+"""
 
 
 @dataclass(frozen=True)
 class RunScatter:
-    """Scatter of the joints and of the ball between runs, in the units of `scatter_response`: the part that is constant
-    in a run, and the part that drifts along it."""
+    """Scatter of the joints and of the ball between runs, in the units of `scatter_response`: constant in a run, and
+    drifting.
+    """
 
     joints: float
     ball: float
@@ -64,8 +71,9 @@ class RunScatter:
     drifting_ball: float
 
     def constant(self, terms: int) -> Array:
-        """Return the constant scatter (terms,), relative to its unit, of the joints and then of the ball, if it is
-        included."""
+        """Return the constant scatter (terms,), relative to its unit, of the joints and then of the ball, if
+        included.
+        """
         return _by_term(self.joints, self.ball, terms)
 
     def drifting(self, terms: int) -> Array:
@@ -74,7 +82,7 @@ class RunScatter:
 
 
 def _by_term(joints: float, ball: float, terms: int) -> Array:
-    """Return scatter by term (terms,): of all joints, and of the ball where there are more terms than joints."""
+    """Return scatter by term (terms,): of all joints, and of the ball if there are more terms than joints."""
     scatter = np.full(terms, joints)
     if terms > MOST_AXES:
         scatter[-3:] = ball
@@ -87,12 +95,14 @@ ASSUMED_SCATTER = RunScatter(
     float(np.sqrt(DRIFTING_SHARE)) * JOINT_DEG.rms / SCATTER_DEG,
     float(np.sqrt(DRIFTING_SHARE)) * BALL_MM.rms / SCATTER_MM,
 )
-"""The scatter of real cells."""
+"""Scatter of real cells."""
 
 
 def scatter_response(run: ObservedRun, setup: SetUp) -> Array:
-    """Return the response of the readings, (m, k, axes + 3) mm, to a unit scatter of each joint and of the ball; for
-    poses, whose instrument frame is always fitted, of the joints alone, (m, 3, axes)."""
+    """Return the response of the readings, (m, k, axes + 3) mm, to a unit scatter of each joint and of the ball.
+
+    For poses, whose instrument frame is always fitted, of the joints only, (m, 3, axes).
+    """
     model, scene = run.model, moved(run.model, run.path)
     base, columns = predicted_in_scene(model, run, scene, setup), []
     for axis in range(1, model.arm.axes + 1):
@@ -105,16 +115,19 @@ def scatter_response(run: ObservedRun, setup: SetUp) -> Array:
 
 
 def drift_waves(share: Array) -> Array:
-    """Return the waves (w, m) of a unit scatter that drifts along the run, at the share (m,) of its duration."""
+    """Return the waves (w, m) of a unit drift along the run, at the share (m,) of its duration."""
     turns = 2 * np.pi * np.arange(1, _DRIFT_ORDERS + 1)[:, None] * share
     return np.asarray(np.concatenate([np.cos(turns), np.sin(turns)]) / np.sqrt(_DRIFT_ORDERS), dtype=float)
 
 
 @dataclass(frozen=True, eq=False)
 class Repeated:
-    """Repeated runs of one test and direction: `rows` (n, N) mm of n runs, their responses `response` (N, axes + 3) mm
-    and `drifting` (w, N, axes + 3) mm to a unit scatter, the number of laps of which a row is the mean, and what one
-    standard deviation of the scatter of stamps adds to it at a few angles, `stamps` (N, s) mm."""
+    """Repeated runs of one test and direction.
+
+    `rows` (n, N) mm of n runs; responses `response` (N, axes + 3) mm and `drifting` (w, N, axes + 3) mm to a unit
+    scatter; number
+    of laps averaged in a row; `stamps` (N, s) mm: response to one standard deviation of stamp scatter at a few angles.
+    """
 
     setup: str
     rows: Array
@@ -125,24 +138,25 @@ class Repeated:
 
     @cached_property
     def apart(self) -> Array:
-        """The deviations (n, N) mm of the runs from their mean."""
+        """Deviations (n, N) mm of the runs from their mean."""
         return np.asarray(self.rows - self.rows.mean(axis=0), dtype=float)
 
     def of_laps(self) -> Repeated:
-        """Return the laps alone, without the periods of standing and the trend after their orders (N,)."""
+        """Return only the laps, without standstills and the trend after their orders (N,)."""
         count = len(ORDER_OF)
         rows, drifting = self.rows[:, :count], self.drifting[:, :count]
         return replace(self, rows=rows, response=self.response[:count], drifting=drifting, stamps=self.stamps[:count])
 
     def noise(self, scatter: RunScatter, sd_mm: Array) -> tuple[Array, Array]:
-        """Return the part (n, N) mm of the deviations that is expected to be noise of sd_mm (N,) and not scatter, and
-        the share (N,) of the noise that this part contains."""
+        """Return the expected noise part (n, N) mm of the deviations, for noise of sd_mm (N,), and its share (N,) of
+        the noise.
+        """
         columns, taken = self._regression(scatter, sd_mm)
         noise: Array = self.apart - (self.apart / sd_mm) @ taken.T @ columns.T * sd_mm
         return noise, 1 - np.einsum("nc,cn->n", columns, taken)
 
     def without_stamps(self, scatter: RunScatter, sd_mm: Array) -> Array:
-        """Return the deviations (n, N) mm without what stamps are expected to have added, given noise of sd_mm (N,)."""
+        """Return the deviations (n, N) mm without the expected contribution of stamps, for noise of sd_mm (N,)."""
         if not self.stamps.size:
             return self.apart
         _, taken = self._regression(scatter, sd_mm)
@@ -150,8 +164,10 @@ class Repeated:
         return self.apart - (self.apart / sd_mm) @ stamps.T @ self.stamps.T
 
     def _regression(self, scatter: RunScatter, sd_mm: Array) -> tuple[Array, Array]:
-        """Return what one standard deviation of scatter and of stamps adds, (N, c) in those of the noise sd_mm (N,),
-        and the matrix (c, N) that estimates their coefficients from readings in the same unit."""
+        """Return the response (N, c) to one standard deviation of scatter and stamps, relative to the noise sd_mm (N,),
+        and the
+        estimator (c, N) of their coefficients.
+        """
         scattered = scatter_columns(self.response, self.drifting, scatter)
         columns = np.concatenate([scattered, self.stamps], axis=1) / sd_mm[:, None]
         normal = columns.T @ columns
@@ -160,7 +176,9 @@ class Repeated:
 
     def whitened(self, sd_mm: Array) -> tuple[Array, Array, Array]:
         """Return deviations (n, N), constant response (N, c) and drifting response (w, N, c) in standard deviations of
-        noise of sd_mm (N,) and of stamps together, instead of mm."""
+        noise sd_mm (N,)
+        and stamps combined.
+        """
         directions, size, _ = np.linalg.svd(self.stamps / sd_mm[:, None], full_matrices=False)
         less = directions * (1 - 1 / np.sqrt(1 + size**2))
 
@@ -172,39 +190,40 @@ class Repeated:
 
 
 def scatter_columns(constant: Array, drifting: Array, scatter: RunScatter) -> Array:
-    """Return what one standard deviation of scatter adds, (N, c + c w) mm, given its constant (N, c) and its drifting
-    response (w, N, c) mm."""
+    """Return the response (N, c + c w) mm to one standard deviation of scatter, from constant (N, c) and drifting
+    (w, N, c) mm.
+    """
     terms = constant.shape[1]
     return np.concatenate([constant * scatter.constant(terms), *(drifting * scatter.drifting(terms))], axis=1)
 
 
 def without_unseen(columns: Array, sd_mm: Array) -> Array:
-    """Return columns (N, r) mm with the same covariance as columns (N, c), without what is far below the noise sd_mm
-    (N,)."""
+    """Return columns (N, r) mm with the covariance of columns (N, c), without parts far below the noise sd_mm (N,)."""
     directions, size, _ = np.linalg.svd(columns / sd_mm[:, None], full_matrices=False)
     seen = size > _SEEN
     return np.asarray(directions[:, seen] * size[seen] * sd_mm[:, None], dtype=float)
 
 
 def unscattered(apart: Array, columns: Array) -> tuple[Array, Array]:
-    """Return the part (n, N) mm of deviations (n, N) mm that columns (N, c) cannot explain, and the share (N,) of the
-    noise that this part contains."""
+    """Return the part (n, N) mm of deviations (n, N) mm that columns (N, c) cannot explain, and its share (N,) of
+    the noise.
+    """
     span = _span_of(columns)
     return apart - (apart @ span) @ span.T, 1 - (span**2).sum(axis=1)
 
 
 def _span_of(columns: Array) -> Array:
-    """Return an orthonormal basis of columns (N, c), without directions that are nearly zero."""
+    """Return an orthonormal basis of columns (N, c), without nearly zero directions."""
     squares, directions = np.linalg.eigh(columns.T @ columns)
     seen = squares > 1e-6 * squares[-1]
     return np.asarray(columns @ (directions[:, seen] / np.sqrt(squares[seen])), dtype=float)
 
 
 def scatter_of(repeated: Sequence[tuple[Repeated, Array]]) -> RunScatter:
-    """Return the scatter that makes the differences between repeated runs most likely, given the noise (N,) mm of each
+    """Return the scatter that best explains the differences between repeated runs, given the noise (N,) mm of each
     group.
 
-    Few repeats leave it uncertain, so the posterior mean square is returned and not the most likely value.
+    Few repeats leave it uncertain, so the posterior mean square is returned instead of the most likely value.
     """
     joints, ball, share = (axis.ravel() for axis in np.meshgrid(_MULTIPLES, _MULTIPLES, _SHARES, indexing="ij"))
     squares = np.stack([joints**2 * (1 - share), ball**2 * (1 - share), joints**2 * share, ball**2 * share], axis=1)
@@ -224,52 +243,67 @@ def scatter_of(repeated: Sequence[tuple[Repeated, Array]]) -> RunScatter:
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# The noise of the readings, estimated from repeats: of each order of a circle, of each run and of each target.
+# Noise of the readings from repeats: of each order of a circle, of each run and of each target.
 #
-# Repeated runs separate it from the scatter of joints and ball between runs (`RunScatter`). The noise of a set-up
-# has one shape over the orders, and a level for each run, for slow and for fine orders, and for sum and difference of
-# the gauges. Without repeats, the noise of real cells is assumed (`analysis.runs.noise.cell_noise`).
+# Repeated runs separate it from the scatter of joints and ball between runs (`RunScatter`). The noise of a set-up has
+# one shape
+# over the orders, and a level per run, for slow and fine orders, and for sum and difference of the gauges. Without
+# repeats, the
+# noise of real cells is assumed (`analysis.runs.noise.cell_noise`).
 
 _BANDS = (0, 4, 8, 12, 18, 30, 50, 90, 150, len(ORDER_OF))
-"""Edges of the bands of orders in which the noise is pooled. Chosen: wide enough for several degrees of freedom per
-band with two repeats."""
+"""Edges of the bands of orders with pooled noise. Chosen: wide enough for several degrees of freedom per band with
+two repeats.
+"""
 _SLOW = 30
-"""Orders below this share a level, and so do those above: servo ripple and path errors are slow, the noise of a probe
-is not. Chosen."""
+"""Orders below this share a level, and so do those above: servo ripple and path errors are slow, probe noise is not.
+Chosen.
+"""
 _SLOW_CORNER = 5.0
-"""The order at which assumed slow noise has half its power: a correlation time of 1.5 s in a lap of 45 s, within the
-0.1 to 5 s of real cells."""
+"""Order at which assumed slow noise has half its power: a correlation time of 1.5 s in a lap of 45 s, within the 0.1 to
+5 s of
+real cells.
+"""
 _NOISE_ROUNDS = 4
-"""Number of rounds in which noise and scatter are estimated in turn. Chosen: a further one changes the noise by less
-than its uncertainty."""
+"""Rounds of alternating noise and scatter estimates. Chosen: a further round changes the noise by less than its
+uncertainty.
+"""
 _BORROWED = 4.0
-"""Degrees of freedom with which a band counts the noise of its finer neighbour. Chosen: as for targets, fewer than a
-band has that no scatter hides."""
+"""Degrees of freedom contributed by the finer neighbour of a band. Chosen: as for targets, fewer than those of a band
+without
+scatter.
+"""
 _LEAST_MM = 1e-5
 """Smallest standard deviation of an entry, far below any gauge, so that exact repeats do not give infinite weights."""
 _LEAST_FREE = 0.1
-"""Smallest share of a reading that is left once the scatter of a run is removed. Chosen: it limits the correction to a
-factor of about three."""
+"""Smallest remaining share of a reading after removing the scatter of a run. Chosen: limits the correction to a factor
+of about
+three.
+"""
 _LEAST_LEVEL = 1e-6
-"""Smallest level of a run, so that a run that repeats another to the last digit does not get infinite weight."""
+"""Smallest level of a run, so that an exactly repeated run does not get infinite weight."""
 _AGREEMENT = 4.0
-"""Degrees of freedom that all targets together contribute to the variance of one (Smyth 2004). Chosen: makes the
-tenfold differences between the targets of real cells likely."""
+"""Degrees of freedom contributed by all targets together to the variance of one (Smyth 2004). Chosen: permits the
+tenfold
+differences between targets of real cells.
+"""
 LEAST_ASSUMED = (TARGET_MM.low / TARGET_MM.rms) ** 2
 """Smallest power of assumed noise, relative to its mean: the lower bound of real cells."""
 
 
 @dataclass(frozen=True)
 class CircleNoise:
-    """Noise of circles. `sd_mm` has an array (n, N) for each block; `scattered` has the scatter of each set-up;
-    `measured` states whether they come from repeats."""
+    """Noise of circles. `sd_mm`: array (n, N) per block. `scattered`: scatter of each set-up. `measured`: whether it
+    comes from
+    repeats.
+    """
 
     sd_mm: tuple[Array, ...]
     scattered: dict[str, RunScatter]
     measured: bool
 
     def scatter(self, setup: str) -> RunScatter:
-        """Return the scatter of a set-up; one without repeated circles gets the average of all."""
+        """Return the scatter of a set-up; without repeated circles the average of all."""
         if setup in self.scattered:
             return self.scattered[setup]
         squares = np.array([astuple(scatter) for scatter in self.scattered.values()]) ** 2
@@ -277,15 +311,16 @@ class CircleNoise:
 
 
 def circle_noise(groups: Sequence[Repeated], averaged: float) -> CircleNoise:
-    """Return the noise of circles from the repeats `rows` (n, N) mm of each group. `averaged` is the share of the power
-    of white noise that remains on the grid of a circle."""
+    """Return the noise of circles from the repeats `rows` (n, N) mm of each group.
+
+    `averaged`: share of white noise power remaining on the grid of a circle.
+    """
     repeated: dict[str, list[int]] = {}
     for k, group in enumerate(groups):
         if len(group.rows) > 1:
             repeated.setdefault(group.setup, []).append(k)
     if not repeated:
-        # That of real cells. A drifting scatter, which nothing separates from the noise of a single run, is in it by
-        # bands.
+        # Noise of real cells. Drifting scatter, inseparable from the noise of a single run, is included by bands.
         assumed, count = [], len(ORDER_OF) // 2
         for group in groups:
             slow = 1 / (1 + (ORDER_OF / _SLOW_CORNER) ** 2)
@@ -302,7 +337,7 @@ def circle_noise(groups: Sequence[Repeated], averaged: float) -> CircleNoise:
     for setup, members in repeated.items():
         levels, scattered[setup] = _setup_noise([groups[k] for k in members])
         sd_mm.update(zip(members, levels, strict=True))
-    # A run that was not repeated borrows the noise of its set-up, or else of all.
+    # A run without repeats takes the noise of its set-up, or otherwise of all.
     every = list(sd_mm)
     for k, group in enumerate(groups):
         lenders = repeated.get(group.setup, every)
@@ -314,8 +349,9 @@ def circle_noise(groups: Sequence[Repeated], averaged: float) -> CircleNoise:
 def _setup_noise(every: Sequence[Repeated]) -> tuple[list[Array], RunScatter]:
     """Return the noise (n, N) mm of the runs of each repeated group of a set-up, and their scatter.
 
-    Noise and scatter are estimated in turn, each with what the other explains removed; in the first round the noise is
-    taken from what no scatter could explain.
+    Noise and scatter are estimated alternately, each after removing the other; the first round takes the noise from the
+    part that
+    scatter cannot explain.
     """
     parts = [unscattered(runs.apart, np.concatenate([runs.response, *runs.drifting], axis=1)) for runs in every]
     levels = [np.ones((len(runs.apart), 4)) for runs in every]
@@ -334,11 +370,11 @@ def _setup_noise(every: Sequence[Repeated]) -> tuple[list[Array], RunScatter]:
 
 
 _PART: Integers = np.asarray((np.arange(len(ORDER_OF)) >= len(ORDER_OF) // 2) * 2 + (ORDER_OF >= _SLOW), dtype=np.int64)
-"""The index of an entry's level among the four levels of a run."""
+"""Index of an entry's level among the four levels of a run."""
 
 
 def _bands() -> list[Integers]:
-    """Return the indices of the entries of each channel and band in which noise is pooled."""
+    """Return the indices of the entries of each channel and band with pooled noise."""
     per_channel = len(ORDER_OF) // 2
     channels = (np.arange(per_channel), np.arange(per_channel, len(ORDER_OF)))
     bands = [(channel, low, high) for channel in channels for low, high in pairwise(_BANDS)]
@@ -346,11 +382,11 @@ def _bands() -> list[Integers]:
 
 
 def _shape(unexplained: Sequence[Array], free: Sequence[Array]) -> Array:
-    """Return the standard deviation (N,) of runs at level one, by channel and band, of the part that scatter cannot
-    explain.
+    """Return the standard deviation (N,) of runs at level one, by channel and band, of the part unexplained by scatter.
 
-    Scatter may hide nearly all of the slowest orders, and few repeats leave every band uncertain. So each band counts
-    its finer neighbour as some more readings: slow noise grows towards slow orders.
+    Scatter may hide nearly all of the slowest orders, and few repeats leave every band uncertain. So each band includes
+    its finer
+    neighbour as additional readings: slow noise increases towards slow orders.
     """
     squares = np.asarray(sum((rows**2).sum(axis=0) for rows in unexplained))
     freedom = np.asarray(sum((len(rows) - 1) * share for rows, share in zip(unexplained, free, strict=True)))
@@ -365,8 +401,8 @@ def _shape(unexplained: Sequence[Array], free: Sequence[Array]) -> Array:
 
 
 def _levels(rows: Array, free: Array) -> Array:
-    """Return the levels (n, 4) of repeated runs, from their deviations (n, N) from their mean divided by the shape of
-    the noise.
+    """Return the levels (n, 4) of repeated runs, from their deviations (n, N) from the mean divided by the shape of the
+    noise.
 
     With variances σ_r² of n runs, the expected mean square q_r of a run's deviation from their mean is σ_r² (1 - 2/n) +
     Σ σ²/n².
@@ -377,17 +413,21 @@ def _levels(rows: Array, free: Array) -> Array:
     if n < 3:
         return np.tile(np.maximum(np.sqrt(total / n), _LEAST_LEVEL), (n, 1))
     each = (q - total / n**2) / (1 - 2 / n)
-    # The estimate for the quietest of few runs can be zero; no run gets less than a quarter of their mean level.
+    # The estimate for the quietest of few runs can be zero; the minimum is a quarter of their mean level.
     return np.asarray(np.maximum(np.sqrt(np.maximum(each, total / n / 16)), _LEAST_LEVEL), dtype=float)
 
 
 def target_sd(rows_mm: Array, response: Array, alike: NDArray[np.int64]) -> tuple[Array, bool]:
     """Return the standard deviation (N,) mm of readings at targets of repeated runs (n, N) mm, and whether repeats
-    determine it. The scatter that moves all targets of a run together, with a response (N, c), is excluded. `alike`
-    (N,) has an integer that readings of the same place and approach share."""
+    determine it.
+
+    Scatter common to all targets of a run, with a response (N, c), is excluded. `alike` (N,): equal integers for
+    readings of the
+    same place and approach.
+    """
     mean = rows_mm.mean(axis=0)
     unexplained, free = unscattered(rows_mm - mean, response)
-    # The part that the scatter of a run explains is removed, and the rest is scaled to its original variance.
+    # The part explained by the scatter of a run is removed, and the rest is scaled to its original variance.
     rows = mean + unexplained / np.sqrt(np.maximum(free, _LEAST_FREE))
     squares, freedom = np.zeros(rows.shape[1]), np.zeros(rows.shape[1])
     away = []
@@ -408,37 +448,45 @@ def target_sd(rows_mm: Array, response: Array, alike: NDArray[np.int64]) -> tupl
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# The noise that stamps make where readings change within milliseconds: while a joint crosses a wide play, a reading
-# that is stamped a millisecond late is a tenth of a millimetre off.
+# Noise of stamps where readings change within milliseconds: while a joint crosses wide backlash, a stamp a millisecond
+# late is
+# an error of a tenth of a millimetre.
 #
-# Elsewhere, stamps that scatter add noise that is alike along the lap, which repeats show. Here a few angles carry a
-# thousand times as much, which would raise the noise of all orders.
+# Elsewhere, scattering stamps add uniform noise, visible in repeats. Here a few angles carry a thousand times as much,
+# which
+# would raise the noise of all orders.
 
 _RARE = 5.0
-"""How many times the median of a lap the noise of an angle exceeds that is treated by itself. Chosen: the steepest part
-of a wave has 1.4 times its median, so that gear errors are left to the noise of the orders; with ten times, the slower
-half of a crossing was left to it too."""
+"""Ratio of the noise of an angle to the median of a lap for separate treatment. Chosen: the steepest part of a wave has
+1.4
+times its median, so gear errors are left to the noise of the orders; with ten times, the slower half of a crossing was
+too.
+"""
 _MOST = GRID // 16
-"""Largest number of angles of a lap that are treated by themselves, those with most noise. Chosen: beside a play and a
-spike of 45 healthy sizes up to 60 angles have such noise, but twice as many columns lower the noise of the orders by a
-few per cent only."""
+"""Largest number of angles of a lap treated separately, those with most noise. Chosen: with backlash and a spike of 45
+healthy
+sizes up to 60 angles have such noise, but twice as many columns lower the noise of the orders by only a few per cent.
+"""
 _LEAST_LATE_MM = 1e-4
-"""Noise in mm below which no angle is treated by itself: a digit of the finest gauges of such a link."""
+"""Noise in mm below which no angle is treated separately: a digit of the finest gauges of such a link."""
 
 
 def stamp_noise(samplings: Sequence[Sampling], t_s: Sequence[Array], readings_mm: Sequence[Array]) -> Array:
-    """Return what one standard deviation of the scatter of stamps adds to the entries of a lap, (N, c) mm: a column for
-    each angle of the grid at which readings change quickly.
+    """Return the response of the entries of a lap to one standard deviation of stamp scatter, (N, c) mm: a column for
+    each angle of
+    the grid with fast changes.
 
-    The readings of the model, (m, 2) mm at times (m,) s for each of some repeated runs, say how quickly; the stamps of
-    these runs are taken to scatter alike. The rows of fast gauges are means of many readings and scatter less, but a
-    crossing that is shorter than a row makes an error of this size in them too.
+    The readings of the model, (m, 2) mm at times (m,) s for each of some repeated runs, give the rate of change; the
+    stamps of
+    these runs are assumed to scatter equally. Rows of fast gauges are means of many readings with less scatter, but a
+    crossing
+    shorter than a row causes an error of this size in them too.
     """
     laps, none = [], np.zeros((1, 2))
     for sampling, t, readings in zip(samplings, t_s, readings_mm, strict=True):
         count = len(sampling.phi)
         steps, passed_s = np.diff(readings[:count], axis=0), np.diff(t[:count])[:, None]
-        # A step between two readings is as steep for both of them. Readings with the same stamp have no slope.
+        # A step between two readings is equally steep for both. Readings with the same stamp have no slope.
         slopes = np.divide(steps, passed_s, out=np.zeros_like(steps), where=passed_s > 0)
         before, after = np.concatenate([none, slopes]), np.concatenate([slopes, none])
         late_s = STAMP_SCATTER * float(np.median(passed_s))

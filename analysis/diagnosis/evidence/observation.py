@@ -1,7 +1,8 @@
-"""Runs as a fit sees them: the readings to explain, the path that was driven, laps, stands and joint ranges.
+"""Runs in the form of a fit: readings to explain, path, laps, standstills and joint ranges.
 
-A run is a table with the readings that count; as a diagnosis uses it, it has a smooth path, its lap and its stands, so
-that it can be compared with its repeats. The joint angles that runs covered say where a model may be used.
+A run is a table with its relevant readings; in a diagnosis it has a smooth path, its lap and its standstills, so that
+it can
+be compared with its repeats. The joint ranges of runs limit the validity of a model.
 """
 
 from __future__ import annotations
@@ -27,17 +28,18 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 # ----------------------------------------------------------------------------------------------------------------------
-# Runs in the form that a fit uses: the readings to explain about the model of their rig file, and what it leaves.
+# Runs in the form of a fit: readings relative to the model of their rig file, and residuals.
 
 
 @dataclass(frozen=True)
 class ObservedRun:
-    """One run to explain about the model of its rig file: `rows` (m,) of its table are those of the readings used,
-    `values` (m, k) mm the readings. Runs with equal names of their set-up share it.
+    """Run to be explained relative to the model of its rig file.
 
-    Of a circle as a diagnosis uses it the path is smooth, and the rows of standing follow those of the lap, which
-    `sampling` has as orders; `wild` counts the readings that were replaced by interpolation between their neighbours,
-    and `step_mm` is the step to which its coarser gauge is rounded.
+    `rows` (m,): table rows of the readings used. `values` (m, k) mm: readings. Runs with equal set-up names share a
+    set-up. In a
+    diagnosis the path of a circle is smooth, and the rows of standstills follow those of the lap, which `sampling`
+    contains as
+    orders; `wild`: number of readings replaced by interpolation; `step_mm`: quantisation of the coarser gauge.
     """
 
     model: Model
@@ -52,39 +54,42 @@ class ObservedRun:
 
     @property
     def samples(self) -> Integers:
-        """The samples (m,) of the path at which the readings were taken."""
+        """Path samples (m,) of the readings."""
         return np.asarray(self.path.rows[self.rows], dtype=np.intp)
 
     @property
     def t_s(self) -> Array:
-        """The times (m,) s of the readings."""
+        """Times (m,) s of the readings."""
         return np.asarray(self.path.t_s[self.samples], dtype=float)
 
     @property
     def name(self) -> str:
-        """The name that repeated runs share: `yaw cw`, `radial`."""
+        """Name shared by repeated runs: `yaw cw`, `radial`."""
         direction = self.table.kind.direction(self.table)
         return f"{self.setup} {direction}" if direction else self.setup
 
     @property
     def visits(self) -> Integers:
-        """Integers (m, k) that describe where and how each reading was taken."""
+        """Integers (m, k) describing place and approach of each reading."""
         return np.asarray(self.table.kind.visits(self.table)[self.rows], dtype=np.int64)
 
     @property
     def targets_key(self) -> bytes:
-        """Bytes that are equal for runs that repeat each other reading by reading; empty for circles, because their
-        name identifies them."""
+        """Bytes equal for runs that repeat each other reading by reading; empty for circles, identified by their
+        name.
+        """
         return b"" if self.sampling else self.visits.tobytes()
 
     def entries(self, values: Array) -> Array:
-        """Return readings (m, k, …) mm as entries (N, …) mm: a circle's by orders, other readings unchanged."""
+        """Return readings (m, k, …) mm as entries (N, …) mm: orders for a circle, otherwise unchanged."""
         return self.sampling.vector(values) if self.sampling else values.reshape(-1, *values.shape[2:])
 
     @property
     def on_lap(self) -> ObservedRun:
-        """The run of (m, k) mm by which errors are stated: of a circle the lap alone, since a robot that stands before
-        and after it would count one place hundreds of times."""
+        """Return the run of (m, k) mm used for stating errors: for a circle only the lap, because standstills would
+        count one place
+        hundreds of times.
+        """
         if self.sampling is None:
             return self
         lap = slice(len(self.sampling.phi))
@@ -101,23 +106,24 @@ def observe(model: Model, table: Table, where: str) -> ObservedRun:
 
 
 def with_placement(run: ObservedRun, placement: str) -> ObservedRun:
-    """Return the run, of (m, k) mm, with the set-up of a placement that the user named; without a name, that of the
-    test alone."""
+    """Return the run, of (m, k) mm, with the set-up of a named placement; without a name, that of the test."""
     return replace(run, setup=f"{run.setup} at {placement}") if placement else run
 
 
 _SOCKET = ", socket "
-"""Between the name of a placement and that of one of its sockets."""
+"""Separator between the names of a placement and a socket."""
 
 
 def without_socket(setup: str) -> str:
-    """Return the name of the placement of a set-up, of which a socket of touches is a part."""
+    """Return the placement name of a set-up, without the socket of touches."""
     return setup.partition(_SOCKET)[0]
 
 
 def by_socket(run: ObservedRun) -> list[ObservedRun]:
-    """Return touches as a run for each socket, of (m, 3) mm, along the path of all; another run alone. The place of
-    each socket is a set-up of its own."""
+    """Split touches into a run per socket, of (m, 3) mm, along the common path; other runs are unchanged.
+
+    Each socket position is a separate set-up.
+    """
     parts = run.table.kind.parts(run.table)
     if parts is None:
         return [run]
@@ -127,8 +133,9 @@ def by_socket(run: ObservedRun) -> list[ObservedRun]:
 
 
 def part(run: ObservedRun, keep: Mask) -> ObservedRun:
-    """Return a run with the readings (m, k) of the mask `keep` (m,); the path, and with it the approach to each pose,
-    stays complete."""
+    """Return a run with the readings (m, k) of the mask `keep` (m,); the path, including the approach to each pose,
+    is unchanged.
+    """
     return replace(run, rows=run.rows[keep], values=run.values[keep])
 
 
@@ -143,19 +150,19 @@ def in_content_order(run: ObservedRun) -> ObservedRun:
 
 
 def thinned(run: ObservedRun, most: int) -> ObservedRun:
-    """Return a circle with at most `most` (m,) of its readings, evenly spaced, which alone are simulated."""
+    """Return a circle with at most `most` (m,) of its readings, evenly spaced, to be simulated."""
     kept = np.argsort(run.rows)[:: -(-len(run.rows) // most)]
     path = replace(run.path, rows=run.samples[kept], alone=True)
     return replace(run, path=path, rows=np.arange(len(kept)), values=run.values[kept])
 
 
 def predicted(run: ObservedRun, setup: SetUp) -> Array:
-    """Return the readings (m, k) mm that the model of a run predicts; for poses the positions."""
+    """Return the readings (m, k) mm predicted by the model of a run; for poses the positions."""
     return predicted_in_scene(run.model, run, moved(run.model, run.path), setup)
 
 
 def predicted_in_scene(model: Model, run: ObservedRun, scene: Scene, setup: SetUp) -> Array:
-    """Return the readings (m, k) mm that a model predicts from an existing scene, which is the same for all set-ups."""
+    """Return the readings (m, k) mm predicted from an existing scene, common to all set-ups."""
     values = read(model, run.table, run.path, scene, setup)
     if run.table.kind.of_places:
         values = values[:, [3, 7, 11]]
@@ -168,29 +175,30 @@ def residual_of(run: ObservedRun, setups: Mapping[str, SetUp]) -> Array:
 
 
 def rms(residuals: Sequence[Array]) -> float:
-    """Return the root mean square in mm of residuals (m, k) mm: per reading of a gauge, and per distance of a
-    position."""
+    """Return the root mean square in mm of residuals (m, k) mm: per gauge reading, and per distance of a position."""
     squares = np.concatenate([(r**2).sum(axis=1) if r.shape[1] == 3 else (r**2).ravel() for r in residuals])
     return float(np.sqrt(squares.mean()))
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# The joint angles that runs covered, and warnings where a model is used beyond them.
+# Joint ranges of runs, and warnings if a model is used outside.
 
 JointRange = tuple[float, float]
 """Lowest and highest angle of a joint, in degrees."""
 BEYOND_DEG = 3.0
-"""Distance outside the measured range up to which a model is taken to be valid. Chosen: link constants and gear errors
-change little over 3 degrees."""
+"""Margin of a model's validity beyond the measured range. Chosen: link constants and gear errors change little over
+3 degrees.
+"""
 BEYOND_MM = 50.0
-"""The same of a rail: what 3 degrees of a joint move at a metre."""
+"""Margin of a rail: the displacement by 3 degrees of a joint at a metre."""
 
 
 def outside_coverage(covered: Sequence[JointRange], q_rad: Array, run: str) -> list[str]:
-    """Return a message for each joint whose angles (n, 6) rad leave the ranges in which something was determined; the
-    name of the `run` begins it."""
+    """Return a message for each joint whose angles (n, 6) rad leave the measured ranges, starting with the name of
+    the `run`.
+    """
     lines = []
-    joints = np.degrees(q_rad[:, : len(covered)])  # behind them stands where a rail is
+    joints = np.degrees(q_rad[:, : len(covered)])  # followed by a rail position
     for axis, ((low, high), angle) in enumerate(zip(covered, joints.T, strict=True), start=1):
         outside = int(((angle < low - BEYOND_DEG) | (angle > high + BEYOND_DEG)).sum())
         if outside:
@@ -202,8 +210,7 @@ def outside_coverage(covered: Sequence[JointRange], q_rad: Array, run: str) -> l
 
 
 def outside_effect_coverage(effects: Sequence[Effect], q_rad: Array, run: str) -> list[str]:
-    """Return the same messages for the effects of a rig file, each valid in the range in which it was found; angles are
-    (n, 6) rad."""
+    """Return these messages for the effects of a rig file, each with its own range; angles are (n, 6) rad."""
     covered = [effect.found.joints_deg for effect in effects if effect.found and effect.found.joints_deg]
     if not covered:
         return []
@@ -214,20 +221,23 @@ def outside_effect_coverage(effects: Sequence[Effect], q_rad: Array, run: str) -
 # ----------------------------------------------------------------------------------------------------------------------
 # Smoothing of reported angles, which removes the steps of their last digit.
 #
-# A controller rounds the angles that it reports, to 1e-4 degrees for example. At a reach of one metre that equals the
-# noise of a gauge, and a model that follows the steps would explain them by gauge errors. An arm on a circle moves
-# smoothly, so a local parabola over a fifth of a second to either side replaces the angles of the lap.
+# A controller rounds the reported angles, for example to 1e-4 degrees. At a reach of one metre that equals the noise of
+# a
+# gauge, and a model following the steps would explain them by gauge errors. An arm on a circle moves smoothly, so a
+# local
+# parabola over a fifth of a second to either side replaces the angles of the lap.
 
 _HALF_WIDTH_S = 0.2
-"""Half the width of the local parabola in seconds. Chosen: longer than several samples at 50 Hz, and shorter than the
-reversal of a joint."""
+"""Half width of the local parabola in seconds. Chosen: longer than several samples at 50 Hz, and shorter than a
+joint reversal.
+"""
 
 
 def smooth_path(run: ObservedRun) -> ObservedRun:
-    """Return a circle with its path (n, 6) rad smoothed, and any other run unchanged."""
+    """Return a circle with its path (n, 6) rad smoothed; other runs unchanged."""
     if not run.table.kind.swept:
         return run
-    # A parabola overshoots where the robot starts and stops, and would create reversals, so only laps are smoothed.
+    # A parabola overshoots at start and stop, and would create reversals, so only laps are smoothed.
     laps, t_s, q = run.samples, run.path.t_s, run.path.q
     reach = max(2, int(np.ceil(_HALF_WIDTH_S / float(np.median(np.diff(t_s))))))
     index = np.arange(len(t_s))[:, None] + np.arange(-reach, reach + 1)
@@ -237,7 +247,7 @@ def smooth_path(run: ObservedRun) -> ObservedRun:
     weight = np.where(inside & (np.abs(x) < 1), 1 - x**2, 0.0)  # Epanechnikov's kernel
     powers = np.stack([np.ones_like(x), x, x**2], axis=2)
     normal = np.einsum("nw,nwi,nwj->nij", weight, powers, powers) + 1e-12 * np.eye(3)
-    # Only the value at the centre is needed, so one row of the inverse gives the weights of the samples.
+    # Only the central value is needed, so one row of the inverse gives the weights of the samples.
     row = np.linalg.solve(normal, np.broadcast_to(np.eye(3)[:, :1], (len(t_s), 3, 1)))[:, :, 0]
     share = weight * np.einsum("ni,nwi->nw", row, powers)
     smooth = q.copy()
@@ -246,48 +256,57 @@ def smooth_path(run: ObservedRun) -> ObservedRun:
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# A run as the diagnosis uses it: with a smooth path, its lap and its periods of standing, so that it can be compared
-# with its repeats.
+# Run in the form of a diagnosis: smooth path, lap and standstills, comparable with its repeats.
 
 GRID = 512
-"""Circle angles to which a lap is interpolated; the highest order is slightly below half of it. Chosen: a power of two
-for the Fourier transform, with 0.7 degrees per step."""
-ORDERS = GRID // 2
-"""The number of orders of a channel, including order 0."""
-ORDER_OF: Integers = np.tile(np.concatenate([[0], np.arange(1, ORDERS), np.arange(1, ORDERS)]), 2)
-"""The order of each entry of a circle's vector: first those of the sum of the gauges, then those of their difference.
+"""Circle angles of an interpolated lap; the highest order is slightly below half of it. Chosen: a power of two for the
+Fourier
+transform, with 0.7 degrees per step.
 """
+ORDERS = GRID // 2
+"""Number of orders of a channel, including order 0."""
+ORDER_OF: Integers = np.tile(np.concatenate([[0], np.arange(1, ORDERS), np.arange(1, ORDERS)]), 2)
+"""Order of each entry of a circle's vector: first for the sum of the gauges, then for their difference."""
 STAMP_SCATTER = 0.25
-"""Standard deviation by which stamps may scatter, as a share of the time between readings. Chosen: with a quarter, one
-reading in 400 passes the next."""
+"""Standard deviation of possible stamp scatter, relative to the sampling interval. Chosen: with a quarter, one reading
+in 400
+passes the next.
+"""
 _ROWS = 2 * GRID
-"""Rows per lap that are sufficient for its orders; the rows of faster gauges are averaged."""
+"""Rows per lap sufficient for its orders; the rows of faster gauges are averaged."""
 _STANDS = 0.02
 """Share of the lap's median joint speed below which the robot stands. Chosen: above the noise of differentiated
 feedback."""
 _MOST_APART = GRID // 16
-"""Largest distance of the angles at which repeated laps begin, in steps of the grid, that is bridged. Chosen: repeats
-of a program begin within a row."""
+"""Largest bridged distance between the start angles of repeated laps, in grid steps. Chosen: repeats of a program begin
+within a
+row.
+"""
 _LEAST_STAND = 3
-"""Smallest number of rows that count as a period of standing. Chosen: fewer give no mean."""
+"""Minimum rows of a standstill. Chosen: fewer give no mean."""
 TREND_ORDERS = 4
-"""Orders of the trend from lap to lap: a ball, a gauge and an arm that grows move readings in orders 0 and 1, and an
-eccentric ball adds the next. Chosen: twice as many."""
+"""Orders of the trend between laps: a growing ball, gauge or arm changes readings in orders 0 and 1, and an eccentric
+ball adds
+the next. Chosen: twice as many.
+"""
 ORDER_OF_TREND: Integers = np.tile(np.concatenate([np.arange(TREND_ORDERS), np.arange(1, TREND_ORDERS)]), 2)
-"""The order of each entry of a trend, in the order of `ORDER_OF`."""
+"""Order of each trend entry, in the order of `ORDER_OF`."""
 _OF_TREND: Integers = np.flatnonzero(ORDER_OF < TREND_ORDERS)
 
 
 @dataclass(frozen=True)
 class Sampling:
-    """The conversion of a circle's rows to a vector.
+    """Conversion of a circle's rows to a vector.
 
-    For each of L laps, `before` and `after` (L, GRID) are the rows next to each grid angle and `share` (L, GRID) is the
-    weight of the latter. `phi` (n,) rad are the circle angles of the laps' rows, which come first. `stands` has the
-    rows of standing before and after the lap, and `stand_share` (len(stands),) their number in steps of the grid.
-    `trend` (L,) has the weights of the laps whose sum is what changes with time from lap to lap, with the noise of one
-    lap; it is empty where there is one lap. `bridged` are the first and the last (which may be negative, or of the next
-    turn) of the grid angles where the laps begin, whose values follow from those beside them.
+    For each of L laps, `before` and `after` (L, GRID): rows next to each grid angle; `share` (L, GRID): weight of the
+    latter.
+    `phi` (n,) rad: circle angles of the laps' rows, which come first. `stands`: rows of the standstills before and
+    after the lap;
+    `stand_share` (len(stands),): their number in grid steps. `trend` (L,): weights of the laps in the change between
+    laps, with
+    the noise of one lap; empty for a single lap. `bridged`: first and last (possibly negative, or of the next turn) of
+    the grid
+    angles at the start of the laps, interpolated from their neighbours.
     """
 
     before: Integers
@@ -300,22 +319,22 @@ class Sampling:
     bridged: tuple[int, int] | None = None
 
     def gridded(self, values: Array) -> Array:
-        """Return values (m, …) at the rows, in any unit, as values (GRID, …) at the grid, averaged over the laps."""
+        """Return row values (m, …), in any unit, at the grid (GRID, …), averaged over the laps."""
         mean: Array = self._interpolation @ values[: self._interpolation.shape[1]].reshape(-1, values[0].size)
         return mean.reshape(GRID, *values.shape[1:])
 
     @cached_property
     def _interpolation(self) -> csr_array:
-        """The matrix (GRID, n) from values at the rows of the laps to their mean at the grid."""
+        """Matrix (GRID, n) from row values of the laps to their mean at the grid."""
         return self._matrix(np.full(len(self.share), 1 / len(self.share)))
 
     @cached_property
     def _trend(self) -> csr_array:
-        """The matrix (GRID, n) from values at the rows of the laps to their trend at the grid."""
+        """Matrix (GRID, n) from row values of the laps to their trend at the grid."""
         return self._matrix(self.trend)
 
     def _matrix(self, laps: Array) -> csr_array:
-        """Return the matrix (GRID, n) from values at the rows to their sum over the laps, with weights (L,)."""
+        """Return the matrix (GRID, n) from row values to their sum over the laps, with weights (L,)."""
         from scipy.sparse import csr_array  # noqa: PLC0415 - slow to import
 
         weight = np.concatenate([((1 - self.share) * laps[:, None]).ravel(), (self.share * laps[:, None]).ravel()])
@@ -324,7 +343,7 @@ class Sampling:
         matrix = csr_array((weight, (grid, rows)), shape=(GRID, len(self.phi)))
         if self.bridged is None:
             return matrix
-        # Values at the bridged grid angles are those on the line between the values beside them.
+        # Bridged grid angles are interpolated linearly between their neighbours.
         begin, end = self.bridged
         bridge, share = np.eye(GRID), np.arange(1, end - begin + 2) / (end - begin + 2)
         inside = np.arange(begin, end + 1) % GRID
@@ -334,15 +353,16 @@ class Sampling:
         return csr_array(csr_array(bridge) @ matrix)
 
     def gridded_sd(self, sd: Array) -> Array:
-        """Return the standard deviation (GRID, …) at the grid of independent errors of the rows, sd (m, …), in any
-        unit."""
+        """Return the standard deviation (GRID, …) at the grid for independent row errors sd (m, …), in any unit."""
         weight = self._interpolation
         variance: Array = weight.multiply(weight) @ sd[: weight.shape[1]].reshape(-1, sd[0].size) ** 2
         return np.sqrt(variance).reshape(GRID, *sd.shape[1:])
 
     def vector(self, values: Array) -> Array:
-        """Return readings (m, 2, …) of two gauges as entries (N, …): the orders of sum and difference (unitary), then
-        the means over periods of standing, then the slow orders of the trend from lap to lap."""
+        """Return readings (m, 2, …) of two gauges as entries (N, …): orders of sum and difference (unitary), means over
+        standstills, and
+        slow orders of the trend between laps.
+        """
         parts = [by_orders(self.gridded(values))]
         for rows in self.stands:
             parts += _channels(values[rows].mean(axis=0, keepdims=True))
@@ -353,13 +373,12 @@ class Sampling:
 
     @property
     def begin(self) -> float:
-        """The angle at which the laps begin, in steps of the grid."""
+        """Start angle of the laps, in grid steps."""
         return float(self.phi[0] % (2 * np.pi)) * GRID / (2 * np.pi)
 
     @property
     def seam(self) -> tuple[float, float]:
-        """How far before and after the angle at which laps begin each lap has rows on either side, in steps of the
-        grid."""
+        """Extent of each lap before and after its start angle with rows on either side, in grid steps."""
         laps = len(self.share)
         off = (self.phi - self.phi[0]) * GRID / (2 * np.pi)
         number, near = _number(self.phi, laps), (off + GRID / 2) % GRID - GRID / 2
@@ -372,24 +391,26 @@ class Sampling:
 
     @property
     def averaged(self) -> float:
-        """The share of the power of white noise that interpolation between two rows, averaged over the laps, leaves."""
+        """Share of white noise power remaining after interpolation between rows, averaged over the laps."""
         return float(np.mean((1 - self.share) ** 2 + self.share**2)) / len(self.share)
 
     def without_stands(self) -> Sampling:
-        """Return the sampling of the lap alone, with stand_share (0,)."""
+        """Return the sampling of the laps only, with stand_share (0,)."""
         return replace(self, stands=(), stand_share=np.empty(0))
 
     def without_trend(self) -> Sampling:
-        """Return the sampling of the mean lap without the trend (0,) from lap to lap."""
+        """Return the sampling of the mean lap without the trend (0,)."""
         return replace(self, trend=np.empty(0))
 
 
 def bridging(samplings: Sequence[Sampling]) -> list[Sampling]:
-    """Return the samplings of repeated laps, all with the same grid angles bridged where their laps begin.
+    """Return the samplings of repeated laps with the same grid angles bridged at their start.
 
-    A joint may end a lap a turn from where it began, and what goes with its angle steps there by a tenth of a
-    millimetre. Repeats begin within a row of each other, so that at one grid angle some would show the end of their
-    laps and others the beginning. Laps that begin far from each other are left unchanged.
+    A joint may end a lap a turn away from its start, with a step of angle-dependent errors of a tenth of a millimetre.
+    Repeats
+    begin within a row of each other, so at one grid angle some would show the end of their laps and others the
+    beginning. Laps
+    with distant starts are unchanged.
     """
     first = samplings[0].begin
     offsets = [(sampling.begin - first + GRID / 2) % GRID - GRID / 2 for sampling in samplings]
@@ -442,7 +463,7 @@ def observe_run(model: Model, table: Table, where: str) -> ObservedRun:
     phi, q, first, last = laps_of(table, model.rig, where).phi, smoothed.path.q, int(lap.rows[0]), int(lap.rows[-1])
     speed = np.linalg.norm(np.gradient(q, smoothed.path.t_s, axis=0), axis=1)
     still = speed < _STANDS * np.median(speed[lap.rows])
-    # Standing before and after the lap, unless it does not on one side.
+    # standstills before and after the lap, if present
     stands = [np.flatnonzero(still[:first]), last + 1 + np.flatnonzero(still[last + 1 :])]
     stands = stands if min(map(len, stands)) >= _LEAST_STAND else []
     begins = len(lap.rows) + np.cumsum([0, *(len(rows) for rows in stands)])
@@ -451,14 +472,14 @@ def observe_run(model: Model, table: Table, where: str) -> ObservedRun:
     sampling = sampling_of(phi, places, np.array([len(rows) / per_step for rows in stands]))
     rows = np.concatenate([lap.rows, *stands]).astype(np.intp)
     raw, smooth = replace(lap, rows=rows), replace(smoothed, rows=rows)
-    # Servo ripple is real motion, so the readings are corrected by the predicted effect of its removal from the path.
+    # Servo ripple is real motion, so the readings are corrected by the predicted effect of removing it from the path.
     setup = nominal_setup(model.rig, table)
     values = table.g_mm[rows] - (predicted(raw, setup) - predicted(smooth, setup))
     return replace(smooth, values=values, sampling=sampling, wild=wild, step_mm=step_mm)
 
 
 def without_wild(table: CircleTable) -> CircleTable:
-    """Return a circle whose wild readings (n, 2) mm are replaced by interpolation between their neighbours."""
+    """Return a circle with outliers in the readings (n, 2) mm replaced by interpolation."""
     g_mm = table.g_mm.copy()
     for gauge in g_mm.T:
         wild = is_wild(gauge)
@@ -468,8 +489,10 @@ def without_wild(table: CircleTable) -> CircleTable:
 
 
 def averaged(table: CircleTable, count: int) -> CircleTable:
-    """Return a circle in which each `count` rows (count, …) are replaced by their mean, so that the cost does not grow
-    with the rate of a gauge; incomplete groups at the end are omitted."""
+    """Return a circle with each `count` rows (count, …) averaged, which limits the cost of fast gauges; incomplete
+    groups at the end
+    are omitted.
+    """
     if count < 2:
         return table
     whole = len(table.t_s) // count * count
@@ -481,12 +504,12 @@ def averaged(table: CircleTable, count: int) -> CircleTable:
 
 
 def _laps(phi: Array) -> int:
-    """Return the number of laps that circle angles (n,) rad, in order of time, cover."""
+    """Return the number of laps covered by circle angles (n,) rad in order of time."""
     return max(1, round(float(np.ptp(phi)) / (2 * np.pi)))
 
 
 def sampling_of(phi: Array, stands: tuple[Integers, ...], stand_share: Array) -> Sampling:
-    """Return the sampling of the circle angles (n,) rad of some laps, in order of time."""
+    """Return the sampling for circle angles (n,) rad of laps in order of time."""
     laps, grid = _laps(phi), np.arange(GRID) * 2 * np.pi / GRID
     number, turned = _number(phi, laps), phi % (2 * np.pi)
     before, after, share = np.empty((3, laps, GRID))
@@ -498,12 +521,12 @@ def sampling_of(phi: Array, stands: tuple[Integers, ...], stand_share: Array) ->
         step = (angle[later] - angle[later - 1]) % (2 * np.pi)
         part = ((grid - angle[later - 1]) % (2 * np.pi)) / np.where(step > 0, step, 1.0)
         before[lap], after[lap], share[lap] = order[later - 1], order[later], np.clip(part, 0, 1)
-    # The trend is what each lap adds to the one before, of length one.
+    # The trend is the change between laps, of length one.
     weights = np.arange(laps) - (laps - 1) / 2
     trend = weights / np.linalg.norm(weights) if laps > 1 else np.empty(0)
     return Sampling(before.astype(np.intp), after.astype(np.intp), share, phi, stands, stand_share, trend)
 
 
 def _number(phi: Array, laps: int) -> Array:
-    """Return the number (n,) of the lap, from 0 on, to which each circle angle (n,) rad belongs."""
+    """Return the lap number (n,), from 0, of each circle angle (n,) rad."""
     return np.asarray(np.minimum(np.abs(phi - phi[0]) // (2 * np.pi), laps - 1), dtype=float)

@@ -1,13 +1,17 @@
-"""Placements: which runs share a set-up.
+"""Placements: runs that share a set-up.
 
-Runs of one test and placement share a set-up unless their readings show that something was moved. A placement has a
-name if the user gave one when the run was recorded or imported; otherwise the readings decide.
+Runs of one test and placement share a set-up unless their readings show a move. A placement has a name if the user gave
+one
+during recording or import; otherwise the readings decide.
 
-Circles of one direction repeat each other, so model errors displace their balls equally, and two balls further apart
-than the scatter of a real cell were mounted separately. A play moves the ball of one direction relative to that of the
-other, so frames of both directions are only matched. Runs at targets, and poses, that cannot share one rigid frame have
-far larger residuals together than each alone. Poses of all placements share the target on the tool, so that a placement
-of few poses needs only its frame from them; the data prove it where a reflector was put elsewhere.
+Circles of one direction repeat each other, so model errors displace their balls equally, and balls further apart than
+the
+scatter of a real cell were mounted separately. Backlash shifts the ball of one direction relative to the other, so
+frames of
+both directions are matched only. Runs at targets, and poses, that cannot share a rigid frame have far larger residuals
+together than separately. Poses of all placements share the target on the tool, so a placement of few poses only needs
+its
+frame from them; the data proves a moved reflector.
 """
 
 from __future__ import annotations
@@ -36,24 +40,34 @@ from rigs.errors import FileError
 from rigs.rig import Rig
 
 _APART = 3.0
-"""Ratio of the residual of two runs together to that of each alone, above which they have separate frames. Chosen: a
-wrong model increases both."""
+"""Ratio of the common residual of two runs to the separate ones, above which they have separate frames. Chosen: a wrong
+model
+increases both.
+"""
 _APART_MM = 5 * BALL_MM.high
-"""Smallest difference between these residuals: five times the largest scatter of a ball between runs in real cells."""
+"""Minimum difference between these residuals: five times the largest scatter of a ball between runs in real cells."""
 _MOVED_MM = 3 * float(np.hypot(BALL_MM.high, 1000 * np.radians(JOINT_DEG.high)))
-"""Change of the readings from a circle to its repeat above which the ball was moved: three times the largest scatter of
-ball and joints of real cells, at the end of an arm of one metre."""
+"""Change of the readings between repeated circles above which the ball was moved: three times the largest scatter of
+ball and
+joints of real cells, at the end of a one-metre arm.
+"""
 _ENOUGH_ROWS = 256
-"""Number of readings of a circle by which its frame is found. Chosen: with a micrometre of noise they place the ball to
-a tenth of a micrometre, and a ball that was moved is a thousand times further off."""
+"""Number of readings of a circle used to locate its frame. Chosen: with a micrometre of noise they locate the ball to a
+tenth of
+a micrometre, and a moved ball is a thousand times further off.
+"""
 TO_SPARE = 9
-"""Number of readings beyond the terms of a set-up from which on the residual of a run alone is meaningful. Chosen:
-three poses, of three coordinates each."""
+"""Surplus of readings over set-up terms required for a meaningful residual of a single run. Chosen: three poses of
+three
+coordinates.
+"""
 
 
 def observe_runs(rig: Rig, runs: Sequence[Measured]) -> list[ObservedRun]:
-    """Return runs of (m, k) mm as a fit sees them, each with the set-up of its placement. Raises FileError for a run of
-    another robot."""
+    """Return runs of (m, k) mm in the form of a fit, each with the set-up of its placement. Raises FileError for a run
+    of a different
+    robot.
+    """
     model = model_of(rig)
     for run in runs:
         if not same_arm(arm_of(run.rig.robot), model.arm):
@@ -65,8 +79,9 @@ def observe_runs(rig: Rig, runs: Sequence[Measured]) -> list[ObservedRun]:
 
 
 def split_by_frame(runs: Sequence[ObservedRun], names: Sequence[str]) -> tuple[list[ObservedRun], list[str]]:
-    """Return runs, of (m, k) mm, with a set-up for each frame that they show, and messages about them; of
-    poses `split_by_target` has those."""
+    """Return runs, of (m, k) mm, with a set-up for each frame visible in them, and messages; for poses by
+    `split_by_target`.
+    """
     split_up, messages = list(runs), []
     for setup in dict.fromkeys(run.setup for run in runs):
         places = [k for k, run in enumerate(runs) if run.setup == setup]
@@ -81,16 +96,18 @@ def split_by_frame(runs: Sequence[ObservedRun], names: Sequence[str]) -> tuple[l
 
 
 def _of_frames(setup: str, frames: Sequence[Sequence[str]]) -> str:
-    """Return what a person should know of runs of a set-up that have several frames."""
+    """Return the message about runs of a set-up with several frames."""
     runs = "; ".join(", ".join(names) for names in frames)
     message = f"runs of {setup} do not share one frame: fitted as {len(frames)} placements ({runs})"
     return f"{message}, which rig relabel --placement can name"
 
 
 def split_by_target(runs: Sequence[ObservedRun], names: Sequence[str]) -> tuple[list[ObservedRun], list[str]]:
-    """Return runs, of (m, k) mm, with a target of its own for each place on the tool that placements of
-    poses show, and a message about each. A reflector that was put elsewhere under an instrument that stood keeps the
-    frame of that placement."""
+    """Return runs, of (m, k) mm, with a separate target for each tool position visible in the placements of poses, and
+    messages.
+
+    A reflector moved under a stationary instrument keeps the frame of that placement.
+    """
     split_up = list(runs)
     members: dict[str, list[int]] = {}
     for k, run in enumerate(runs):
@@ -120,8 +137,10 @@ def split_by_target(runs: Sequence[ObservedRun], names: Sequence[str]) -> tuple[
 
 
 def _settled(settled: dict[str, list[ObservedRun]], setup: str, runs: Sequence[ObservedRun]) -> str:
-    """Return the name that runs of a set-up get beside those that are settled: with the target of one of these, in the
-    frame of one with a target of their own, or with both."""
+    """Return the set-up name for runs, relative to settled ones: with the target of one of these, in the frame of one
+    with its own
+    target, or both.
+    """
     if not settled:
         return setup
     targets = list(dict.fromkeys(map(target_of, settled)))
@@ -129,7 +148,7 @@ def _settled(settled: dict[str, list[ObservedRun]], setup: str, runs: Sequence[O
     frame = setup.partition(FRAME)[0]
     if frame != setup:
         trials[targeted(frame, str(len(targets) + 1))] = [home for home in settled if placement_of(home) == frame]
-    # Few poses are not judged: they have the target of the others.
+    # Few poses are not judged: they take the common target.
     few, fits = sum(run.values.size for run in runs) < runs[0].table.kind.setup_terms + TO_SPARE, []
     for name, homes in trials.items():
         if homes:
@@ -167,8 +186,12 @@ def with_enough_readings(runs: Sequence[ObservedRun]) -> tuple[list[int], list[s
 
 
 def reach_mm(judged: Mapping[str, SetUp], used: Mapping[str, SetUp]) -> float:
-    """Return how far at most (mm) a socket that was judged is from all used ones of other placements, or beside one
-    placement from all others: what an arm does farther away shows nowhere, and real ones did up to four times u."""
+    """Return the largest distance (mm) of a validated socket from all used ones of other placements, or, for a single
+    placement, from
+    all others.
+
+    Errors of an arm further away are invisible, and reached four u for real arms.
+    """
     several = len({without_socket(name) for name in used}) > 1
     place = {name: setup.T_instrument_world[:3, 3] for name, setup in judged.items()}
 
@@ -181,7 +204,7 @@ def reach_mm(judged: Mapping[str, SetUp], used: Mapping[str, SetUp]) -> float:
 
 
 def same_arm(first: Arm, second: Arm) -> bool:
-    """Whether two arms have the same link constants and couplings, and rails."""
+    """Return whether two arms have equal link constants, couplings and rails."""
     rail, other_rail = (np.zeros(3) if arm.rail is None else arm.rail for arm in (first, second))
     return np.allclose(rail, other_rail, atol=1e-9) and all(
         np.allclose(getattr(first, constant), getattr(second, constant), atol=1e-9)
@@ -194,7 +217,7 @@ def _readings(runs: Sequence[ObservedRun], setup: str) -> int:
 
 
 def _circle_frames(runs: Sequence[ObservedRun], places: Sequence[int]) -> list[list[int]]:
-    """Return circles grouped by frame: first those of each direction, which are then matched."""
+    """Group circles by frame: first within each direction, followed by matching."""
     few = {k: thinned(runs[k], _ENOUGH_ROWS) for k in places}
     placed = {k: fit_setups([run])[run.setup] for k, run in few.items()}
 
@@ -215,7 +238,7 @@ def _circle_frames(runs: Sequence[ObservedRun], places: Sequence[int]) -> list[l
     for frames in others:
         apart = np.array([[moved_mm(home[0], frame[0]) for home in most] for frame in frames])
         pairs = [(0, 0)]
-        if apart.shape != (1, 1):  # each frame has one home, and their distances the least sum
+        if apart.shape != (1, 1):  # each frame is assigned once, minimising the sum of distances
             from scipy.optimize import linear_sum_assignment  # noqa: PLC0415 - slow to import, needed here only
 
             pairs = list(zip(*(side.tolist() for side in linear_sum_assignment(apart)), strict=True))
@@ -225,7 +248,7 @@ def _circle_frames(runs: Sequence[ObservedRun], places: Sequence[int]) -> list[l
 
 
 def _target_frames(runs: Sequence[ObservedRun], places: Sequence[int]) -> list[list[int]]:
-    """Return runs at targets, or of poses, grouped by frame."""
+    """Group runs at targets, or of poses, by frame."""
     frames: list[list[int]] = []
 
     def is_home(frame: Sequence[int], k: int) -> bool:
@@ -247,6 +270,6 @@ def _target_frames(runs: Sequence[ObservedRun], places: Sequence[int]) -> list[l
 
 
 def _residuals(runs: Sequence[ObservedRun]) -> list[Array]:
-    """Return the residuals (m, k) mm of runs with their set-ups fitted."""
+    """Return the residuals (m, k) mm of runs with fitted set-ups."""
     setups = fit_setups(runs)
     return [residual_of(run, setups) for run in runs]

@@ -1,4 +1,4 @@
-"""Runs prepared for a diagnosis: all about the model of one rig, and wild targets set aside."""
+"""Preparation of runs for a diagnosis: common model of one rig, and outliers at targets set aside."""
 
 from __future__ import annotations
 
@@ -33,27 +33,31 @@ from rigs.errors import FileError
 from rigs.rig import Rig
 
 # ----------------------------------------------------------------------------------------------------------------------
-# Runs prepared for a diagnosis: all about the model of one rig, whatever their own rig files contain.
+# Runs relative to the model of one rig, regardless of their own rig files.
 
 _FEW = 1e-3
-"""Share of wild readings up to which they are not reported: where a play is crossed, some sound readings are classified
-as wild. Chosen."""
+"""Share of outliers below which they are not reported: at backlash crossings some valid readings are classified as
+outliers.
+Chosen.
+"""
 
 
 def prepare_runs(rig: Rig, *uses: Sequence[Measured]) -> tuple[list[list[ObservedRun]], list[str]]:
-    """Return the runs of each use as the diagnosis uses them, with the circle and targets of their own rig files, and
-    messages about their frames and wiring.
+    """Return the prepared runs of each use, with the circle and targets of their own rig files, and messages about
+    frames and wiring.
 
-    All runs of one cell and placement share a set-up and its name, whatever their use. Runs that fit only if a
-    convention is another than labelled, and runs of a set-up that absorbs all of their readings (m, k), are left out.
-    Raises FileError for a run of another robot, and where a convention leaves no run of the first use.
+    All runs of one cell and placement share a set-up and its name, regardless of their use. Runs that only fit with a
+    convention
+    different from their label, and runs of a set-up that absorbs all of their readings (m, k), are left out. Raises
+    FileError for
+    a run of a different robot, and if a convention leaves no run of the first use.
     """
     uses, doubts = _with_joints(uses)
     runs = [run for use in uses for run in use]
     names = [run.run.manifest.name for run in runs]
     use_of = [number for number, use in enumerate(uses) for _ in use]
     findings = findings_of(runs)
-    shown: dict[str, Finding] = {}  # the first that shows for certain that a run is no measurement as it is labelled
+    shown: dict[str, Finding] = {}  # the first certain proof that a run is not the labelled measurement
     for finding in findings:
         if finding.strength != "likely":
             shown = dict.fromkeys(finding.runs, finding) | shown
@@ -80,8 +84,9 @@ def prepare_runs(rig: Rig, *uses: Sequence[Measured]) -> tuple[list[list[Observe
 
 
 def _with_joints(uses: Sequence[Sequence[Measured]]) -> tuple[tuple[Sequence[Measured], ...], list[str]]:
-    """Return the runs of each use without paths, and a message for each of those. Raises FileError where nothing is
-    left of the first."""
+    """Return the runs of each use without paths, and a message for each path. Raises FileError if nothing is left of
+    the first use.
+    """
     kept = tuple([run for run in use if not run.table.kind.without_joints] for use in uses)
     without = [run for use in uses for run in use if run.table.kind.without_joints]
     if without and not kept[0]:
@@ -91,9 +96,12 @@ def _with_joints(uses: Sequence[Sequence[Measured]]) -> tuple[tuple[Sequence[Mea
 
 
 def _doubts_of_gauges(findings: Sequence[Finding], counted: Sequence[tuple[str, int, Table]]) -> list[str]:
-    """Return a message for each doubt about the gauges, with the runs that look so: their repeats do not show it; and
-    one with the number of wild readings of circles, if there are many, from the name, wild readings and table as it was
-    read of each run."""
+    """Return a message for each doubt about the gauges with the affected runs (repeats do not reveal it), and one with
+    the number of
+    outliers of circles, if large.
+
+    counted: name, number of outliers and original table of each run.
+    """
     likely = [finding for finding in findings if finding.convention in (ORDER, SIGN) and finding.strength == "likely"]
     doubts = []
     for meant in dict.fromkeys(finding.meant for finding in likely):
@@ -113,12 +121,15 @@ def _doubts_of_gauges(findings: Sequence[Finding], counted: Sequence[tuple[str, 
 
 
 def _about_one_rig(rig: Rig, runs: Sequence[Measured]) -> list[ObservedRun]:
-    """Return the runs about a rig with their own circle and targets; set-ups are named by test, placement and cell."""
+    """Return the runs relative to a rig, with their own circle and targets; set-ups are named after test, placement
+    and cell.
+    """
     cells: list[Rig] = []
     seen: list[ObservedRun] = []
     of_rig = any(run.rig.robot == rig.robot for run in runs)
     for run in runs:
-        # A circle with the ball beside axis 6 has another tool on the same arm; a tool that no run has is a mistake.
+        # A circle with the ball away from axis 6 has a different tool on the same arm; a tool without runs is a
+        # mistake.
         robot = run.rig.robot.model_copy(update={"tool": rig.robot.tool}) if of_rig else run.rig.robot
         if robot != rig.robot:
             theirs, ours = vars(run.rig.robot), vars(rig.robot)
@@ -131,7 +142,7 @@ def _about_one_rig(rig: Rig, runs: Sequence[Measured]) -> list[ObservedRun]:
             cells.append(cell)
         observed = observe_run(model_of(cell), run.table, str(run.path))
         placed = with_placement(observed, run.run.manifest.placement)
-        # Another circle or other gauges need another set-up.
+        # A different circle or gauges need a separate set-up.
         seen.append(replace(placed, setup=placed.setup + f" {cells.index(cell) + 1}" * (cell != cells[0])))
     return seen
 
@@ -139,8 +150,9 @@ def _about_one_rig(rig: Rig, runs: Sequence[Measured]) -> list[ObservedRun]:
 def _without_far(
     seen: Sequence[ObservedRun], names: Sequence[str], kept: Collection[int]
 ) -> tuple[list[ObservedRun], list[str]]:
-    """Return runs of poses without the readings that lie far from all others of their own run, before anything is
-    fitted to them, and a message for each run that has such."""
+    """Return pose runs without readings far from all others of their run, before any fit, and a message for each
+    affected run.
+    """
     found, doubts = list(seen), []
     for k, run in enumerate(seen):
         far = run.table.kind.far(run.table, run.model.arm) if k in kept else None
@@ -157,25 +169,33 @@ def _without_far(
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# Wild readings at targets and poses, which no effect explains: they are counted, and judge no model.
+# Outliers at targets and poses, unexplained by any effect: they are counted, and not used for judging models.
 #
-# Names are selected with robust weights, so that a wild reading has little influence there. An rms has no such
-# weights: a single pose that was 25 mm wrong among those held out made a right name one that makes them worse.
+# Names are selected with robust weights, so outliers have little influence there. An rms has no such weights: a single
+# held-out
+# pose that was 25 mm wrong made a correct name appear harmful.
 
 _NEAR = 2.5
-"""Robust standard deviations up to which a reading counts while set-ups are fitted; they are taken to be at least the
-largest of real cells, 0.06 mm. Chosen: usual."""
+"""Robust standard deviations within which a reading counts in set-up fits, at least the largest of real cells, 0.06 mm.
+Chosen:
+usual.
+"""
 _STEPS = 4
-"""Number of fits of the set-ups, each to the readings that are near after the one before (Rousseeuw's concentration
-steps): fitted to all of them, the set-up of one wild reading in nine hid them."""
+"""Number of set-up fits, each to the readings close to the previous one (Rousseeuw's concentration steps): fitted to
+all
+readings, the set-up hid one outlier in nine.
+"""
 
 
 def without_wild(
     runs: Sequence[ObservedRun], effects: Sequence[Effect], use: str
 ) -> tuple[list[ObservedRun], list[str]]:
-    """Return runs without the readings (m, k) mm at targets and poses that lie far from all others beside a model with
-    `effects`, those that have others, and a message for each set-up with wild ones; `use` says in it what the runs are
-    for."""
+    """Return runs without readings (m, k) mm at targets and poses far from all others, relative to a model with
+    `effects`.
+
+    Only readings with others to compare are removed. Returns a message for each affected set-up; `use`: purpose of the
+    runs.
+    """
     targets = [k for k, run in enumerate(runs) if not run.table.kind.swept]
     sound, far_mm, doubts = list(runs), dict[str, float](), list[str]()
     away = _away(with_effects([runs[k] for k in targets], effects)) if targets else []
@@ -210,8 +230,11 @@ def without_wild(
 
 
 def _no_accidents(runs: Sequence[ObservedRun], wild: Sequence[Mask]) -> set[str]:
-    """Return the set-ups whose poses that are `wild` (m,) are too many for accidents, or have a range of a joint to
-    themselves. Readings of a gauge at targets are no such: a robot that is read while it moves is wild at many."""
+    """Return the set-ups whose outlying poses `wild` (m,) are too many for accidents, or have a joint range to
+    themselves.
+
+    Gauge readings at targets are excluded: a robot read in motion has many outliers.
+    """
     poses = [k for k, run in enumerate(runs) if run.table.kind.of_places]
     kept = set()
     for setup in dict.fromkeys(runs[k].setup for k in poses):
@@ -223,8 +246,10 @@ def _no_accidents(runs: Sequence[ObservedRun], wild: Sequence[Mask]) -> set[str]
 
 
 def _away(runs: Sequence[ObservedRun]) -> list[tuple[Array, Array]]:
-    """Return how far the readings (m,) of each run are from the model, in mm and in robust standard deviations of their
-    set-up, with set-ups fitted to those that are near."""
+    """Return the distance of the readings (m,) of each run from the model, in mm and in robust standard deviations of
+    their set-up,
+    with set-ups fitted to the close ones.
+    """
     near: list[Mask] = [np.ones(len(run.rows), dtype=bool) for run in runs]
     distances_found: list[tuple[Array, Array]] = []
     for _ in range(_STEPS):

@@ -36,7 +36,7 @@ _REACH_MM = 100.0
 """Distance at which the rotation of an instrument is expressed in mm. It scales the unknowns and has no effect on the
 result."""
 _STEP_MM = 0.01
-"""Step of the derivatives by a set-up term. Readings are linear over such a step."""
+"""Step of the derivatives by a set-up term, within the linear range."""
 _MOST_STEPS = 30
 """Largest number of Gauss-Newton steps. Chosen: a set-up 20 mm off needs twenty steps of 1 mm."""
 _ENOUGH_MM = 1e-4

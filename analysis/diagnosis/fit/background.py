@@ -1,4 +1,4 @@
-"""The background: everything that is not named, as one normal distribution, and errors whose form is free."""
+"""Background: all unnamed contributions as one normal distribution, and free-form errors."""
 
 from __future__ import annotations
 
@@ -18,24 +18,28 @@ from analysis.robot.geometry.driven_programs import circle_of
 from analysis.robot.kinematics.arm import Array, Integers, forward
 
 # ----------------------------------------------------------------------------------------------------------------------
-# The background: everything that is not named, as one normal distribution of noise, set-ups, scatter between runs and
-# a healthy share of every effect.
+# Background: all unnamed contributions as one normal distribution: noise, set-ups, scatter between runs, and a healthy
+# share of
+# every effect.
 #
-# The covariance of the readings is C = W⁻¹ + X V X', with W the weights of the noise (lower in bands where more
-# remains than noise explains) and V the prior variances of all columns. With M = I + √V X'WX √V,
+# The covariance of the readings is C = W⁻¹ + X V X', with W the weights of the noise (lower in bands with a residual
+# above the
+# noise) and V the prior variances of all columns. With M = I + √V X'WX √V,
 #
-#     a'C⁻¹b = a'Wb - (√V X'Wa)' M⁻¹ (√V X'Wb),    A = √V M⁻¹ √V the posterior covariance of all coefficients.
+# a'C⁻¹b = a'Wb - (√V X'Wa)' M⁻¹ (√V X'Wb),    A = √V M⁻¹ √V the posterior covariance of all coefficients.
 #
-# The columns add X m at their prior means m, which is subtracted from the readings before any product.
+# The columns contribute X m at their prior means m, which is subtracted from the readings first.
 #
-# The size that a single form may have follows from its cavity (Λ, η): what the readings say about it without its own
-# prior.
+# The possible size of a single form follows from its cavity (Λ, η): the information of the readings about it without
+# its prior.
 
 
 @dataclass(frozen=True)
 class MarginalValues:
-    """Values (N, k), and what their products with C⁻¹, marginal over the coefficients of a background, need of them:
-    `weighted` (N, k) by the noise, and `absorbed` (p, k), the part that the columns absorb."""
+    """Values (N, k) with the data for products with C⁻¹, marginal over the coefficients of a background: `weighted` (N,
+    k) by the
+    noise, and `absorbed` (p, k), the part absorbed by the columns.
+    """
 
     values: Array
     weighted: Array
@@ -48,9 +52,12 @@ class MarginalValues:
 
 @dataclass(frozen=True)
 class FittedTerms:
-    """Terms that are fitted beside the background: q columns in some responses, with prior precision (q, q) and prior
-    mean (q,), and the residual r (N,) of the model where all of them are zero. `held` (q,) has the values of terms that
-    a limit holds, which are as uncertain as they are, and NaN for all others. Readings are whitened."""
+    """Terms fitted in addition to the background: q columns in responses, with prior precision (q, q) and prior mean
+    (q,), and the
+    residual r (N,) of the model at zero terms.
+
+    `held` (q,): values of terms at a limit, with unchanged uncertainty, NaN for all others. Readings are whitened.
+    """
 
     r: Array
     responses: tuple[Response, ...]
@@ -60,12 +67,11 @@ class FittedTerms:
 
     @cached_property
     def T(self) -> Array:  # noqa: N802 - a matrix
-        """The columns (N, q)."""
+        """Columns (N, q)."""
         return np.concatenate([np.empty((len(self.r), 0)), *(response.columns for response in self.responses)], axis=1)
 
     def best(self, normal: Array, right: Array) -> Array:
-        """Return the terms (q,) of whitened columns that solve normal (q, q) times terms = right (q,) beside those that
-        limits hold."""
+        """Solve normal (q, q) times terms = right (q,) for whitened columns, with the terms at limits fixed."""
         free, terms = np.isnan(self.held), self.held.copy()
         right_free = right[free] - normal[np.ix_(free, ~free)] @ terms[~free]
         terms[free] = np.linalg.solve(normal[np.ix_(free, free)], right_free)
@@ -74,9 +80,10 @@ class FittedTerms:
 
 @dataclass(frozen=True, eq=False)
 class Background:
-    """The background of one state: noise weights (N,) of the readings, prior variances and means (p,) of the
-    coefficients of all columns. `weighted_gram` makes the products X'WX (p, p) of the columns, which its factor alone
-    needs, so that a background that is kept does not hold them."""
+    """Background of one state: noise weights (N,) of the readings, prior variances and means (p,) of all coefficients.
+
+    `weighted_gram` computes X'WX (p, p), needed only for the factor, so that a cached background does not store it.
+    """
 
     columns: Columns
     weight: Array
@@ -94,7 +101,7 @@ class Background:
 
     @cached_property
     def _chol(self) -> Array:
-        """The lower Cholesky factor (p, p) of M."""
+        """Lower Cholesky factor (p, p) of M."""
         from scipy.linalg import cholesky  # noqa: PLC0415 - slow to import
 
         M = self._root[:, None] * self.weighted_gram()
@@ -104,22 +111,22 @@ class Background:
 
     @cached_property
     def pull(self) -> Array:
-        """The prior means over the prior variances (p,): what the prior adds to η; zero where nothing is expected."""
+        """Prior means over prior variances (p,), the contribution of the prior to η; zero without expectation."""
         return np.divide(self.mean, self.variance, out=np.zeros_like(self.mean), where=self.variance > 0)
 
     @cached_property
     def at_mean(self) -> Array:
-        """What the columns add to the whitened readings (N,) at their prior means."""
+        """Contribution (N,) of the columns to the whitened readings at their prior means."""
         return self.columns.X @ self.mean
 
     def marginal(self, values: Array) -> MarginalValues:
-        """Return whitened values (N, k) with the terms that their products with C⁻¹ need."""
+        """Return whitened values (N, k) prepared for products with C⁻¹."""
         weighted = self.weight[:, None] * values
-        # In this order the product of many rows with few columns takes a third of the time.
+        # this order of products takes a third of the time
         return self._absorbing(values, weighted, weighted.T @ self.columns.X)
 
     def _absorbing(self, values: Array, weighted: Array, products: Array) -> MarginalValues:
-        """Return values (N, k) with their products (k, p) with the weighted columns as far as these absorb them."""
+        """Return prepared values (N, k), given their products (k, p) with the weighted columns."""
         from scipy.linalg import solve_triangular  # noqa: PLC0415 - slow to import
 
         right = self._root[:, None] * products.T
@@ -138,15 +145,16 @@ class Background:
         return self._marginals[response]
 
     def marginal_residual(self, residual: Array) -> MarginalValues:
-        """Return a whitened residual (N,) less the readings at the prior means, as (N, 1); what does not depend on the
-        weights is kept for as long as the residual is in use."""
+        """Return a prepared whitened residual (N,) less the readings at the prior means, as (N, 1).
+
+        The part independent of the weights is cached while the residual is in use.
+        """
         whole, mean = self._marginal_response(self.columns.response_of(residual)), self._marginal_means
         weighted, absorbed = whole.weighted - mean.weighted, whole.absorbed - mean.absorbed
         return MarginalValues(whole.values - mean.values, weighted, absorbed)
 
     def marginal_responses(self, responses: Sequence[Response], residual: Array | None = None) -> MarginalValues:
-        """Return the columns of some responses and, last, a whitened residual (N,) at the prior means,
-        together."""
+        """Return the columns of responses and, last, a whitened residual (N,) at the prior means, prepared together."""
         parts = [self._marginal_response(response) for response in responses]
         parts += [] if residual is None else [self.marginal_residual(residual)]
         if len(parts) == 1:
@@ -159,8 +167,10 @@ class Background:
         )
 
     def marginal_terms(self, terms: FittedTerms) -> MarginalValues:
-        """Return the columns (N, q) of fitted terms and, last, the residual at the prior means. The latest
-        ones are kept, because a state's evidence and its posterior need the same."""
+        """Return the columns (N, q) of fitted terms and, last, the residual at the prior means, prepared.
+
+        The latest result is cached, because a state's evidence and posterior both need it.
+        """
         if not self._latest or self._latest[0][0] is not terms:
             self._latest[:] = [(terms, self.marginal_responses(terms.responses, terms.r))]
         return self._latest[0][1]
@@ -174,16 +184,16 @@ class Background:
 
     @property
     def logdet(self) -> float:
-        """The logarithm of the determinant of the covariance of the readings."""
+        """Log determinant of the covariance of the readings."""
         return 2 * float(np.log(np.diag(self._chol)).sum()) - float(np.log(self.weight).sum())
 
     @cached_property
     def covariance(self) -> Array:
-        """The posterior covariance A (p, p) of all coefficients, with no terms fitted beside them."""
+        """Posterior covariance A (p, p) of all coefficients, without fitted terms."""
         from scipy.linalg.lapack import dpotri  # noqa: PLC0415 - slow to import
 
         lower, _ = dpotri(self._chol, lower=True)
-        covariance: Array = lower + lower.T  # above its diagonal the factor is zero, and remains so
+        covariance: Array = lower + lower.T  # the factor is zero above its diagonal, and stays so
         covariance[np.diag_indices_from(covariance)] /= 2
         covariance *= self._root[:, None]
         covariance *= self._root
@@ -191,8 +201,8 @@ class Background:
 
     @cached_property
     def variances(self) -> Array:
-        """The diagonal (p,) of the covariance, from half of its work unless the whole is there already."""
-        if "covariance" in vars(self):  # where a cached property is kept once it was asked for
+        """Diagonal (p,) of the covariance, at half the cost unless the full matrix exists."""
+        if "covariance" in vars(self):  # location of a computed cached property
             return np.diag(self.covariance)
         from scipy.linalg.lapack import dtrtri  # noqa: PLC0415 - slow to import
 
@@ -206,16 +216,17 @@ class Background:
 
     @cached_property
     def spent(self) -> Array:
-        """The energy of each band (b,), in variances of the noise, that the uncertainty of the coefficients hides, with
-        no terms fitted beside them."""
+        """Energy of each band (b,), in noise variances, hidden by the uncertainty of the coefficients, without
+        fitted terms.
+        """
         return np.tensordot(self.columns.K, self.covariance, axes=2)
 
     def posterior(self, terms: FittedTerms) -> Posterior:
-        """Return the posterior of all coefficients beside the fitted terms, of which T is (N, q)."""
+        """Return the posterior of all coefficients together with the fitted terms, T (N, q)."""
         return Posterior(self, terms)
 
     def evidence(self, terms: FittedTerms) -> float:
-        """Return the log density of the readings beside the fitted terms, up to a constant; T is (N, q)."""
+        """Return the log density of the readings with fitted terms, T (N, q), up to a constant."""
         q = len(terms.mean)
         marginal = self.marginal_terms(terms)
         products = marginal.products(marginal)
@@ -229,9 +240,12 @@ class Background:
 
 @dataclass(frozen=True)
 class Gains:
-    """What n forms would gain, each beside everything else, over the healthy share that it has: the log evidence (n,)
-    as a `fault`, and as the single form of `healthy` size that its name has. `sigma` (n,) is how many sigmas a healthy
-    size of it is, and `size` (n,) what the readings show of it, in healthy sizes."""
+    """Gain of n forms, each together with everything else, relative to a healthy share.
+
+    Log evidence (n,) as a `fault`, and as the only form of `healthy` size of its name. `sigma` (n,): significance of a
+    healthy
+    size in sigmas. `size` (n,): size shown by the readings, in healthy sizes.
+    """
 
     fault: Array
     healthy: Array
@@ -241,7 +255,7 @@ class Gains:
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """The posterior of all coefficients of whitened columns beside fitted terms."""
+    """Posterior of all coefficients of whitened columns together with fitted terms."""
 
     background: Background
     terms: FittedTerms
@@ -256,69 +270,73 @@ class Posterior:
 
     @cached_property
     def term_covariance(self) -> Array:
-        """The covariance (q, q) of the fitted terms."""
+        """Covariance (q, q) of the fitted terms."""
         q = len(self.terms.mean)
         return np.asarray(np.linalg.inv(self._products[:q, :q] + self.terms.precision), dtype=float)
 
     @cached_property
     def term_means(self) -> Array:
-        """The means (q,) of the fitted terms."""
+        """Means (q,) of the fitted terms."""
         q, terms = len(self.terms.mean), self.terms
         normal = self._products[:q, :q] + terms.precision
         return terms.best(normal, self._products[:q, q] + terms.precision @ terms.mean)
 
     @cached_property
     def _taken(self) -> Array:
-        """The coefficients (p, q + 1) with which the columns absorb the fitted terms and, last, the residual."""
+        """Coefficients (p, q + 1) with which the columns absorb the fitted terms and, last, the residual."""
         return self.background.taken(self._marginal)
 
     @cached_property
     def mean(self) -> Array:
-        """The means (p,) of the columns of the background."""
+        """Means (p,) of the background columns."""
         return self.background.mean + self._taken[:, -1] - self._taken[:, :-1] @ self.term_means
 
     @cached_property
     def variance(self) -> Array:
-        """The variances (p,) of the columns of the background."""
+        """Variances (p,) of the background columns."""
         taken = self._taken[:, :-1]
         return np.asarray(self.background.variances + np.sum(taken @ self.term_covariance * taken, axis=1), dtype=float)
 
     def covariance_among(self, columns: Integers) -> Array:
-        """Return the covariances (…, q, q) among columns (…, q) of the background, in healthy sizes squared."""
+        """Return covariances (…, q, q) among columns (…, q) of the background, in healthy sizes squared."""
         taken = self._taken[:, :-1][columns]
         without_terms = self.background.covariance[columns[..., :, None], columns[..., None, :]]
         return np.asarray(without_terms + taken @ self.term_covariance @ np.swapaxes(taken, -1, -2), dtype=float)
 
     def joint_covariance(self, columns: int, fitted: int) -> Array:
-        """Return the covariance (f + c, f + c) of the first `fitted` terms and, after them, the first `columns` of the
-        background, in healthy sizes."""
+        """Return the covariance (f + c, f + c) of the first `fitted` terms, followed by the first `columns` of the
+        background, in healthy
+        sizes.
+        """
         among_terms, taken = self.term_covariance[:fitted], self._taken[:columns, :-1]
         across = -among_terms @ taken.T
         below = self.background.covariance[:columns, :columns] + taken @ self.term_covariance @ taken.T
         return np.asarray(np.block([[among_terms[:, :fitted], across], [across.T, below]]), dtype=float)
 
     def covariance_times(self, vector: Array) -> Array:
-        """Return the product (p,) of the covariance of the whitened columns of the background with a vector (p,)."""
+        """Return the product (p,) of the covariance of the whitened background columns with a vector (p,)."""
         taken = self._taken[:, :-1]
         return self.background.covariance_times(vector) + taken @ (self.term_covariance @ (vector @ taken))
 
     @cached_property
     def residual(self) -> Array:
-        """The whitened residual (N,) with all coefficients at their means."""
+        """Whitened residual (N,) with all coefficients at their means."""
         return self.terms.r - self.terms.T @ self.term_means - self.background.columns.X @ self.mean
 
     @cached_property
     def spent(self) -> Array:
-        """The energy of each band (b,), in variances of the noise, that the uncertainty of all coefficients hides."""
+        """Energy of each band (b,), in noise variances, hidden by the uncertainty of all coefficients."""
         return self.background.spent + np.bincount(self.background.columns.band, self._of_terms)
 
     def left_out(self, rows: Integers) -> tuple[Array, Array]:
-        """Return by how much the whitened readings of some rows (n,) miss what all others predict (n,), and the
-        covariance (n, n) of these predictions without the noise of the readings.
+        """Return the prediction errors (n,) of some whitened rows (n,) from all others, and their covariance (n, n)
+        without the noise of
+        the readings.
 
-        Of a normal distribution both follow without a fit: with C the covariance of the readings, the residuals are
-        (C⁻¹)_rows⁻¹ (C⁻¹ y)_rows and their covariance is (C⁻¹)_rows⁻¹ (Rasmussen and Williams, 2006, 5.4.2). What a
-        fit of sizes and widths took from the rows stays in.
+        For a normal distribution both follow without a fit: with C the covariance of the readings, the residuals are
+        (C⁻¹)_rows⁻¹ (C⁻¹ y)_rows and their covariance is (C⁻¹)_rows⁻¹ (Rasmussen and Williams, 2006, 5.4.2). The
+        influence of the
+        rows on fitted sizes and widths is not removed.
         """
         background, weight = self.background, self.background.weight[rows]
         X = background.columns.X[rows]
@@ -330,31 +348,32 @@ class Posterior:
 
     @cached_property
     def weighted_spent(self) -> Array:
-        """The energy of each band (b,), weighted as readings are, that the uncertainty of all coefficients hides."""
+        """Weighted energy of each band (b,) hidden by the uncertainty of all coefficients."""
         background, columns = self.background, self.background.columns
         spent: Array = columns.weighted_spent(background.weight, background.covariance)
         return spent + np.bincount(columns.band, background.weight * self._of_terms)
 
     @cached_property
     def _of_terms(self) -> Array:
-        """The variances (N,) of the readings that the uncertainty of the fitted terms adds: that of what the columns
-        leave of them, since they take back the rest."""
+        """Variances (N,) of the readings caused by the uncertainty of the fitted terms, after absorption by the
+        columns.
+        """
         remainder = self.terms.T - self.background.columns.X @ self._taken[:, :-1]
         return np.asarray(np.sum(remainder @ self.term_covariance * remainder, axis=1), dtype=float)
 
     @property
     def unexplained(self) -> Array:
-        """The whitened residual (N,) of the fitted effects, with the background at its prior means."""
+        """Whitened residual (N,) of the fitted effects, with the background at its prior means."""
         return self.terms.r - self.background.at_mean
 
     @property
     def healthy_share(self) -> Array:
-        """What the forms of effects, at their posterior means, add to the whitened readings (N,)."""
+        """Contribution (N,) of the effect forms, at their posterior means, to the whitened readings."""
         forms = self.background.columns.set_ups.start
         return self.background.columns.X[:, :forms] @ self.mean[:forms]
 
     def gains(self, forms: Sequence[Form], level: float) -> Gains:
-        """Return what forms would gain in an arm whose other forms are at a level."""
+        """Return the gains of forms in an arm whose other forms have a level."""
         gains = Gains(*np.full((2, len(forms)), -np.inf), *np.zeros((2, len(forms))))
         width = np.array([len(form.columns) for form in forms])
         usual_variance = self.background.columns.usual_variance(level)
@@ -383,7 +402,7 @@ class Posterior:
         return gains
 
     def size(self, form: Form) -> Array:
-        """Return the coefficients (q,), in healthy sizes, that a form would have as a fault."""
+        """Return the coefficients (q,), in healthy sizes, of a form as a fault."""
         cols = np.array(form.columns)
         inverse, precision = self._inverse_and_cavity(cols)
         eta = inverse @ self.mean[cols] - self.background.pull[cols]
@@ -397,8 +416,10 @@ class Posterior:
         return inverse, precision
 
     def cavity(self, columns: Array) -> tuple[Array, Array]:
-        """Return what the readings say about whitened columns (N, q) beside everything else: the precision Λ (q, q)
-        and the vector η (q,)."""
+        """Return the information of the readings about whitened columns (N, q) in addition to everything else:
+        precision Λ (q, q) and
+        vector η (q,).
+        """
         marginal = self.background.marginal(columns)
         across = self._marginal.products(marginal)
         with_terms, eta = across[:-1], across[-1] - self.term_means @ across[:-1]
@@ -406,7 +427,7 @@ class Posterior:
         return precision, eta
 
     def left_of(self, columns: Array) -> Array:
-        """Return what everything else leaves of whitened columns (N, q) that are added to the readings."""
+        """Return the part of whitened columns (N, q), added to the readings, not absorbed by everything else."""
         marginal = self.background.marginal(columns)
         terms = self.term_covariance @ self._marginal.products(marginal)[:-1]
         taken = self.background.taken(marginal) - self._taken[:, :-1] @ terms
@@ -414,7 +435,7 @@ class Posterior:
 
 
 def background_of(columns: Columns, weight: Array, variance: Array, mean: Array | None = None) -> Background:
-    """Return the background of noise weights (N,), prior variances (p,) and prior means (p,), zero by default."""
+    """Return the background for noise weights (N,), prior variances (p,) and prior means (p,), zero by default."""
     mean = np.zeros(len(variance)) if mean is None else mean
     return Background(columns, weight, variance, mean, partial(columns.weighted_gram, weight))
 
@@ -422,7 +443,7 @@ def background_of(columns: Columns, weight: Array, variance: Array, mean: Array 
 def fault_evidence(values: Array, seen: Array, level: float) -> Array:
     """Return the log evidence (…) of cavities for a fault of any size over no fault.
 
-    `values` (…, q) are the eigenvalues of the precision, `seen` (…, q) the squares of η along its eigenvectors.
+    `values` (…, q): eigenvalues of the precision. `seen` (…, q): squares of η along its eigenvectors.
     """
     each = np.stack([cavity_evidence(values, seen, size**2 / values.shape[-1]) for size in fault_sizes(level)])
     top = each.max(axis=0)
@@ -436,39 +457,47 @@ def cavity_evidence(values: Array, seen: Array, variance: Array | float) -> Arra
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# Free forms: errors without a name, whose shape is left open. They are an error of an axis as a function of its
-# angle, of its speed or of a direction of motion; of the gauges as a function of time; and of the ball as a function
-# of position.
+# Free forms: unnamed errors of unspecified shape. They are errors of an axis as a function of its angle, speed or
+# direction of
+# motion; of the gauges as a function of time; and of the ball as a function of position.
 #
-# Each effect of the library has a definite shape, so it explains with two or three parameters what a free form needs
-# many for. Where a free form still explains much of the residual of the names, an effect outside the library is
-# present, and the form describes what it depends on.
+# Effects of the library have definite shapes, so they explain with two or three parameters what a free form explains
+# with
+# many. If a free form still explains much of the residual, an effect outside the library is present, and the form shows
+# its
+# dependence.
 
 _WAVES = 24
-"""Half waves over the range of an angle, or over the duration of a run. Their strength falls as one over their number,
-as in the path of a random walk, so that a function may bend and step. Chosen: fine enough for a feature of a few
-degrees."""
+"""Half waves over the range of an angle, or the duration of a run, with strength inversely proportional to the order,
+as for a
+random walk, so that bends and steps are possible. Chosen: fine enough for features of a few degrees.
+"""
 _WAVES_BY_WAY = 8
 """The same of an error that changes with the way a joint turns. Chosen: friction and torque change slowly."""
 _POWERS = np.array([0.5, 1.0, 2.0])
-"""Powers of the speed that describe an error that depends on speed. Chosen: square root, linear and quadratic, which
-cover friction and inertia."""
+"""Powers of the speed for speed-dependent errors. Chosen: square root, linear and quadratic, covering friction and
+inertia.
+"""
 _SLOW = np.radians(0.2)
-"""Rad/s below which the direction of motion of a joint is not clear. Chosen: a fraction of the slowest joint speeds of
-a circle."""
+"""Rad/s below which a joint's direction of motion is unclear. Chosen: a fraction of the slowest joint speeds of a
+circle.
+"""
 _UNIT_RAD, _UNIT_MM = np.radians(1e-3), 1e-3
-"""Units of the columns. They have no effect on the result, because the strength is scaled."""
+"""Units of the columns, without influence on the result, because the strength is scaled."""
 _STRENGTHS = 4.0 ** np.arange(-4, 11)
-"""Squares of a form's strength in these units; the best is used. The grid reaches from 1/16 of a unit to 1000 units in
-factors of two."""
+"""Squares of a form's strength in these units; the best is used. The grid covers 1/16 of a unit to 1000 units in
+factors of two.
+"""
 FREE_PRICE = 6.0
-"""Logarithm of the number of choices: some 26 forms times 15 strengths."""
+"""Log number of choices: about 26 forms times 15 strengths."""
 
 
 @dataclass(frozen=True)
 class FreeForm:
-    """A form with its description and its columns (N, c) in standard deviations of the noise. One that was chosen has
-    its most likely strength, and its log evidence after the price of the choice among forms and strengths."""
+    """Form with its description and columns (N, c) in noise standard deviations. A selected form has its most likely
+    strength, and
+    its log evidence after the price of the selection.
+    """
 
     words: str
     columns: Array
@@ -476,14 +505,15 @@ class FreeForm:
 
 
 def best_free_form(forms: Sequence[FreeForm], posterior: Posterior) -> FreeForm:
-    """Return the free form that explains most of what the names leave beside everything else, at its most likely
-    strength; its columns are (N, c)."""
-    # One product with the columns of all forms takes two thirds of the time of one product for each form.
+    """Return the free form with the highest evidence for the remaining residual, at its most likely strength;
+    columns (N, c).
+    """
+    # One product with all columns takes two thirds of the time of separate products.
     ends = np.cumsum([0, *(form.columns.shape[1] for form in forms)]).tolist()
     products, slope = posterior.cavity(np.concatenate([form.columns for form in forms], axis=1))
     gains, strengths = [], _STRENGTHS[:, None]
     for begin, end in pairwise(ends):
-        # The log evidence, for each strength, of columns with unknown normal coefficients over no columns.
+        # Log evidence, per strength, of columns with unknown normal coefficients over none.
         power, turn = np.linalg.eigh(products[begin:end, begin:end])
         power = np.maximum(power, 0.0)
         seen = (turn.T @ slope[begin:end]) ** 2
@@ -508,9 +538,10 @@ def discrepancy_evidence(functions: Array, posterior: Posterior) -> tuple[float,
 
 
 def free_forms_of(linear: Linearisation) -> Iterator[FreeForm]:
-    """Yield the free forms that the runs could show, with columns (N, c): functions (n, c) rad or mm at the samples of
-    each block."""
-    # On circles joints move while they are read, elsewhere between readings.
+    """Yield the free forms visible in the runs, with columns (N, c): functions (n, c) rad or mm at the samples of
+    each block.
+    """
+    # On circles joints move during the readings, otherwise between them.
     blocks = tuple(block for block in linear.blocks if block.sampling) or linear.blocks
     low, high = (of([of(block.path.q, axis=0) for block in blocks], axis=0) for of in (np.min, np.max))
     span, fastest = high - low, np.max([np.abs(_rates(block)).max(axis=0) for block in blocks], axis=0)
@@ -558,13 +589,13 @@ def discrepancy_functions(linear: Linearisation) -> Array:
 
 
 def _time(block: Block) -> Array:
-    """Return functions (n, c) mm of the time of the samples of a block."""
+    """Return functions (n, c) mm of the time of a block's samples."""
     t = block.path.t_s
     return _waves((t - t[0]) / (t[-1] - t[0]), _UNIT_MM) if block.sampling else np.zeros((len(t), _WAVES))
 
 
 def _around(block: Block) -> Array:
-    """Return functions (n, c) mm of the circle angle of the samples of a block."""
+    """Return functions (n, c) mm of the circle angle of a block's samples."""
     q = block.path.q
     if not block.sampling:
         return np.zeros((len(q), 2 * _WAVES))
@@ -581,6 +612,6 @@ def _waves(share: Array, unit: float) -> Array:
 
 
 def _rates(block: Block) -> Array:
-    """Return the joint speeds (n, 6) rad/s; at targets they are zero."""
+    """Return the joint speeds (n, 6) rad/s; zero at targets."""
     path = block.path
     return np.gradient(path.q, path.t_s, axis=0) if block.sampling else np.zeros_like(path.q)

@@ -1,8 +1,10 @@
-"""Candidates: the names that may explain readings, and the columns of everything that may change them.
+"""Candidate effects, and the columns of all possible changes of the readings.
 
-`candidates_for` lists every effect that these runs could show, and `columns_for` makes the `Columns` of them: what each
-of their forms adds to all readings at a healthy size, then what set-ups and scatter between runs may do.
-`departure_columns` are what a real gear, ball or brake adds beside its ideal form.
+`candidates_for` lists every effect visible in these runs, and `columns_for` creates their `Columns`: responses to each
+form
+at a healthy size, followed by set-ups and scatter between runs. `departure_columns` contain deviations of real gears,
+balls
+or brakes from the ideal form.
 """
 
 from __future__ import annotations
@@ -25,23 +27,28 @@ from rigs.schema.effect import Scope, healthy, is_play, name_of, phases, scaled
 from rigs.schema.scene import play
 
 # ----------------------------------------------------------------------------------------------------------------------
-# The candidates: the names that a diagnosis can give, each with its possible columns in the readings.
-# The response to an effect is simulate(model + effect) - simulate(model) (`linearisation`), so that no response is
-# written by hand. A column is such a response at a healthy size; an effect with a free phase has two. Names, forms
-# and shapes: `rigs/effects`.
+# Candidates: possible names of a diagnosis, each with its columns in the readings. The response to an effect is
+# simulate(model + effect) - simulate(model) (`linearisation`), never written by hand. A column is such a response at a
+# healthy
+# size; an effect with a free phase has two. Names, forms and shapes: `rigs/effects`.
 
 _PLAY_SIGMA = 15.0
-"""Size in sigmas of the narrowest play that is tried. Chosen: well above the detection limit of 7 sigma."""
+"""Size in sigmas of the narrowest backlash tried. Chosen: well above the detection limit of 7 sigma."""
 _PLAYS = (1.0, 6.0, 30.0)
-"""Widths of plays that are tried, in healthy widths: that of healthy arms, and two of faults, which are 5 to 100
-healthy sizes. Chosen: a factor of about five apart, since the fit then adjusts the width."""
+"""Backlash widths tried, in healthy widths: of healthy arms, and two faults of 5 to 100 healthy sizes. Chosen: factors
+of about
+five, refined by the fit.
+"""
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """One name in one form. `effects` has one effect for each column, at `size` of its healthy size, because the
-    response to a play is not proportional to its width. `shaped` has the same effect in the other shapes that a search
-    also tries, and `weight` how likely each of these is beside this one."""
+    """One name in one form.
+
+    `effects`: one per column, at `size` of its healthy size, because the response to backlash is not proportional to
+    its width.
+    `shaped`: the effect in the other shapes tried by a search. `weight`: relative likelihood of each.
+    """
 
     name: str
     effects: tuple[Effect, ...]
@@ -51,12 +58,12 @@ class Candidate:
 
     @property
     def effect(self) -> Effect:
-        """The effect of its first column."""
+        """Effect of the first column."""
         return self.effects[0]
 
 
 def candidates_for(linear: Linearisation) -> list[Candidate]:
-    """Return every effect of the vocabulary that the runs of a linearisation, with their N entries, could show."""
+    """Return every registered effect visible in the runs of a linearisation with N entries."""
     scope = _scope(linear.blocks)
     places = [forms for cls in VOCABULARY.values() for forms in cls.forms(scope)]
     plays = [healthy(form) for forms in places for form in forms if is_play(form)]
@@ -68,7 +75,8 @@ def candidates_for(linear: Linearisation) -> list[Candidate]:
             if is_play(form):  # its response depends on its width
                 sizes = sorted({min(1.0, _PLAY_SIGMA / max(float(next(sigmas)), 1e-9)), *_PLAYS})
             tried = [(free.stated, {free.field: value}) for free in form.free(scope.payload_kg) for value in free.tried]
-            # All that is against what the rig file states is as likely as that: more of it makes no name less likely.
+            # All alternatives to the rig file together are as likely as it, so their number does not lower the
+            # likelihood of a name.
             weight = 1 / len(tried) if any(stated for stated, _ in tried) else 1.0
             for whole, size in ((scaled(healthy(form), size), size) for size in sizes):
                 shaped = tuple(whole.model_copy(update=shape) for _, shape in tried)
@@ -77,14 +85,14 @@ def candidates_for(linear: Linearisation) -> list[Candidate]:
 
 
 def _scope(blocks: Sequence[Block]) -> Scope:
-    """Return what the runs of the blocks can show. A circle has two gauges, a target has one."""
+    """Return the observability of effects in the blocks. A circle has two gauges, a target has one."""
     tables = [block.table for block in blocks]
     timed = any(table.kind.swept for table in tables)
     gauges = max((table.kind.gauges for table in tables), key=len)
     twist_deg = np.degrees(blocks[0].model.arm.alpha)
     arm = blocks[0].model.arm
     rail = arm.rail is not None and any(np.ptp(rail_mm(arm, table.q)) > 0 for table in tables)
-    # On circles, if there are any, joints move while they are read.
+    # On circles, if any, joints move during the readings.
     moving = [table for table in tables if table.kind.swept] or tables
     turned = np.max([np.ptp(table.q, axis=0) for table in moving], axis=0) / (2 * np.pi)
     payload_kg = blocks[0].model.load.payload_kg
@@ -92,33 +100,42 @@ def _scope(blocks: Sequence[Block]) -> Scope:
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# Departures: the deviations of a real gear, ball or brake from the ideal form of a named effect.
+# Departures: deviations of a real gear, ball or brake from the ideal form of a named effect.
 #
-# They are never named. They are allowed for, in proportion to the effect, when it is fitted and when the residual is
-# judged. The effects themselves define their departures.
+# They are never named, but included, in proportion to the effect, in its fit and in the judgement of the residual. The
+# effects
+# define their departures.
 
 _REVERSAL_SHIFT = 0.4
-"""Standard deviation of the error at a sample next to a reversal, as a share of the effect's size, and of the instant
-of the reversal, as a share of the time between samples. Chosen: the instant is known to about one sample, so any part
-of the jump may fall on either side."""
+"""Standard deviation of the error at a sample next to a reversal, relative to the effect's size, and of the reversal
+time,
+relative to the sampling interval. Chosen: the time is known to about one sample, so any part of the jump may be on
+either
+side.
+"""
 _LEAST = 1e-3
-"""Largest entry, in standard deviations of the noise, below which a column is left out: it changes nothing."""
+"""Largest entry, in noise standard deviations, of a column that can be left out."""
 _NEGLIGIBLE = 0.01
-"""Largest standard deviation along one direction, in those of the noise, that `fewest_columns` leaves out. Chosen: a
-ten-thousandth of the variance of the noise."""
+"""Largest standard deviation along a direction, relative to the noise, left out by `fewest_columns`. Chosen: a
+ten-thousandth of
+the noise variance.
+"""
 _PARTS = 16
-"""Parts of a fault's play in each of which a run may have begun. Chosen: finer than the rounding of a play."""
+"""Parts of a fault's backlash with separate initial positions. Chosen: finer than the rounding of a backlash
+crossing.
+"""
 
 
 def departure_columns(linear: Linearisation, effect: Effect) -> Array:
-    """Return what the departures of an effect may add, one standard deviation each: columns (N, f) in standard
-    deviations of the noise."""
+    """Return columns (N, f) of the departures of an effect, one standard deviation each, in noise standard
+    deviations.
+    """
     departures = effect.departures()
     parts = [_shares(linear, departures.beside)]
     parts += [_initial_play(linear, *departures.gap, _PARTS)] if departures.gap else []
     parts += [_reversal_shifts(linear, *departures.jolt)] if departures.jolt else []
     if departures.stick:
-        # One for each target, for the unknown state in which a sticking plunger reached it.
+        # One per target, for the unknown state of a sticking plunger.
         gauge, off_mm = departures.stick
         read = [not block.sampling and gauge == "g1" for block in linear.blocks]
         blocks = zip(read, linear.blocks, strict=True)
@@ -126,19 +143,21 @@ def departure_columns(linear: Linearisation, effect: Effect) -> Array:
         targets = np.flatnonzero(off)
         parts.append(np.zeros((len(off), len(targets))))
         parts[-1][targets, np.arange(len(targets))] = off[targets]
-    # What is left at a block of targets of an effect that fades may be anything between nothing and twice as much.
+    # The remainder of a decaying effect at a block of targets may be between zero and twice as much.
     parts += [_apart(linear, linear.columns([effect]), sampling=False)] if departures.fades else []
-    # What late stamps do among the columns of a healthy arm is what they do without the effect. A play that was crossed
-    # 2 ms later came out 1.2 % too narrow, with an uncertainty of 0.06 %. A wave of 5 Hz that is read at instants which
-    # scatter by 4 ms is 0.8 % smaller on average.
+    # Healthy stamp delays are modelled without the effect. A backlash crossed 2 ms later came out 1.2 % too narrow,
+    # with an
+    # uncertainty of 0.06 %. A wave of 5 Hz read at times with a scatter of 4 ms is 0.8 % smaller on average.
     if effect.STAGE == "joint":
         parts.append(_that_change(np.concatenate([linear.late(effect), linear.scattered(effect)], axis=1)))
     return np.concatenate(parts, axis=1)
 
 
 def alike_columns(linear: Linearisation, effect: Effect) -> Array:
-    """Return what combinations of effects that resemble an effect may add, one standard deviation each: columns (N, f)
-    in standard deviations of the noise."""
+    """Return columns (N, f) of effect combinations that resemble an effect, one standard deviation each, in noise
+    standard
+    deviations.
+    """
     parts = [_shares(linear, combined).sum(axis=1) for combined in effect.departures().alike]
     return np.stack(parts, axis=1) if parts else np.empty((len(linear.y), 0))
 
@@ -148,27 +167,32 @@ def _shares(linear: Linearisation, effects: Sequence[tuple[float, Effect]]) -> A
 
 
 def fewest_columns(columns: Array) -> Array:
-    """Return the fewest columns (N, g) that allow for the same as columns (N, f): both have the same covariance, except
-    along directions that hardly vary. A play has a column for each part of it and each circle, and most are alike."""
+    """Return the fewest columns (N, g) equivalent to columns (N, f): equal covariance, except along directions that
+    hardly vary.
+
+    Backlash has a column for each of its parts and each circle, and most are similar.
+    """
     variances, directions = np.linalg.eigh(columns.T @ columns)
     return np.asarray(columns @ directions[:, variances > _NEGLIGIBLE**2], dtype=float)
 
 
 def initial_play_columns(linear: Linearisation, effects: Sequence[Effect]) -> Array:
-    """Return columns (N, b), one standard deviation each, for the unknown position in their play of the effects' joints
-    before each run began."""
+    """Return columns (N, b), one standard deviation each, for the unknown initial position of joints in their
+    backlash.
+    """
     gaps = [departures.gap for departures in (effect.departures() for effect in effects) if departures.gap]
     return np.concatenate([np.empty((len(linear.y), 0)), *(_initial_play(linear, *gap, 1) for gap in gaps)], axis=1)
 
 
 def _initial_play(linear: Linearisation, axis: int, half_width_deg: float, parts: int) -> Array:
-    """Return columns (N, b) for the unknown position of a joint in its play when each circle began.
+    """Return columns (N, b) for the unknown position of a joint in its backlash at the start of each circle.
 
-    It lasts until the joint has crossed the play, which may take much of a lap. The play of ± half_width_deg is divided
-    into parts, each with a column for each circle; a position anywhere in the play is equally likely.
+    Its influence lasts until the joint has crossed the backlash, possibly much of a lap. The range ± half_width_deg is
+    divided
+    into parts, each with a column per circle; all positions are equally likely.
     """
     edges, half_width_rad = np.linspace(-1, 1, parts + 1), np.radians(half_width_deg)
-    # The rms of the share of each part that lies between its middle and a position anywhere in the play.
+    # Rms of the share of each part between its middle and a random position.
     reached = np.clip(np.linspace(-1, 1, 201)[:, None], edges[:-1], edges[1:]) - np.clip(0.0, edges[:-1], edges[1:])
     usual = np.sqrt(np.mean((reached / np.diff(edges)) ** 2, axis=0))
 
@@ -182,10 +206,14 @@ def _initial_play(linear: Linearisation, axis: int, half_width_deg: float, parts
 
 
 def _reversal_shifts(linear: Linearisation, axis: int, size_deg: float, fades_s: float) -> Array:
-    """Return columns (N, j) for the samples about each reversal of a joint. The instant of a reversal is known to about
-    one sample and differs by that between repeats, so a spike may begin earlier or later, and a play may be crossed
-    differently. One that fades, in fades_s (s), is smaller or larger from then on: of it more is left if it began
-    later."""
+    """Return columns (N, j) for the samples around each reversal of a joint.
+
+    The time of a reversal is known to about one sample and varies by that between repeats, so a spike may start earlier
+    or later,
+    and backlash may be crossed differently. A spike decaying in fades_s (s) is smaller or larger from then on: more
+    remains if it
+    started later.
+    """
     jolts, faded = [], [np.empty((len(linear.y), 0))]
     for k, (simulated, rows) in enumerate(zip(linear.simulated, linear.rows, strict=True)):
         path = simulated.block.path
@@ -208,13 +236,15 @@ def _reversal_shifts(linear: Linearisation, axis: int, size_deg: float, fades_s:
 
 
 def _that_change(columns: Array) -> Array:
-    """Return those of columns (N, c) that change a reading."""
+    """Return the columns (N, c) that change a reading."""
     return columns[:, np.abs(columns).max(axis=0) > _LEAST]
 
 
 def _apart(linear: Linearisation, whole: Array, *, sampling: bool) -> Array:
-    """Return columns (N, c) once for each circle, or, without sampling, for each block of targets, as (N, f): zero
-    elsewhere, and without those that change nothing."""
+    """Return columns (N, c) separately for each circle, or, without sampling, for each block of targets, as (N, f):
+    zero elsewhere,
+    without ineffective ones.
+    """
     columns = [np.empty((len(whole), 0))]
     for block, rows in zip(linear.blocks, linear.rows, strict=True):
         if bool(block.sampling) == sampling:
@@ -225,50 +255,61 @@ def _apart(linear: Linearisation, whole: Array, *, sampling: bool) -> Array:
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# The columns: everything that may change the readings, namely every form of every effect, the set-ups, and the
-# scatter between runs.
+# Columns: all possible changes of the readings, namely every form of every effect, set-ups, and scatter between runs.
 #
-# A form is one way in which a name may appear: a gear error of one order (two columns, because its phase is free), or
-# a play of one width and crossing. A healthy arm has a little of every effect, so the healthy size of each name is
-# distributed over its forms.
+# A form is one appearance of a name: a gear error of one order (two columns, because of its free phase), or backlash of
+# one
+# width and crossing. A healthy arm has a little of every effect, so the healthy size of each name is distributed over
+# its forms.
 
 _BALL_MM, _PLACED_MM = 10.0, 1000.0
 """Prior standard deviation of a set-up term about its first fit: of a ball, and of an instrument or its target. It
-affects only what readings hardly determine, such as a ball's height above the plane of a circle. Chosen: people set up
-a ball where the tool goes round it, and an instrument anywhere. Poses of a UR10 whose last axis mostly points in two
-directions move instrument and target by 60 mm; when 10 mm was expected, a length at its limit took 12 mm of them."""
+matters only
+for poorly determined terms, such as a ball's height above the plane of a circle. Chosen: a ball is placed at the centre
+of
+the tool's circle, and an instrument anywhere. Poses of a UR10 with two main directions of the last axis move instrument
+and
+target by 60 mm; with 10 mm, a length at its limit absorbed 12 mm of them.
+"""
 _DETECTABLE_SIGMA = 3.0
-"""Smallest size in sigmas that the largest fault must have, were the set-up known, for its form to get a column.
-Chosen: below the 7 sigma at which an effect is detected."""
+"""Minimum significance of the largest fault, with a known set-up, for its form to get a column. Chosen: below the
+detection
+limit of 7 sigma.
+"""
 LARGEST_FAULT = 68.0
-"""Largest size of a fault, in healthy sizes: the last of the sizes 6, 11, 20, 37 and 68, since faults are 5 to 100
-healthy sizes."""
+"""Largest size of a fault, in healthy sizes: the last of the sizes 6, 11, 20, 37 and 68, because faults are 5 to 100
+healthy
+sizes.
+"""
 _SMALLEST_FAULT = 6.0
-"""Smallest size of a fault, as a multiple of what the arm shows of every effect. It comes from the definition of a
-fault as 5 to 100 healthy sizes, with a margin of one."""
+"""Smallest size of a fault, relative to the level of the arm. It follows from the definition of a fault as 5 to 100
+healthy
+sizes, with a margin of one.
+"""
 _MEAN = float(np.sqrt(2 / np.pi))
-"""Mean of the magnitude of a normal variable of standard deviation one: what a healthy arm has on average of an effect
-that cannot be negative."""
+"""Mean magnitude of a standard normal variable: mean of a non-negative effect in a healthy arm."""
 WEIGHT_DIGITS, _UNEVEN, _RESIDUALS = 9, 4, 8
-"""Digits to which weights of readings are distinguished, the number of weighted products of a band that are cached, at
-some 8 MB each, and of residuals."""
+"""Digits for distinguishing reading weights, number of cached weighted products of a band, about 8 MB each, and of
+residuals.
+"""
 _EQUAL = np.ones(1)
-"""The weights of a band whose readings have equal ones, relative to the largest."""
+"""Relative weights of a band with equal weights."""
 _SIZE_RATIO = 1.85
-"""Ratio between consecutive fault sizes of the grid, which gives the five sizes 6, 11, 20, 37 and 68 in a healthy arm.
-Chosen: the evidence is an average over sizes and smooth in their logarithm."""
+"""Ratio of consecutive fault sizes, giving the sizes 6, 11, 20, 37 and 68 in a healthy arm. Chosen: the evidence is an
+average
+over sizes and smooth in their logarithm.
+"""
 
 
 def fault_sizes(level: float) -> Array:
-    """Return the sizes (n,), in healthy sizes, that a fault may have in an arm whose background is at the
-    given level."""
+    """Return the possible fault sizes (n,), in healthy sizes, for an arm with a background level."""
     least = min(_SMALLEST_FAULT * level, LARGEST_FAULT / 4)
     return np.geomspace(least, LARGEST_FAULT, 1 + round(np.log(LARGEST_FAULT / least) / np.log(_SIZE_RATIO)))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Form(Candidate):
-    """One way in which a name may appear: a candidate with the indices of its `columns`."""
+    """One appearance of a name: a candidate with the indices of its `columns`."""
 
     columns: tuple[int, ...]
 
@@ -309,7 +350,7 @@ class Columns:
 
     @cached_property
     def among(self) -> dict[str, float]:
-        """The number of forms of each name, by their weights."""
+        """Number of forms per name, by weight."""
         among = dict.fromkeys((form.name for form in self.forms), 0.0)
         for form in self.forms:
             among[form.name] += form.weight
@@ -327,49 +368,49 @@ class Columns:
 
     @cached_property
     def likelihoods(self) -> Array:
-        """How likely each form (n,) is among those of its name in a healthy arm."""
+        """Likelihood of each form (n,) among those of its name in a healthy arm."""
         return _likelihoods(self.forms)
 
     @cached_property
     def sizes(self) -> Array:
-        """The size (f,), in healthy sizes, at which each column of a form was computed."""
+        """Size (f,), in healthy sizes, at which each form column was computed."""
         return np.repeat([form.size for form in self.forms], [len(form.columns) for form in self.forms])
 
     def forms_in(self, linear: Linearisation) -> Array:
-        """Return the columns (N, f) of the same forms in another linearisation, per healthy size."""
+        """Return the columns (N, f) of the same forms in a different linearisation, per healthy size."""
         return np.asarray(linear.columns([effect for form in self.forms for effect in form.effects]) / self.sizes)
 
     @cached_property
     def name_of_column(self) -> NDArray[np.int64]:
-        """The index (p,) of the name of each column, and -1 for those that are not of a form."""
+        """Index (p,) of the name of each column, -1 for columns that are not forms."""
         numbers = {name: k for k, name in enumerate(self.among)}
         of_forms = [numbers[form.name] for form in self.forms for _ in form.columns]
         return np.array(of_forms + [-1] * (self.X.shape[1] - len(of_forms)), dtype=np.int64)
 
     @cached_property
     def curves(self) -> CurveColumns:
-        """Those of the columns that are waves of joints over their angles."""
+        """Columns that are waves of joint angles."""
         effects = [effect for form in self.forms for effect in form.effects]
         return curve_columns(effects, self.turned, apart=self.constants_apart)
 
     @cached_property
     def rows(self) -> list[NDArray[np.int64]]:
-        """The entries (n,) of each band."""
+        """Entries (n,) of each band."""
         return [np.flatnonzero(self.band == b) for b in range(len(self.count))]
 
     @cached_property
     def count(self) -> NDArray[np.int64]:
-        """The number (b,) of entries of each band."""
+        """Number (b,) of entries per band."""
         return np.bincount(self.band)
 
     @cached_property
     def parts(self) -> list[Array]:
-        """The whitened columns (n, p) of each band."""
+        """Whitened columns (n, p) of each band."""
         return [self.X] if len(self.rows) == 1 else [self.X[rows] for rows in self.rows]
 
     @cached_property
     def K(self) -> Array:  # noqa: N802 - a matrix
-        """The products (b, p, p) of the whitened columns by band."""
+        """Products (b, p, p) of the whitened columns by band."""
         products = np.empty((len(self.parts), self.X.shape[1], self.X.shape[1]))
         for part, product in zip(self.parts, products, strict=True):
             np.matmul(part.T, part, out=product)
@@ -377,11 +418,11 @@ class Columns:
 
     @cached_property
     def gram(self) -> Array:
-        """The products (p, p) of the whitened columns over all bands."""
+        """Products (p, p) of the whitened columns over all bands."""
         return np.asarray(self.K[0] if len(self.K) == 1 else self.K.sum(axis=0), dtype=float)
 
     def weighted_gram(self, weight: Array) -> Array:
-        """Return the products X'WX (p, p), computed from those of bands whose readings have equal weights (N,)."""
+        """Return the products X'WX (p, p), from bandwise products for equal weights (N,)."""
         equal, uneven = self._by_band(weight)
         gram = self.gram.copy()
         for band in np.flatnonzero(equal != 1).tolist():  # most weights are 1
@@ -391,8 +432,9 @@ class Columns:
         return gram
 
     def weighted_spent(self, weight: Array, covariance: Array) -> Array:
-        """Return the energy of each band (b,), weighted by weights (N,), that a covariance (p, p) of the coefficients
-        hides."""
+        """Return the weighted energy of each band (b,), for weights (N,), hidden by a covariance (p, p) of the
+        coefficients.
+        """
         equal, uneven = self._by_band(weight)
         spent: Array = equal * np.tensordot(self.K, covariance, axes=2)
         for band in uneven:
@@ -400,8 +442,10 @@ class Columns:
         return spent
 
     def _uneven_gram(self, band: int, weight: Array) -> Array:
-        """Return the weighted products (p, p) of the columns of a band whose readings differ in weight (N,), which are
-        kept: a search for the strength of the noise changes all weights of a band alike."""
+        """Return the weighted products (p, p) of the columns of a band with unequal weights (N,).
+
+        Cached, because a search for the noise strength scales all weights of a band equally.
+        """
         scale, shape = self._shape(band, weight)
 
         def compute() -> Array:
@@ -411,18 +455,19 @@ class Columns:
         return np.asarray(scale * recent(self._uneven, (band, shape.tobytes()), compute, _UNEVEN), dtype=float)
 
     def _shape(self, band: int, weight: Array) -> tuple[float, Array]:
-        """Return the largest of the weights (N,) of a band, and its weights (n,) relative to it."""
+        """Return the largest of the weights (N,) of a band, and its relative weights (n,)."""
         weights = weight[self.rows[band]]
         return float(weights.max()), np.round(weights / weights.max(), WEIGHT_DIGITS)
 
     def response_of(self, residual: Array) -> Response:
-        """Return a whitened residual (N,) as a response, the same one as long as the same residual is asked for."""
+        """Return a whitened residual (N,) as a response, cached per residual."""
         kept = recent(self._residuals, id(residual), lambda: (residual, Response(residual[:, None])), _RESIDUALS)
         return kept[1]
 
     def weighted_products(self, response: Response, weight: Array) -> Array:
-        """Return the products (k, p) of a response with the columns, of readings with weights (N,), computed in the
-        same way; those of each band are kept for as long as the response."""
+        """Return the products (k, p) of a response with the columns, weighted by (N,); bandwise products are cached
+        with the response.
+        """
         kept = self._products.setdefault(response, {})
         products = np.zeros((response.columns.shape[1], self.X.shape[1]))
         for band, equal in enumerate(self._by_band(weight)[0].tolist()):
@@ -435,8 +480,9 @@ class Columns:
         return products
 
     def _by_band(self, weight: Array) -> tuple[Array, list[int]]:
-        """Return the weight (b,) of each band whose readings have equal weights (N,), zero for the others, and the
-        numbers of these."""
+        """Return the weight (b,) of each band with equal weights (N,), zero for the others, and the indices of the
+        others.
+        """
         each = [weight[rows] for rows in self.rows]
         equal = np.array([weights[0] if np.ptp(weights) == 0 else 0.0 for weights in each])
         return equal, [band for band, weights in enumerate(each) if np.ptp(weights) > 0]
@@ -464,10 +510,11 @@ class Columns:
         )
 
     def usual_variance(self, level: float) -> Array:
-        """Return the largest variance (p,), in healthy sizes squared, that is usual of the coefficients at a level:
-        that of a healthy arm for the constants that have widths of their own, and no limit for all others.
+        """Return the largest usual variance (p,), in healthy sizes squared, of the coefficients at a level.
 
-        A width that has only one large constant to go by is as large as that, and would make any fault usual.
+        It is that of a healthy arm for constants with separate widths, and unlimited for all others. A width inferred
+        from a single
+        large constant would equal it, and make any fault usual.
         """
         usual = np.full(len(self.healthy), np.inf)
         constants = self.curves.of_constants
@@ -475,13 +522,14 @@ class Columns:
         return usual
 
     def mean(self, level: float) -> Array:
-        """Return the prior mean (p,) of the coefficients in an arm that has `level` times the healthy size of every
-        effect."""
+        """Return the prior mean (p,) of the coefficients in an arm with `level` times the healthy size of every
+        effect.
+        """
         return np.asarray(level * self.healthy_mean, dtype=float)
 
 
 def columns_for(linear: Linearisation, candidates: Sequence[Candidate]) -> Columns:
-    """Return the columns (N, p) of the candidates that runs show, of set-ups and of scatter."""
+    """Return the columns (N, p) of the candidates visible in runs, of set-ups and of scatter."""
     every = in_each_shape(candidates)
     sizes = np.repeat([candidate.size for candidate in every], [len(candidate.effects) for candidate in every])
     columns = linear.columns([effect for candidate in every for effect in candidate.effects]) / sizes
@@ -489,7 +537,7 @@ def columns_for(linear: Linearisation, candidates: Sequence[Candidate]) -> Colum
     shows = [bool(sigmas.max() > _DETECTABLE_SIGMA) for sigmas in np.split(sigma, np.cumsum(widths)[:-1])]
     forms = forms_of([candidate for candidate, is_shown in zip(every, shows, strict=True) if is_shown])
     seen, columns = {form.name for form in forms}, columns[:, np.repeat(shows, widths)]
-    # Every joint of a healthy arm has some play, and its position in the play at the start of a run is unknown.
+    # Every joint of a healthy arm has some backlash, with an unknown position at the start of a run.
     plays = [healthy(candidate.effect) for candidate in candidates if is_play(candidate.effect)]
     begins = initial_play_columns(linear, list({name_of(play): play for play in plays}.values()))
     present = {name_of(effect) for block in linear.blocks for effect in block.model.effects}
@@ -521,7 +569,7 @@ def in_each_shape(candidates: Sequence[Candidate]) -> list[Candidate]:
 
 
 def forms_of(every: Sequence[Candidate]) -> tuple[Form, ...]:
-    """Return the forms of candidates, with columns in their order."""
+    """Return the forms of candidates, with columns in order."""
     first, forms = 0, []
     for form in every:
         columns = tuple(range(first, first := first + len(form.effects)))
@@ -530,19 +578,25 @@ def forms_of(every: Sequence[Candidate]) -> tuple[Form, ...]:
 
 
 def healthy_shares(forms: Sequence[Form], present: Collection[str] = ()) -> Array:
-    """Return the prior variance (p,) of the columns of forms in a healthy arm, in healthy sizes squared: each name's is
-    distributed over its forms. The model contains the names `present` already."""
+    """Return the prior variance (p,) of form columns in a healthy arm, in healthy sizes squared, distributed over the
+    forms of each
+    name.
+
+    present: names already in the model.
+    """
     whole = np.array([1 - _MEAN**2 if _is_magnitude(form, present) else 1.0 for form in forms])
     width = np.array([len(form.columns) for form in forms], dtype=np.int64)
     return np.asarray(np.repeat(whole * _likelihoods(forms) / np.maximum(width, 1), width), dtype=float)
 
 
 def shares_beside(forms: Sequence[Form], effect: Effect) -> Array:
-    """Return which share of its healthy variance each form (n,) keeps beside a named effect: none of the effect's name.
+    """Return the share of healthy variance kept by each form (n,) if an effect is named: zero for its own name.
 
-    A gear may have other waves beside the named one, which a joint that turns little hardly separates: without them the
-    size of a wave of order 16 was 5 % too large beside one of order 20, 4 times its uncertainty. Most orders are whole,
-    as numbers of teeth are, so the wave takes what one order is of those that its nearest form stands for.
+    A gear may have further waves in addition to the named one, hardly separable for a joint with little motion: without
+    them the
+    size of a wave of order 16 was 5 % too large in the presence of order 20, 4 times its uncertainty. Most orders are
+    whole, like
+    numbers of teeth, so the named wave takes the share of one order from its nearest form.
     """
     name = name_of(effect)
     keeps = np.array([form.name != name for form in forms], dtype=float)
@@ -556,7 +610,7 @@ def shares_beside(forms: Sequence[Form], effect: Effect) -> Array:
 
 
 def column_shares_beside(forms: Sequence[Form], effect: Effect, count: int) -> Array:
-    """Return the same for each of `count` columns (p,), of which those after the forms keep everything."""
+    """Return these shares for each of `count` columns (p,); columns after the forms keep everything."""
     shares = np.ones(count)
     of_forms = np.repeat(shares_beside(forms, effect), [len(form.columns) for form in forms])
     shares[: len(of_forms)] = of_forms
@@ -564,21 +618,23 @@ def column_shares_beside(forms: Sequence[Form], effect: Effect, count: int) -> A
 
 
 def order_of(effect: Effect) -> float:
-    """Return the order of a gear's wave, and NaN for every other effect."""
+    """Return the order of a gear wave, NaN for other effects."""
     return float(getattr(effect, "order", np.nan))
 
 
 def _is_ordered(orders: Array) -> bool:
-    """Return whether forms differ by their orders (n,), of which there are several."""
+    """Return whether forms differ by several orders (n,)."""
     return len(orders) > 1 and len(np.unique(orders[np.isfinite(orders)])) == len(orders)
 
 
 def _likelihoods(forms: Sequence[Form]) -> Array:
-    """Return how likely each form is (n,) among those of its name: by their weights, but for the orders of a gear.
+    """Return the likelihood of each form (n,) among those of its name: by weight, except for gear orders.
 
-    Orders are ratios of gear stages, so every octave of them is equally likely. With the same likelihood for every
-    order of a joint that turns far, a healthy gear error of order 3 was expected to be a third of what it was, and a
-    form error of the ball that resembles it came out 8 % too small, 6 times its uncertainty.
+    Orders are ratios of gear stages, so each octave is equally likely. With equal likelihood for every order of a joint
+    with a
+    large range, a healthy gear error of order 3 was expected to be a third of its size, and a similar form error of the
+    ball came
+    out 8 % too small, 6 times its uncertainty.
     """
     likely, names = np.array([form.weight for form in forms]), np.array([form.name for form in forms])
     for name in dict.fromkeys(names.tolist()):
@@ -591,16 +647,17 @@ def _likelihoods(forms: Sequence[Form]) -> Array:
 
 
 def healthy_means(forms: Sequence[Form], present: Collection[str] = ()) -> Array:
-    """Return the prior mean (p,) of the columns of forms in a healthy arm, in healthy sizes. The model contains the
-    names `present` already, so that what it lacks of them may have either sign.
+    """Return the prior mean (p,) of form columns in a healthy arm, in healthy sizes.
 
-    A size that cannot be negative is positive on average. Servo lags of all joints look like late stamps; a large lag
-    beside those of a healthy arm came out smaller by their mean. A name has its mean in its expected shape at a healthy
-    size: a play's response is not proportional to its width.
+    present: names already in the model, whose remaining error may have either sign. A non-negative size is positive on
+    average.
+    Servo lags of all joints resemble late stamps; a large lag came out too small by the mean of healthy ones. A name
+    has its mean
+    in its expected shape at a healthy size: the response to backlash is not proportional to its width.
     """
     means = np.zeros(sum(len(form.columns) for form in forms))
     nearest: dict[str, Form] = {}
-    for form in forms:  # those in other shapes come after the expected one
+    for form in forms:  # other shapes follow the expected one
         if form.name not in nearest or abs(np.log(form.size)) < abs(np.log(nearest[form.name].size)):
             nearest[form.name] = form
     for form in nearest.values():
@@ -610,5 +667,5 @@ def healthy_means(forms: Sequence[Form], present: Collection[str] = ()) -> Array
 
 
 def _is_magnitude(form: Form, present: Collection[str]) -> bool:
-    """Return whether what the model lacks of a form's effect cannot be negative."""
+    """Return whether the remaining error of a form's effect cannot be negative."""
     return form.one_sided and form.name not in present

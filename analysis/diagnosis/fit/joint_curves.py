@@ -1,16 +1,18 @@
-"""Joint curves: the error of each joint as a function of its angle, which poses show in long pieces.
+"""Joint curves: the error of each joint as a function of its angle, visible in poses.
 
-A curve is a sum of waves, order by order. In an arm the amplitudes of joint j have the standard deviation
+A curve is a sum of waves. The amplitudes of joint j in an arm have the standard deviation
 
-    width_j · k^−decay        for each whole order k,
+width_j · k^−decay        for each whole order k,
 
-so that a curve is smooth, and as large as its joint shows. Widths and decay are those that make the readings likeliest
-(type-II maximum likelihood: MacKay, Neural Computation 4, 1992), with
+so a curve is smooth, with a size specific to its joint. Widths and decay maximise the likelihood of the readings
+(type-II
+maximum likelihood: MacKay, Neural Computation 4, 1992), with
 
-    d log p(readings) / d log v_i = ½ ((m_i − mean_i)² + A_ii) / v_i − ½
+d log p(readings) / d log v_i = ½ ((m_i − mean_i)² + A_ii) / v_i − ½
 
-for a coefficient with prior variance v_i and posterior mean m_i and variance A_ii. On a UR10 (1495 and 632 poses) the
-joints have widths of 0.03 to 0.06°, ten times a healthy gear's, and a decay of 1.0 to 1.1.
+for a coefficient with prior variance v_i, posterior mean m_i and variance A_ii. On a UR10 (1495 and 632 poses) the
+joints
+have widths of 0.03 to 0.06°, ten times a healthy gear's, and a decay of 1.0 to 1.1.
 """
 
 from __future__ import annotations
@@ -27,39 +29,48 @@ from rigs.schema.effect import is_wave, size_field
 from rigs.schema.vocabulary import MOST_AXES
 
 _WIDTH, _WIDTH_SPREAD = 0.5, 2.0
-"""Expected width of a curve, in healthy sizes of a gear error, and the standard deviation of its logarithm. Chosen: a
-tenth to four times a healthy gear is as likely as not; readings decide all but the widths of joints that hardly turned.
+"""Prior width of a curve, in healthy sizes of a gear error, and the standard deviation of its logarithm. Chosen: a
+tenth to four
+times a healthy gear is likely; readings decide except for joints with hardly any motion.
 """
 _DECAY, _DECAY_SPREAD = 1.0, 0.5
-"""Expected decay and its standard deviation: that of a path that bends at every scale alike is 1."""
+"""Prior decay and its standard deviation: a self-similar curve has 1."""
 _WIDTHS, _DECAYS = (1e-3, 20.0), (0.3, 2.0)
-"""Bounds. Without them the widths of the lowest orders, which resemble zeros and set-ups, run away: a curve of 20
-healthy sizes is 0.1°."""
+"""Bounds. Without them the widths of the lowest orders, which resemble zeros and set-ups, diverge: a curve of 20
+healthy sizes is
+0.1°.
+"""
 _PIECE, _MOST_OF_A_PIECE = 0.25, 1.0
-"""Share of a wave up to which a joint that drove no more of it shows only a zero and a slope, and the largest standard
-deviation of its amplitude, in healthy sizes. Without that a zero of 0.3° of a joint that turned by 19° was a curve."""
+"""Share of a wave below which a joint shows only a zero and a slope, and the largest standard deviation of its
+amplitude, in
+healthy sizes. Without it a zero of 0.3° of a joint with a range of 19° became a curve.
+"""
 _WIDTH_OF_A_KIND, _MOST_OF_A_KIND = 1.0, 5.0
-"""Expected and largest width of the constants of one kind, in healthy sizes: what is larger is a fault, and has its own
-name."""
+"""Expected and largest width of constants of one kind, in healthy sizes: a larger one is a fault with its own name."""
 _ENOUGH, _MOST_FITS = 0.5, 40
-"""Log likelihood that a step must gain for the search to go on, and the largest number of likelihoods."""
+"""Log likelihood required of a step for continuing the search, and the largest number of likelihoods."""
 
 
 LogLikelihood = Callable[["JointCurves", Array], tuple[float, Array, Array]]
-"""A function of curves and strengths (b,) of the noise that returns the log likelihood of the readings, and its
-derivatives by the logarithms of the prior variances (c,), which are in healthy sizes squared, and of the strengths."""
+"""Function of curves and noise strengths (b,) that returns the log likelihood of the readings, and its derivatives by
+the
+logarithms of the prior variances (c,), in healthy sizes squared, and of the strengths.
+"""
 
 
 def is_of_curve(effect: Effect) -> bool:
-    """Return whether an effect is a wave of a joint over its angle."""
+    """Return whether an effect is a wave of a joint angle."""
     return is_wave(effect) and effect.STAGE == "joint"
 
 
 @dataclass(frozen=True)
 class JointCurves:
-    """How large the curves of an arm's joints are: their widths in healthy sizes of a gear error, and how fast the
-    amplitudes decay with the order. Where the kinds of an arm's constants have widths of their own, those of angles,
-    lengths and compliances follow those of as many joints as an arm can have, in healthy sizes."""
+    """Size of joint curves: widths in healthy sizes of a gear error, and decay of the amplitudes with the order.
+
+    If kinds of arm constants have separate widths, those of angles, lengths and compliances follow those of the maximum
+    number of
+    joints, in healthy sizes.
+    """
 
     widths: tuple[float, ...]
     decay: float = _DECAY
@@ -67,9 +78,13 @@ class JointCurves:
 
 @dataclass(frozen=True, eq=False)
 class CurveColumns:
-    """The columns of joint curves among p columns: their indices (c,), joints (c,) from 0, orders (c,), how many whole
-    orders each stands for (c,), and the largest prior variances (c,), in healthy sizes squared. Constants with a width
-    of their own stand as waves of order 1 of further joints, one for each kind."""
+    """Columns of joint curves among p columns.
+
+    Indices (c,), joints (c,) from 0, orders (c,), number of whole orders represented (c,), and largest prior variances
+    (c,), in
+    healthy sizes squared. Constants with a separate width are represented as waves of order 1 of additional joints, one
+    per kind.
+    """
 
     columns: NDArray[np.int64]
     joint: NDArray[np.int64]
@@ -79,12 +94,12 @@ class CurveColumns:
 
     @property
     def count(self) -> int:
-        """How many widths there are."""
+        """Number of widths."""
         return int(self.joint.max(initial=-1)) + 1
 
     @property
     def of_constants(self) -> NDArray[np.int64]:
-        """The indices of those that are no waves but constants with a width of their own."""
+        """Indices of constants with a separate width."""
         return self.columns[self.joint >= MOST_AXES]
 
     def variance(self, curves: JointCurves) -> Array:
@@ -97,10 +112,10 @@ class CurveColumns:
     def fitted(
         self, start: JointCurves, strength: Array, limits: Array, log_likelihood: LogLikelihood
     ) -> tuple[JointCurves, Array]:
-        """Return the likeliest curves and strengths (b,) of the noise within `limits` (2, b), searched from `start` and
-        `strength`, given the log likelihood of the readings.
+        """Return the likeliest curves and noise strengths (b,) within `limits` (2, b), starting from `start` and
+        `strength`.
 
-        Both are searched together: what curves are too small to hold looks like noise, beside which they stay small.
+        Both are searched together: errors beyond small curves look like noise, which then keeps the curves small.
         """
         from scipy.optimize import minimize  # noqa: PLC0415 - slow to import
 
@@ -128,8 +143,10 @@ class CurveColumns:
 
 
 def curve_columns(effects: Sequence[Effect], turned: Sequence[float] = (), *, apart: bool = False) -> CurveColumns:
-    """Return the columns of joint curves among those of some effects, one each, of joints that turned by so much of a
-    turn (axes), and those of the arm's constants where these have widths of their own, `apart`."""
+    """Return the columns of joint curves among effects, one each, for joints with ranges `turned` (axes) in turns.
+
+    apart: include the arm's constants with separate widths.
+    """
     indices = np.array([k for k, effect in enumerate(effects) if is_of_curve(effect)], dtype=np.int64)
     joint = np.array([getattr(effects[k], "axis", 1) - 1 for k in indices.tolist()], dtype=np.int64)
     order = np.array([float(getattr(effects[k], "order", 1.0)) for k in indices.tolist()])
@@ -141,7 +158,7 @@ def curve_columns(effects: Sequence[Effect], turned: Sequence[float] = (), *, ap
     piece = [k < len(turned) and n * turned[k] < _PIECE for k, n in zip(joint.tolist(), order.tolist(), strict=True)]
     most = np.where(piece, _MOST_OF_A_PIECE**2, np.inf)
     if apart:
-        # Angles, lengths, and what yields under gravity each share a width: 0, 1 and 2.
+        # Angles, lengths and compliances share a width each: 0, 1 and 2.
         kinds: dict[int, int] = {}
         for k, effect in enumerate(effects):
             if effect.part == "gravity" and effect.STAGE == "joint":

@@ -255,7 +255,7 @@ class Linearisation:
         return basis_of(self.U)
 
     def columns(self, effects: Sequence[Effect]) -> Array:
-        """Return what each effect adds to the whitened readings, (N, p)."""
+        """Return the responses (N, p) of the whitened readings to the effects."""
         if not effects:
             return np.empty((len(self.y), 0))
         return self.at_entries([simulated.columns(effects) for simulated in self.simulated])

@@ -1,8 +1,10 @@
-"""The list of acts that follow from a diagnosis, each judged by what it alone leaves at a place without part in it.
+"""List of actions from a diagnosis, each evaluated by its own remaining error at a validation place.
 
-What an act removes is computed by doing it in the model and fitting the set-ups again, as in the gap: nothing of
-another part is counted with it. What the whole model still misses at the place where it was judged is part of the
-uncertainty of each figure.
+The reduction by an action is computed by applying it to the model and refitting the set-ups, as for the gap, so
+contributions
+of other parts are not counted. The error of the complete model at the validation place is included in the uncertainty
+of each
+figure.
 """
 
 from __future__ import annotations
@@ -31,20 +33,21 @@ from rigs.effects import Effect
 from rigs.schema.effect import label_of, name_of, size_field
 
 LEAST_SHARE = 0.1
-"""Share of the error from which every part has an act, or a reason why there is none."""
+"""Share of the error above which every part has an action, or a reason for none."""
 _WORTH = 0.8
-"""Share of the error up to which what a correction leaves makes it worth while. Chosen: a fifth less."""
+"""Largest remaining share of the error for a worthwhile correction. Chosen: a reduction by a fifth."""
 _REPEATS = 2
-"""Runs of each direction that show what changes with time: the second shows what the first cannot."""
+"""Runs per direction needed to show changes with time."""
 _RARE = 3.0
-"""Times usual from which something of usual size is repaired where it makes much of the error: three arms of a thousand
-show as much of it without a fault."""
+"""Ratio to the usual size above which an effect causing much of the error is repaired: three arms in a thousand show as
+much
+without a fault.
+"""
 
 
 @dataclass(frozen=True)
 class JudgedPlace:
-    """The runs by which acts are judged, those by which set-ups of the same placement are fitted, the models, and the
-    gap there."""
+    """Validation runs of the actions, runs for fitting set-ups of the same placement, the models, and the gap there."""
 
     place: JudgedOn
     used: FittedRuns
@@ -53,7 +56,7 @@ class JudgedPlace:
     gap: Gap
 
     def removed(self, effects: Sequence[Effect], relative_u: float = 0.0) -> Act:
-        """Return the figures of an act that takes away some effects, of which the change is known to a share."""
+        """Return the figures of an action that removes effects whose change has a relative uncertainty."""
         before = self.gap.before_um
         after = residual_um(self.there, self.used, effects)
         change = math.sqrt(max(abs(before**2 - after**2), 0.0))
@@ -66,8 +69,9 @@ class JudgedPlace:
 
 EARLY_COMMANDED = Act("convert", "early", command=("import", "TABLE", "--test", "pose", "--joints", "commanded"))
 EARLY = Act("wait", "early")
-"""What comes before all else where joints were read before they came to rest: they are read out of the same file where
-it has the commanded ones beside them, or measured again."""
+"""First action if joints were read before standstill: use the commanded angles of the file if present, or repeat the
+measurement.
+"""
 
 
 def acts_of(
@@ -76,8 +80,11 @@ def acts_of(
     tests: Sequence[tuple[int, NamingTest, Cost]] = (),
     before: Sequence[Act] = (),
 ) -> tuple[Act, ...]:
-    """Return the acts that follow, the first one first: what removes most before what removes less. `tests` has the
-    tests that would name a part of the budget, by its index; `before` what the readings themselves ask for first."""
+    """Return the actions in order of their reduction.
+
+    tests: tests that would identify a part of the budget, by its index. before: actions required by the readings
+    themselves.
+    """
     if diagnosis.given:
         return ()
     if diagnosis.condition == "not_testable_here":
@@ -86,7 +93,7 @@ def acts_of(
         return (*before, _check(diagnosis, judged))
     repairs, following = _repairs(diagnosis, judged)
     if diagnosis.condition == "nothing_unusual" and diagnosis.accuracy.standing == "pass" and not repairs:
-        # Within its limits: a correction, or an approach from one side, would change programs for nothing.
+        # Within the limits a correction, or a one-sided approach, would change programs for nothing.
         large = tuple(k for k, part in enumerate(diagnosis.budget) if part.share > LEAST_SHARE)
         return (*before, Act("none", "sound", parts=large), *_measurements(diagnosis, judged, tests))
     acts = in_order([*repairs, *_corrections(diagnosis, judged), *_approaches(diagnosis)], diagnosis.train.before_um)
@@ -113,9 +120,10 @@ def _check(diagnosis: Diagnosis, judged: JudgedPlace) -> Act:
 
 
 def in_order(acts: Sequence[Act], now_um: float) -> list[Act]:
-    """Return acts, what removes most first, and an approach from one side, whose gain is unknown beforehand, by what
-    the error now would lose without its part. What is usual is corrected for today, and repaired where that is not
-    enough: its repair stands behind its correction."""
+    """Sort actions by their reduction, and a one-sided approach, whose gain is unknown, by the error of its part.
+
+    Usual effects are corrected first and repaired if this is not sufficient: the repair follows its correction.
+    """
     corrected = {k for act in acts if act.kind in ("load", "approach") for k in act.parts}
     late = [act for act in acts if act.why == "sure_and_large" and act.kind == "repair" and {*act.parts} <= corrected]
     late.sort(key=lambda act: -act.gain_um)
@@ -136,7 +144,7 @@ def in_order(acts: Sequence[Act], now_um: float) -> list[Act]:
 
 
 def one_after_the_other(acts: Sequence[Act], judged: JudgedPlace) -> list[Act]:
-    """Return acts, those of hands with what is left once those of hands before them are done as well."""
+    """Return the actions, manual ones with the error remaining after the manual actions before them."""
     done: list[Effect] = []
     square_um2, ordered = 0.0, []
     for act in acts:
@@ -151,8 +159,10 @@ def one_after_the_other(acts: Sequence[Act], judged: JudgedPlace) -> list[Act]:
 
 
 def _approaches(diagnosis: Diagnosis) -> list[Act]:
-    """Return the correction for today of what depends on the side from which a joint came, which no target holds: every
-    target is approached from one side."""
+    """Return the interim action for direction-dependent effects, which targets cannot represent: a one-sided approach
+    to every
+    target.
+    """
     acts = []
     for k, part in enumerate(diagnosis.budget):
         if part.index is None or part.share <= LEAST_SHARE or not is_sure(diagnosis, part):
@@ -164,9 +174,10 @@ def _approaches(diagnosis: Diagnosis) -> list[Act]:
 
 
 def _repairs(diagnosis: Diagnosis, judged: JudgedPlace) -> tuple[list[Act], list[Act]]:
-    """Return what a hand does about faults, and about what is of usual size and makes much of the error; and those of
-    them that follow. Of errors that cancel, one alone may make the error larger: it is done, and judged, after the
-    others."""
+    """Return the manual actions for faults, and for usual effects causing much of the error; and those to follow.
+
+    Among errors that cancel, removing one alone may increase the error: it is done and evaluated after the others.
+    """
     served = [(k, named) for k, part in enumerate(diagnosis.budget) for named in _by_hand(diagnosis, part)]
     acts = [_repair(diagnosis, judged, k, named, ()) for k, named in served]
     done = [act.effect for act in acts if act.gain_um > 0 and act.effect is not None]
@@ -182,15 +193,16 @@ def _repairs(diagnosis: Diagnosis, judged: JudgedPlace) -> tuple[list[Act], list
 
 
 def _by_hand(diagnosis: Diagnosis, part: BudgetPart) -> list[Named]:
-    """Return the effects of a part that a hand does something about: its own, and faults that cancel some of it.
+    """Return the effects of a part with a manual action: its own, and faults that cancel part of it.
 
-    Of usual size, what is sure and makes much of the error is entered or re-mastered; repaired where few arms show as
-    much of it, or where the arm fails its limits.
+    A certain effect of usual size causing much of the error is entered or re-mastered; it is repaired if few arms show
+    as much,
+    or if the arm exceeds its limits.
     """
     of_part = [diagnosis.effects[part.index]] if part.index is not None else []
     rare = (part.times_usual or 0.0) >= _RARE or diagnosis.accuracy.standing in ("watch", "fail")
     is_much = part.share > LARGE_SHARE and is_sure(diagnosis, part)
-    if cause := part.cause:  # the one member of a group that is certain, as an effect of usual size
+    if cause := part.cause:  # the only certain member of a group, as an effect of usual size
         effect, remedy = cause.effect, cause.effect.remedy()
         of_part = [Named(effect, cause.sd, cause.odds, (), math.nan, remedy, cause.um, None, "usual", u_um=cause.u_um)]
     own = [name for name in of_part if name.stands or (is_much and (rare or name.effect.DEED in ("remaster", "enter")))]
@@ -201,7 +213,7 @@ def _by_hand(diagnosis: Diagnosis, part: BudgetPart) -> list[Named]:
 
 
 def _repair(diagnosis: Diagnosis, judged: JudgedPlace, k: int, named: Named, done: Sequence[Effect]) -> Act:
-    """Return what a hand does about an effect of part k once other effects are `done`."""
+    """Return the manual action for an effect of part k after removing the effects in `done`."""
     part = diagnosis.budget[k]
     is_own = part.index is not None and diagnosis.effects[part.index] is named
     u_um, um = (part.u_um, part.um) if is_own else (named.u_um, named.worth_um)
@@ -224,7 +236,7 @@ def _repair(diagnosis: Diagnosis, judged: JudgedPlace, k: int, named: Named, don
 
 
 def _of_the_place(diagnosis: Diagnosis, judged: JudgedPlace) -> list[Against]:
-    """Return what speaks against every figure."""
+    """Return the objections common to all figures."""
     against = [Against("not_judged_elsewhere")] if judged.place == "used" else []
     if diagnosis.runs_to_decide is not None:
         against.append(Against("few_runs", runs=diagnosis.runs_to_decide))
@@ -234,8 +246,10 @@ def _of_the_place(diagnosis: Diagnosis, judged: JudgedPlace) -> list[Against]:
 
 
 def _corrections(diagnosis: Diagnosis, judged: JudgedPlace) -> list[Act]:
-    """Return the correction for today: programs and entries by everything of the arm that the model holds, where it
-    gains for certain, and as much as is worth the work."""
+    """Return the interim correction: programs and entries with all effects of the arm in the model, if the gain is
+    certain and
+    worthwhile.
+    """
     if diagnosis.calibrated is None or verdict_of(diagnosis.calibrated) == "nothing":
         return []
     effects = [effect for effect in judged.stages.calibrated.effects if effect.compensation().use != "none"]
@@ -270,7 +284,7 @@ def _model(diagnosis: Diagnosis) -> str:
 def _measurements(
     diagnosis: Diagnosis, judged: JudgedPlace, tests: Sequence[tuple[int, NamingTest, Cost]]
 ) -> list[Act]:
-    """Return what is to be measured: what distinguishes rivals, names a group, decides, or judges elsewhere."""
+    """Return the measurements to make: to separate rivals, identify a group, decide, or validate elsewhere."""
     acts = []
     if diagnosis.unexplained and diagnosis.unexplained.scatter_um:
         parts = tuple(k for k, part in enumerate(diagnosis.budget) if part.kind == "scatter")
@@ -312,8 +326,11 @@ def _measurements(
 
 
 def _comes_first(measurement: Act, acts: Sequence[Act], diagnosis: Diagnosis) -> bool:
-    """Return whether a measurement comes before every act that removes something: where nothing may be corrected, where
-    too few runs decide nothing, or where rivals of the largest part leave open what is to be repaired."""
+    """Return whether a measurement precedes all reducing actions.
+
+    This is so if correction is not allowed, if there are too few runs, or if rivals of the largest part leave the
+    repair open.
+    """
     if measurement.why == "revisit":
         return True
     if measurement.why in ("unexplained", "follows"):
@@ -328,7 +345,7 @@ def _comes_first(measurement: Act, acts: Sequence[Act], diagnosis: Diagnosis) ->
 
 
 def _reason(diagnosis: Diagnosis, part: BudgetPart) -> Reason:
-    """Return why no act serves a part above a tenth of the error."""
+    """Return the reason why a part above a tenth of the error has no action."""
     if part.kind == "scatter":
         return "scatter"
     if part.kind == "unexplained":

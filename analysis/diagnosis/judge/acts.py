@@ -1,7 +1,8 @@
-"""The acts that follow from a diagnosis, as values: what to do, what that removes, what then remains, and against it.
+"""Actions from a diagnosis as values: task, reduction, remaining error, and objections.
 
-Every output prints acts from this list and nowhere else; the words come from `analysis.report.act_words`. The first
-act is what a person does next. Acts are ordered by what they remove at a place that had no part in the model.
+Every output uses this list; the texts come from `analysis.report.act_words`. The first action is the next step.
+Actions
+are sorted by their reduction at a place without a part in the model.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ ActKind = Literal[
 approach targets from one side; measure what decides; mount ball, gauges or base again; wait until the arm is warm;
 convert readings that were taken in another way; check the rig file and the variant of the arm; or nothing."""
 JudgedOn = Literal["unseen", "held_out", "used"]
-"""Where a figure was found: at another place, on held-out runs, or on the runs used."""
+"""Basis of a figure: a different place, held-out runs, or the runs used."""
 Doubt = Literal[
     "usual", "one_lap", "healthy_shows_it", "rival", "held_out", "unsure", "contradicted", "series", "no_better",
     "unexplained",
@@ -31,9 +32,11 @@ runs worse; what it does is not known to half of itself; set-ups show different 
 than a joint has; the model explains the runs no better with it; or an unexplained error that is not much smaller may
 be what it imitates."""
 Objection = Literal["rivals", "doubt", "not_judged_elsewhere", "few_runs", "unexplained", "no_place"]
-"""What speaks against an act: another cause may be meant (`names`); the diagnosis does not stand by the effect
-(`doubt`); no run of another place judged it; the runs are too few (`runs` of each kind decide); much remains that no
-known cause explains; or the rig file declares no further test."""
+"""Objection to an action: a different cause is possible (`names`); the effect is doubted (`doubt`); no run of a
+different place
+validated it; too few runs (`runs` of each kind would decide); a large unexplained error; or no further test in the rig
+file.
+"""
 Reason = Literal[
     "fault", "sure_and_large", "not_enough", "correction", "rivals", "group", "few_runs", "one_lap", "unexplained",
     "not_visible", "elsewhere", "scatter", "too_small", "history", "gauges", "sound", "early", "out_of_range",
@@ -50,7 +53,7 @@ the gauges; nothing is wrong."""
 
 @dataclass(frozen=True)
 class Against:
-    """Something that speaks against an act, as a value."""
+    """Objection to an action as a value."""
 
     why: Objection
     names: tuple[str, ...] = ()
@@ -60,8 +63,9 @@ class Against:
 
 @dataclass(frozen=True)
 class Cost:
-    """What an act takes: `minutes` of driving, None where it is not known (a repair); programs to drive or to load, and
-    set-ups of ball and gauges."""
+    """Cost of an action: `minutes` of driving, None if unknown (a repair); programs to drive or load, and set-ups of
+    ball and gauges.
+    """
 
     minutes: float | None = None
     programs: int = 0
@@ -69,13 +73,15 @@ class Cost:
 
 
 FOUND = "FOUND/"
-"""The directory in which the commands of acts have the model, until it is known where a person has it."""
+"""Placeholder directory of the model in commands until the user's directory is known."""
 
 
 @dataclass(frozen=True)
 class NamingTest:
-    """A test that would decide: what it is in words of `rig plan`, why it may, the odds of the likeliest cause that are
-    expected after it, and the causes that it distinguishes."""
+    """Decisive test: description as arguments of `rig plan`, reason, expected odds of the likeliest cause after it, and
+    the causes
+    it separates.
+    """
 
     test: str
     why: str
@@ -118,7 +124,7 @@ class Act:
 
     @property
     def removes(self) -> bool:
-        """Whether it takes away error for certain: by more than two standard uncertainties."""
+        """Whether it certainly reduces the error: by more than two standard uncertainties."""
         return self.gain_um > 2 * (self.removes_u_um or 0.0) and self.gain_um > 0
 
     @property
@@ -127,14 +133,15 @@ class Act:
         return self.removes_um or 0.0
 
     def to_dict(self) -> dict[str, Any]:
-        """In plain types; the effect by its label."""
+        """Return plain types, with the effect as a label."""
         plain = {key: value for key, value in asdict(self).items() if key != "effect"}
         return plain | {"effect": label_of(self.effect) if self.effect else None}
 
 
 def acts_with(acts: Sequence[Act], model: str, again: tuple[str, ...] = ()) -> tuple[Act, ...]:
-    """Return acts whose commands name the `model` where a person has it, or without one are the words `again` after
-    `rig`, by which it is written."""
+    """Return actions with commands for the user's `model`, or without a model, the arguments `again` of the command
+    that writes it.
+    """
     named = [tuple(model if word.startswith(FOUND) else word for word in act.command) for act in acts]
     return tuple(
         replace(act, command=again if not model and words != act.command else words)
@@ -143,10 +150,12 @@ def acts_with(acts: Sequence[Act], model: str, again: tuple[str, ...] = ()) -> t
 
 
 def is_done(kind: str, why: str, *, way: str | None, elsewhere: bool) -> bool:
-    """Return whether an act, by its kind and its reason, is done.
+    """Return whether an action of this kind and reason is done.
 
-    way: by what a robot drives corrected, `entries` or `programs`, None where it does not; where values were entered
-    zeros are among them, and who re-masters as well corrects twice. elsewhere: whether another place has judged."""
+    way: active correction, `entries` or `programs`, None without; entered values include zeros, so re-mastering would
+    correct
+    twice. elsewhere: whether a different place has validated.
+    """
     if (kind, why) == ("measure", "elsewhere"):
         return elsewhere
     return way is not None and kind in ("load", "enter", "approach", *(("remaster",) if way == "entries" else ()))

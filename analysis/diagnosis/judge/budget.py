@@ -1,4 +1,4 @@
-"""The budget of the error, whose shares add up to one, and the size of a name that each set-up shows."""
+"""Error budget, whose shares add up to one, and the size of a named effect in each set-up."""
 
 from __future__ import annotations
 
@@ -21,41 +21,44 @@ from rigs.effects import Effect
 from rigs.schema.effect import PartKind, healthy, label_of, scaled, size_field, size_of
 
 # ----------------------------------------------------------------------------------------------------------------------
-# The budget: every part of the gap between model and readings, so that the shares add up to one.
+# Budget: all parts of the gap between model and readings, with shares adding up to one.
 #
-# With t the residual of the model as it was and e_i what part i adds to the readings, all without what set-ups
-# absorb, t = Σ e_i. The share of part i is e_i't / t't = Σ_j e_i'e_j / t't: half of what two parts have in common
-# goes to each. Every test counts by its readings, as in the gap.
+# With the initial residual t of the model and the contribution e_i of part i, both without the parts absorbed by
+# set-ups,
+# t = Σ e_i. The share of part i is e_i't / t't = Σ_j e_i'e_j / t't: common contributions of two parts are halved. Every
+# test is
+# weighted by its readings, as in the gap.
 
 _CANCELS = 0.005
-"""Share below zero from which a part stands on the line of the one that it cancels; a smaller one counts as nothing."""
+"""Negative share above which a part is combined with the one it cancels; a smaller one counts as zero."""
 _MOST_MEMBERS = 3
-"""Members of a group that are listed, chosen: what a person compares at a glance. Their odds are those among all."""
+"""Number of listed group members, chosen for easy comparison. Their odds refer to all members."""
 _DOUBTED_SIGMA = 2.0
-"""Standard uncertainties up to which nothing is known of what a part does: it may as well not be there."""
+"""Significance in sigmas below which the contribution of a part is unknown: it may be absent."""
 _NO_FREEDOM = 1e-14
-"""Ratio of the largest to the smallest mean square below which a combination of terms of set-ups moves nothing."""
+"""Ratio of mean squares below which a combination of set-up terms has no influence."""
 _BY_JOINT: tuple[PartKind, ...] = ("curve", "reversal")
-"""Kinds of parts that each joint has one of."""
+"""Kinds of parts separate for each joint."""
 
 
 def group_of(effect: Effect) -> tuple[PartKind, int | None]:
-    """Return the part of the error that an effect belongs to where it is one of many small terms: its kind, and its
-    joint where each joint has one."""
+    """Return the kind of part for small terms of an effect, with the joint if separate per joint."""
     return effect.part, getattr(effect, "axis", None) if effect.part in _BY_JOINT else None
 
 
 @dataclass(frozen=True)
 class Measure:
-    """Measures whitened changes of readings (N,) in µm, root mean square over the readings of all runs, without what
-    set-ups absorb: as much as in the gap, where the readings alone do not decide how high above its circle a ball is.
+    """Measures whitened changes of readings (N,) in µm, rms over the readings of all runs, without the part absorbed by
+    set-ups.
+
+    The rule is that of the gap, in which the readings alone do not determine the ball's height above its circle.
     """
 
     linear: Linearisation
 
     @cached_property
     def _root(self) -> Array:
-        """The factor (N,) of each entry by which the sum of squares becomes a mean square in µm²."""
+        """Factor (N,) of each entry that converts the sum of squares to a mean square in µm²."""
         blocks = self.linear.blocks
         counts = [len(block.sampling.phi if block.sampling else block.rows) * block.count for block in blocks]
         readings = np.array(counts, dtype=float)
@@ -71,8 +74,10 @@ class Measure:
 
     @cached_property
     def _absorbs(self) -> tuple[Array, Array]:
-        """What set-ups are free to do (N, s), and what takes the moves (s,) from weighted changes (N,): the balls of
-        circles and hemispheres as far as the fit of a gap lets them go, everything else as it fits best."""
+        """Return the set-up responses (N, s), and the projection of weighted changes (N,) onto them (s,).
+
+        Balls of circles and hemispheres are limited as in the fit of a gap; all other terms are free.
+        """
         U = self._root[:, None] * self.linear.U
         whole = self._root * self.linear.residual(())
         kept = whole - basis_of(U) @ (basis_of(U).T @ whole)
@@ -83,19 +88,21 @@ class Measure:
         return U, np.linalg.pinv(U.T @ U + np.diag(precision), rcond=_NO_FREEDOM, hermitian=True) @ U.T
 
     def of(self, changes: Array) -> Array:
-        """Return whitened changes (N, …) as vectors (N, …) of which the sum of squares is the mean square in µm²."""
+        """Return whitened changes (N, …) as vectors (N, …) whose sum of squares is the mean square in µm²."""
         weighted = self._root[:, None] * changes if changes.ndim == 2 else self._root * changes
         U, moves = self._absorbs
         return weighted - U @ (moves @ weighted)
 
     def without_set_up(self, changes: Array) -> Array:
-        """Return whitened changes (N, …) with what set-ups absorb taken off, to be drawn."""
+        """Return whitened changes (N, …) without the part absorbed by set-ups, for plots."""
         _, moves = self._absorbs
         return changes - self.linear.U @ ((moves * self._root) @ changes)
 
     def scatter_mm(self) -> list[Array]:
-        """Return what one standard deviation of all that differs from run to run, joints, ball and stamps, adds to the
-        entries (N, c) mm of each block, with what set-ups absorb taken off."""
+        """Return the responses (N, c) mm of each block to one standard deviation of all scatter between runs (joints,
+        ball, stamps),
+        without the part absorbed by set-ups.
+        """
         return self.linear.in_mm(self.without_set_up(np.concatenate([self.linear.Z, self.linear.stamps], axis=1)))
 
     def um(self, changes: Array) -> float:
@@ -105,9 +112,12 @@ class Measure:
 
 @dataclass(frozen=True)
 class EffectChange:
-    """What a fitted effect does: `change` (N,) of the whitened readings, its rms and standard uncertainty in µm, and
-    how many times as much as a healthy one does. `apart` is the share of it by which single runs differ beyond noise
-    and scatter, as a standard uncertainty of their mean."""
+    """Contribution of a fitted effect: `change` (N,) of the whitened readings, its rms and standard uncertainty in µm,
+    and its ratio
+    to a healthy one. `apart`: differences between single runs beyond noise and scatter, as a relative standard
+    uncertainty of
+    their mean.
+    """
 
     change: Array
     um: float
@@ -117,9 +127,10 @@ class EffectChange:
 
 
 def effect_changes(result: SearchResult) -> list[EffectChange]:
-    """Return what each fitted effect does to the readings (N,), with what is allowed for beside it.
+    """Return the contribution of each fitted effect to the readings (N,), including its departures.
 
-    Its uncertainty is that of the change and not of a parameter: a size and a shape that trade off leave the change as
+    The uncertainty is that of the contribution instead of a parameter: correlated size and shape leave the contribution
+    as
     certain as the readings show it.
     """
     refined, posterior, measure = result.fit, result.posterior, Measure(result.linear)
@@ -132,7 +143,7 @@ def effect_changes(result: SearchResult) -> list[EffectChange]:
         change = result.contributions[k] + T[:, departures] @ means[departures]
         columns, um = measure.of(T[:, parameters]), measure.um(change)
         u_um = float(np.sqrt(max(np.sum(columns @ covariance[np.ix_(parameters, parameters)] * columns), 0.0)))
-        # As an arm without a fault shows it, so many times its healthy size.
+        # as in an arm without a fault, in multiples of its healthy size
         shapes = {shape.field: shape.expected for shape in effect.free(result.linear.payload_kg)}
         as_usual = scaled(healthy(effect), effect.usual_times(result.built), **shapes)
         usual = measure.um(result.linear.columns([as_usual])[:, 0])
@@ -143,7 +154,7 @@ def effect_changes(result: SearchResult) -> list[EffectChange]:
 
 @dataclass(frozen=True)
 class _Drawn:
-    """A part, and what it does (N,) as a vector of `Measure.of`."""
+    """Part with its contribution (N,) as a vector of `Measure.of`."""
 
     part: BudgetPart
     vector: Array
@@ -151,7 +162,7 @@ class _Drawn:
 
 @dataclass(frozen=True)
 class Budget:
-    """The parts of a gap of readings (N,), from what a search found."""
+    """Parts of a gap of readings (N,), from a search result."""
 
     result: SearchResult
     gap: Gap
@@ -162,28 +173,32 @@ class Budget:
 
     @cached_property
     def whole(self) -> Array:
-        """The gap (N,), of which the sum of squares is its mean square in µm²."""
+        """Gap (N,) whose sum of squares is its mean square in µm²."""
         return self.measure.of(self.result.linear.residual(()))
 
     @cached_property
     def whole_um2(self) -> float:
-        """The mean square of the gap in µm²: that of the mean of repeated runs, and what single runs differ from it."""
+        """Mean square of the gap in µm²: that of the mean of repeated runs, plus the differences of single runs from
+        it.
+        """
         return max(float(self.whole @ self.whole) + self._apart_um2, 1e-12)
 
     @cached_property
     def _apart_um2(self) -> float:
-        """What single runs differ from the mean of their repeats by, in µm²."""
+        """Mean square difference of single runs from the mean of their repeats, in µm²."""
         blocks = self.result.linear.blocks
         share = np.array([1 - 1 / block.count for block in blocks])
         return float(np.mean(share)) * self.gap.noise_floor_um**2
 
     def share(self, vector: Array) -> float:
-        """Return the share of the gap of a vector (N,) of `Measure.of`."""
+        """Return the share of a vector (N,) of `Measure.of` in the gap."""
         return float(vector @ self.whole) / self.whole_um2
 
     def parts(self, named: Sequence[Named], changes: Sequence[EffectChange]) -> list[BudgetPart]:
-        """Return the parts, the largest share first; the shares add up to 1. `named` has the fitted effects in any
-        order, and may have a vibration that no model removes."""
+        """Return the parts, largest share first; shares add up to 1.
+
+        named: fitted effects in any order, possibly with a vibration that no model removes.
+        """
         effects = self.result.effects
         drawn = []
         for place, name in enumerate(named):
@@ -199,14 +214,14 @@ class Budget:
                 )  # fmt: skip
                 drawn.append(_Drawn(part, vector))
         parts = [line.part for line in self._without_cancelling([*drawn, *self._groups()])]
-        # What remains beyond the noise, with the free forms that stand for an effect without a name.
+        # Remainder above the noise, with the free forms representing an unnamed effect.
         result = self.result
         remains = self.measure.of(result.beyond_noise * result.posterior.residual + result.free_share)
         unexplained = BudgetPart("unexplained", float(np.linalg.norm(remains)), 0.0, self.share(remains))
         scatter = BudgetPart("scatter", self._scatter_um, 0.0, 1.0 - sum(part.share for part in [*parts, unexplained]))
         for place, named_effect in enumerate(named):
-            if named_effect.effect not in effects:  # a vibration, whose phase is new in each run
-                # One that begins with the program repeats, and was unexplained; any other was scatter.
+            if named_effect.effect not in effects:  # a vibration with a new phase in each run
+                # A vibration synchronous with the program repeats, and was unexplained; any other was scatter.
                 whole = named_effect.worth_um**2 / self.whole_um2
                 of_scatter = min(whole, max(scatter.share, 0.0))
                 repeats = min(whole - of_scatter, max(unexplained.share, 0.0))
@@ -219,13 +234,13 @@ class Budget:
                 scatter = replace(scatter, share=scatter.share - of_scatter)
                 kept = float(np.sqrt(1 - repeats / unexplained.share)) if repeats > 0 else 1.0
                 unexplained = replace(unexplained, share=unexplained.share - repeats, um=kept * unexplained.um)
-        # A share just below zero is nothing, and what all others have too much by it is taken from them in proportion.
+        # A slightly negative share becomes zero, and the excess of the others is reduced in proportion.
         every = [replace(part, share=max(part.share, 0.0)) for part in (*parts, unexplained, scatter)]
         whole = sum(part.share for part in every)
         return sorted((replace(part, share=part.share / whole) for part in every), key=lambda part: -part.share)
 
     def _without_cancelling(self, drawn: Sequence[_Drawn]) -> list[_Drawn]:
-        """Return the parts, those that cancel much of another one as one line with it: no share is below zero."""
+        """Return the parts, combining those that largely cancel each other: no share is negative."""
         kept = list(drawn)
         while kept and (least := min(kept, key=lambda line: line.part.share)).part.share < -_CANCELS:
             others = [line for line in kept if line is not least]
@@ -242,7 +257,7 @@ class Budget:
         return kept
 
     def _groups(self) -> list[_Drawn]:
-        """Return what the many small terms of each kind make together."""
+        """Return the combined contribution of the small terms of each kind."""
         posterior, columns = self.result.posterior, self.result.columns
         groups: dict[tuple[PartKind, int | None], list[Form]] = {}
         for form in columns.forms:
@@ -264,25 +279,33 @@ class Budget:
         return drawn
 
     def _u_um(self, moved: Array, indices: Integers) -> float:
-        """Return the standard uncertainty in µm of what columns `indices` do together, which move readings (N, n)."""
+        """Return the standard uncertainty in µm of the combined contribution of columns `indices` to readings (N,
+        n).
+        """
         return float(np.sqrt(max(np.sum(moved.T @ moved * self.result.posterior.covariance_among(indices)), 0.0)))
 
     @cached_property
     def _not_shown(self) -> set[tuple[int, ...]]:
-        """The columns of each form that is no cause by what these runs show: of a name that no size makes visible, and
-        of a wave of which a joint drove few, which a zero may be as well."""
+        """Return the columns of forms not testable in these runs: invisible names, and waves of which a joint covered
+        few cycles,
+        indistinguishable from a zero.
+        """
         hidden = self.result.selection.not_testable(self.result.state, self.result.posterior)
         of_curves = zip(self.result.columns.forms, *self.result.selection.waves_of_curves, strict=True)
         return {form.columns for form, wave, piece in of_curves if (wave and piece) or form.name in hidden}
 
     def _members(self, forms: Sequence[Form]) -> tuple[Member, ...]:
-        """Return what a group may be, the likeliest first: each name in its best form, with the odds that it alone is
-        far larger than the rest, beside the odds that none is."""
+        """Return the possible members of a group, likeliest first: each name in its best form, with the odds that it
+        alone dominates.
+
+        Odds include the case that none does.
+        """
         result = self.result
         forms = [form for form in forms if form.columns not in self._not_shown]
         gain = result.posterior.gains(forms, result.state.level).fault
         best: dict[str, int] = {}
-        for k in np.argsort(-gain.round(6), kind="stable").tolist():  # of equals the first, whatever the last digit
+        # for equal values the first, independent of rounding
+        for k in np.argsort(-gain.round(6), kind="stable").tolist():
             if np.isfinite(gain[k]):
                 best.setdefault(forms[k].name, k)
         if not best:
@@ -294,7 +317,7 @@ class Budget:
         members = []
         for form, likely in zip(kept, odds[1:], strict=True):
             indices = list(form.columns)
-            # What it does at the size that it has among the small terms.
+            # contribution at its size among the small terms
             moved = self.measure.of(result.columns.X[:, indices])
             um = float(np.linalg.norm(moved @ result.posterior.mean[indices]))
             u_um = self._u_um(moved, np.array(indices))
@@ -303,7 +326,7 @@ class Budget:
 
     @cached_property
     def _scatter_um(self) -> float:
-        """The rms in µm of what differs from run to run, with the noise."""
+        """Return the rms in µm of scatter between runs and noise."""
         result = self.result
         forms = result.columns.set_ups.stop
         scattered = slice(forms, forms + result.columns.scattered)
@@ -313,32 +336,36 @@ class Budget:
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# The size of a name that each set-up shows: an effect of the arm acts at every place with one size.
+# Size of a named effect per set-up: an effect of the arm has the same size everywhere.
 #
-# An error that no effect explains can look like one on a circle, and even on two, but hardly with the same size at
-# every place. So where set-ups disagree on the size of a name, the name imitates something else.
+# An unexplained error can resemble an effect on one circle, or even two, but hardly with equal size at every place. So
+# if
+# set-ups disagree on the size, the effect imitates a different cause.
 
 _WIDE = 100.0
-"""Prior standard deviation of a share. It only bounds what the readings of a set-up hardly show. Chosen: far beyond any
-share of interest."""
+"""Prior standard deviation of a share, relevant only for set-ups with hardly any information. Chosen: far beyond any
+share of
+interest.
+"""
 _CHANCE = 0.05
-"""Probability that set-ups that agree seem to disagree on a size. Chosen: the usual level of a test."""
+"""False alarm probability of a disagreement between set-ups. Chosen: the usual significance level."""
 _NOTHING = 1e-300
-"""Below everything that shows, so that what shows nowhere divides by no zero."""
+"""Below any visible value, to avoid division by zero."""
 
 
 @dataclass(frozen=True)
 class SizesBySetUp:
-    """The size of a name in each of n set-ups that show it, fitted together with everything else that may be present:
-    `value` (n,) as a share of the size in all runs, and `covariance` (n, n). A name that fewer than two show has
-    none."""
+    """Size of a named effect in each of n informative set-ups, fitted together with all other possible contributions.
+
+    `value` (n,): relative to the size in all runs. `covariance` (n, n). Empty below two set-ups.
+    """
 
     setups: tuple[str, ...]
     value: Array
     covariance: Array
 
     def shares(self) -> tuple[Share, ...]:
-        """Return the share that each set-up shows, with its standard uncertainty."""
+        """Share per set-up with its standard uncertainty."""
         sds = np.sqrt(np.diag(self.covariance))
         return tuple(Share(*share) for share in zip(self.setups, self.value.tolist(), sds.tolist(), strict=True))
 
@@ -347,12 +374,11 @@ class SizesBySetUp:
         return max(int(np.sum(self.value > SURE_SIGMA * np.sqrt(np.diag(self.covariance)))), 1)
 
     def birge_ratio(self) -> float:
-        """Return the factor by which the uncertainties of the name are larger than the noise of the readings explains,
-        because its set-ups disagree on its size; 1 where they agree.
+        """Ratio of the scatter between set-ups to that expected from the noise of the readings; at least 1.
 
-        An error of the form, as of a play that is crossed in another way, makes another size of it on each path. The
-        ratio is that of Birge (1932), as CODATA uses it for constants, where chance explains a disagreement in one of
-        20 cases.
+        A wrong form, such as a different crossing of backlash, changes the size on each path. The Birge ratio (1932),
+        used by CODATA
+        for constants, is applied if chance explains a disagreement in fewer than one of 20 cases.
         """
         if not self.setups:
             return 1.0
@@ -363,20 +389,20 @@ class SizesBySetUp:
 
 
 def _by_chance(energy: float, freedom: int) -> bool:
-    """Return whether noise alone makes so much of a sum of squares, in its variances, in one of 20 cases."""
+    """Return whether noise alone gives such a sum of squares, in its variances, in one of 20 cases."""
     from scipy.special import chdtri  # noqa: PLC0415 - slow to import
 
     return energy <= float(chdtri(freedom, _CHANCE))
 
 
 def sizes_by_setup(result: SearchResult, k: int, limits: Array) -> SizesBySetUp:
-    """Return the sizes of name k in the set-ups in which it changes readings by more than the limits (b,) µm."""
+    """Return the sizes of effect k in set-ups whose readings it changes by more than the limits (b,) µm."""
     linear, change = result.linear, result.contributions[k]
     setups = np.array([block.setup for block in linear.blocks])
     shown = list(dict.fromkeys(setups[worth(linear, change).um > limits].tolist()))
     if len(shown) < 2:
         return SizesBySetUp((), np.empty(0), np.empty((0, 0)))
-    # One column for each of these set-ups and one for all others, in which the name is free as well.
+    # One column for each of these set-ups and one for all others, in which the effect is free too.
     number = np.array([shown.index(setup) if setup in shown else len(shown) for setup in setups])
     columns = np.zeros((len(change), number.max() + 1))
     for rows, column in zip(linear.rows, number, strict=True):
@@ -388,16 +414,18 @@ def sizes_by_setup(result: SearchResult, k: int, limits: Array) -> SizesBySetUp:
 
 
 def runs_apart(result: SearchResult, k: int) -> float:
-    """Return the standard uncertainty of the size of name k, as a share of it, that its single runs show beyond noise
-    and scatter; 0 where chance explains how far their sizes lie apart.
+    """Return the relative standard uncertainty of effect k's size from single runs beyond noise and scatter; 0 if
+    explained by
+    chance.
 
-    Noise is alike in all directions of a band, and scatter in all joints. That of one joint that wanders on its way is
-    neither, and lies where a lag or a gear of this joint does.
+    Noise is isotropic within a band, and scatter equal for all joints. A single joint wandering along its path is
+    neither, and
+    resembles a lag or gear error of this joint.
     """
     linear, beside, change = result.linear, _beside_size(result, k), result.contributions[k]
     weight, scatter = beside.background.weight, np.concatenate([linear.Z, linear.stamps], axis=1)
     pull = weight * beside.left_of(change[:, None])[:, 0]
-    # The share of the size that readings show beside its prior, which is all that is known of what shows nowhere.
+    # Share of the size determined by the readings instead of the prior.
     pull /= max(float(change @ pull) + (size_of(result.effects[k]) / LARGEST_FAULT) ** 2, _NOTHING)
     freedom, shown, expected = 0, 0.0, 0.0
     for block, rows in zip(linear.blocks, linear.rows, strict=True):
@@ -411,7 +439,7 @@ def runs_apart(result: SearchResult, k: int) -> float:
 
 
 def _beside_size(result: SearchResult, k: int) -> Posterior:
-    """Return the posterior of everything else, in which the size of name k stays as it was fitted."""
+    """Return the posterior of everything else, with the fitted size of effect k fixed."""
     refined, fitted = result.fit, result.fit.fitted_terms
     field = size_field(refined.effects[k])
     kept = np.ones(len(fitted.mean), dtype=bool)

@@ -1,8 +1,10 @@
-"""The calibrated model that a diagnosis hands over: its posterior as terms with their mean and covariance.
+"""Calibrated model from a diagnosis: the posterior as terms with mean and covariance.
 
-The effects that were fitted come first, each as it was fitted. Every form of the background follows: its effect at
-the size at which its column was computed, and how many times of it the readings show on average. Single forms are
-rarely certain, and their sum is: it is what reaches a tenth of a millimetre where named effects reach half of one.
+The fitted effects come first. Then follows every form of the background: its effect at the size of its column, and the
+mean
+multiple shown by the readings. Single forms are rarely certain, but their sum is: it reaches a tenth of a millimetre
+where
+named effects reach half of one.
 """
 
 from __future__ import annotations
@@ -27,13 +29,15 @@ from rigs.calibration import TIMES, CalibratedModel, CalibratedRun, Judged, Para
 from rigs.distribution import version
 
 _LEAST = 1e-9
-"""Added to the correlation of each parameter with itself before its root is taken: twins are correlated by one within
-rounding."""
+"""Added to the diagonal of the correlation matrix before taking the root: twins have a correlation of one within
+rounding.
+"""
 
 
 def covariance_of(posterior: Posterior, unknowns: Sequence[Unknown]) -> Array:
-    """Return the covariance (P, P) of the fitted unknowns, each in the unit of its name, and then of the numbers of
-    times that forms show."""
+    """Return the covariance (P, P) of the fitted unknowns, each in the unit of its name, followed by the multiples
+    of the forms.
+    """
     columns = posterior.background.columns
     forms, fitted = columns.set_ups.start, len(unknowns)
     covariance = posterior.joint_covariance(forms, fitted)
@@ -50,9 +54,14 @@ def calibrated_model(
     wider: Widening,
     judged: Judged | None = None,
 ) -> CalibratedModel:
-    """Return the calibrated model of a search: its posterior, with the effects marked as named that the `diagnosis`
-    writes into the rig file, the range of each joint in the `runs`, the set-ups of the last of the `stages`, what it
-    leaves of the runs used and where it had no part, and its uncertainty `wider` than its covariance."""
+    """Return the calibrated model of a search.
+
+    Contains its posterior, with the effects written to the rig file marked as named, the range of each joint in the
+    `runs`, the
+    set-ups of the last of the `stages`, the residual for the runs used and for the validation, and the factor `wider`
+    of its
+    uncertainty.
+    """
     rig, train, elsewhere = diagnosis.rig, diagnosis.train, diagnosis.unseen or diagnosis.held_out
     named = [name.effect for name in diagnosis.written]
     effects, unknowns = result.effects, result.fit.unknowns
@@ -89,15 +98,17 @@ def calibrated_model(
 
 
 def _beside(before: CalibratedModel, new: CalibratedModel) -> CalibratedModel:
-    """Return a calibration that was found beside another one, with the terms of both. How many times a term shows adds
-    up, and so does its variance, as if both were independent."""
+    """Combine a calibration with an earlier one. Multiples of a term add up, and so do their variances, as if
+    independent.
+    """
     terms, parameters = list(before.terms), list(before.parameters)
     times_row = {
         terms[parameter.term].effect: row for row, parameter in enumerate(parameters) if parameter.field == TIMES
     }
-    # The terms of the new one come after those before, and so do the rows of its parameters. Only its times of an
-    # effect that has times before go over to the row and the term of those: its own term stays, with no times, since
-    # other parameters may be of it.
+    # The new terms follow the earlier ones, and so do their parameter rows. Only the multiple of an effect that exists
+    # in both
+    # moves to the earlier row and term: its own term stays with a multiple of zero, because other parameters may belong
+    # to it.
     first_new, new_rows, same_term = len(terms), list[int](), dict[int, int]()
     for parameter in new.parameters:
         row = times_row.get(new.terms[parameter.term].effect) if parameter.field == TIMES else None
@@ -117,7 +128,7 @@ def _beside(before: CalibratedModel, new: CalibratedModel) -> CalibratedModel:
     covariance[np.ix_(new_rows, new_rows)] += new.root @ new.root.T
     ranges = zip(before.joints_deg, new.joints_deg, strict=True)
     joints = [(min(low, new_low), max(high, new_high)) for (low, high), (new_low, new_high) in ranges]
-    # A copy would keep the root and the effects that are known of the one found.
+    # A copy would keep the cached root and effects of the new calibration.
     fields = {name: getattr(new, name) for name in CalibratedModel.model_fields}
     rails = [model.rail_mm for model in (before, new) if model.rail_mm]
     fields |= {

@@ -1,4 +1,4 @@
-"""Comparison of simulation and measurement: simulated from the run's own feedback, with the set-up fitted."""
+"""Compare simulation and measurement: simulated from the run's feedback, with a fitted set-up."""
 
 from __future__ import annotations
 
@@ -27,8 +27,11 @@ from rigs.rig import Rig
 
 
 def compare(runs: Sequence[Measured], rig: Rig, unseen: Sequence[Measured] = ()) -> Compared:
-    """Return each run compared with the model of a rig; readings are (m, k) mm. Runs of one test and placement share
-    one set-up; so do `unseen` runs, of another place or radius, among themselves. Raises FileError."""
+    """Compare each run with the model of a rig; readings are (m, k) mm.
+
+    Runs of one test and placement share a set-up; so do `unseen` runs, of a different place or radius. Raises
+    FileError.
+    """
     parts = [_compared(runs, rig, "")] if runs else []
     places: list[tuple[Rig, list[Measured]]] = []
     for run in unseen:
@@ -50,7 +53,7 @@ def compare(runs: Sequence[Measured], rig: Rig, unseen: Sequence[Measured] = ())
 
 
 def _compared(runs: Sequence[Measured], rig: Rig, where: str) -> Compared:
-    """Return runs compared with the model of a rig, with set-ups that are called by where they are."""
+    """Compare runs with the model of a rig, with set-ups named after their location."""
     pieces = [
         (run, part) for run, whole in zip(runs, observe_runs(rig, runs), strict=True) for part in by_socket(whole)
     ]
@@ -98,8 +101,10 @@ def _comparison(run: Measured, model: Model, setup: SetUp, rows: Integers, resid
 
 
 def curve(result: Evaluated, table: Table) -> tuple[Array, Array, str]:
-    """Return the curve of a result that is compared, the readings of its table where its kind is another package's:
-    positions (n,), values (n,), and their unit."""
+    """Return the compared curve of a result, the readings of its table for tests of other packages: positions (n,),
+    values (n,),
+    unit.
+    """
     match result:
         case CircleResult():
             return np.degrees(PHI), np.degrees(result.residual), "deg"

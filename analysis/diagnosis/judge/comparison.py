@@ -19,10 +19,14 @@ from rigs.rig import Rig
 
 @dataclass(frozen=True)
 class Disagreement:
-    """The places where the model of a rig and readings disagree, the largest sigma first, and the residuals of circles
-    and at targets without the effects of the model (before) and with them (after). `staircase` has a step for each
-    effect of the rig file, and one for its calibration, whose place is after them; None for a model without effects.
-    `floor_um` is the noise of a run."""
+    """Disagreements between the model of a rig and readings, largest sigma first, and residuals of circles and targets
+    without the
+    effects of the model (before) and with them (after).
+
+    `staircase`: a step per effect of the rig file, and one for its calibration at the end; None for a model without
+    effects.
+    `floor_um`: noise of a run.
+    """
 
     rig: Rig
     where: tuple[Place, ...]
@@ -32,7 +36,7 @@ class Disagreement:
     floor_um: float
 
     def to_dict(self) -> dict[str, Any]:
-        """In plain types, with the keys of a diagnosis."""
+        """Return plain types, with the keys of a diagnosis."""
         names = [*(f"effect {k}" for k in range(1, len(self.rig.effects) + 1)), "calibration"]
         steps = self.staircase.to_dict(names) if self.staircase else None
         return {"where": [place.to_dict() for place in self.where], "staircase": steps}
@@ -40,9 +44,14 @@ class Disagreement:
 
 @dataclass(frozen=True)
 class Comparison(Tabular):
-    """One run. `result` and `simulated` are evaluated in the same way; the curves (n,) at x (n,) are in `unit`. `rows`
-    (m,) of the run's table were compared, on a circle those of whole laps; `residuals_mm` (m, k) are the measured less
-    the simulated readings of each gauge there, and `rms_um` is their rms. `correlation` is that of the curves."""
+    """Comparison of one run.
+
+    `result` and `simulated` are evaluated equally; the curves (n,) at x (n,) are in `unit`. `rows` (m,): compared rows
+    of the
+    table, on a circle those of whole laps. `residuals_mm` (m, k): measured less simulated readings of each gauge, with
+    rms
+    `rms_um`. `correlation`: of the curves.
+    """
 
     result: Result
     simulated: Evaluated
@@ -56,14 +65,16 @@ class Comparison(Tabular):
     rms_um: float
 
     def to_table(self) -> pa.Table:
-        """The curves side by side: phi_deg, target or place, then measured, simulated and difference in their unit."""
+        """Return the curves side by side: phi_deg, target or place, then measured, simulated and difference in their
+        unit.
+        """
         where = self.result.measured.table.kind.along
         curves = {"measured": self.measured_curve, "simulated": self.simulated_curve}
         curves["difference"] = self.measured_curve - self.simulated_curve
         return pa.table({where: self.x} | {f"{name}_{self.unit}": values for name, values in curves.items()})
 
     def to_dict(self) -> dict[str, Any]:
-        """The figures side by side in plain types; None where there is no correlation, as of a model without errors."""
+        """Return the figures side by side as plain types; None without a correlation, as for an error-free model."""
         simulated = self.simulated.figures
         plain: dict[str, Any] = for_json(
             {
@@ -83,7 +94,7 @@ class Comparison(Tabular):
 
 @dataclass(frozen=True)
 class PoseComparison:
-    """A run of poses beside the model: what the model leaves of them in µm, root mean square and at most."""
+    """Comparison of a pose run: the residual in µm, rms and maximum."""
 
     run: str
     poses: int
@@ -93,8 +104,10 @@ class PoseComparison:
 
 @dataclass(frozen=True)
 class Compared(Tabular):
-    """All runs, their fitted set-ups, and doubts in words; `poses` has the runs that have no gauges. `disagreement` is
-    where model and readings disagree, None where that was not asked."""
+    """All runs, their fitted set-ups, and doubts as text; `poses`: runs without gauges; `disagreement`: between model
+    and readings,
+    None if not requested.
+    """
 
     runs: tuple[Comparison, ...]
     setups: dict[str, SetUp]
@@ -103,7 +116,7 @@ class Compared(Tabular):
     disagreement: Disagreement | None = None
 
     def to_table(self) -> pa.Table:
-        """The figures of all runs, a row each: run, figure, measured, u (standard uncertainty), simulated."""
+        """Return the figures of all runs, a row each: run, figure, measured, u (standard uncertainty), simulated."""
         objects = [comparison.to_dict() for comparison in self.runs]
         rows = [
             {"run": entry["run"], "figure": name, **figure}
@@ -113,7 +126,7 @@ class Compared(Tabular):
         return table_of_rows(("run", "figure", "measured", "u", "simulated"), rows)
 
     def to_dict(self) -> dict[str, Any]:
-        """Runs, fitted set-ups and doubts in plain types: what `rig compare --json` prints."""
+        """Return runs, fitted set-ups and doubts as plain types, for `rig compare --json`."""
         setups = {name: {"ball_mm": setup.ball, "zeros_mm": setup.zeros_mm} for name, setup in self.setups.items()}
         plain: dict[str, Any] = for_json(
             {

@@ -1,8 +1,8 @@
-"""Where a model and readings disagree, and what is left as parts of the error are added to the model one by one.
+"""Disagreement between model and readings, and the residual as parts of the error are added to the model step by step.
 
-Each model is simulated, and its set-ups are fitted to the runs used as those of the gap are, so that the first and the
-last step of a diagnosis are its gap before and calibrated. Those between are judged by some hundred readings of each
-circle, which takes a thirtieth of the time.
+Each model is simulated with set-ups fitted to the runs used, as for the gap, so the first and last step of a diagnosis
+are
+its initial and calibrated gap. Intermediate steps use some hundred readings of each circle, a thirtieth of the time.
 """
 
 from __future__ import annotations
@@ -34,20 +34,22 @@ from rigs.rig import Rig
 from rigs.schema.effect import label_of
 
 _MOST_STEPS = 6
-"""Parts with a step of their own. Chosen: more than a person steps through; the budget lists all."""
+"""Number of parts with a separate step. Chosen: a readable number; the budget lists all."""
 _LEAST = 0.05
-"""Share of the gap that a part makes by itself, root mean square, from which it has a step of its own. Chosen: less is
-hardly seen on a chart."""
+"""Minimum rms contribution of a part with a separate step, relative to the gap. Chosen: less is hardly visible in a
+chart.
+"""
 _ROWS = 256
-"""Readings of a circle by which a step between the first and the last is judged. Chosen: they give its root mean square
-to some percent."""
+"""Readings of a circle used for intermediate steps. Chosen: they give its rms to some percent."""
 
 
 def staircase_of(
     diagnosis: Diagnosis, result: SearchResult, stages: Stages, *runs_at: Sequence[ObservedRun]
 ) -> Staircase | None:
-    """Return the staircase of a diagnosis whose budget and gaps are known; `runs_at` are the runs used, the held-out
-    runs and those at an unseen place, of (m, k) mm. None where nothing was added to the model."""
+    """Return the staircase of a diagnosis with known budget and gaps.
+
+    `runs_at`: runs used, held out, and at an unseen place, of (m, k) mm. None if nothing was added to the model.
+    """
     rungs = list(_rungs(diagnosis, result, stages))
     if len(rungs) < 2:
         return None
@@ -58,7 +60,7 @@ def staircase_of(
     residuals_um.append([gap.calibrated_um if gap else None for gap in gaps])
     steps = []
     for (parts, _), row in zip(rungs, residuals_um, strict=True):
-        # The uncertainty is that of the acts.
+        # the uncertainty of the actions
         used, held_out, unseen = (
             Left(um, gap.left_u_um) if gap is not None and um is not None else None
             for gap, um in zip(gaps, row, strict=True)
@@ -71,12 +73,15 @@ def staircase_of(
 def _rungs(
     diagnosis: Diagnosis, result: SearchResult, stages: Stages
 ) -> Iterator[tuple[tuple[int, ...], tuple[Effect, ...]]]:
-    """Yield the models, each with the places in the budget of what it adds and with all of its effects: the one begun
-    with, with each large part, the largest first, and the calibrated one, with all others. What no model removes, as
-    scatter, has no step."""
+    """Yield the models, each with the budget indices of its additions and all its effects.
+
+    The initial one, then with each large part in order of size, and the calibrated one with all others. Scatter, which
+    models
+    cannot remove, has no step.
+    """
     effects, budget = stages.calibrated.effects, diagnosis.budget
-    # What each part adds, by its label: effects as they were fitted, or so many times of those that are of its kind and
-    # joint in the calibrated background.
+    # Addition of each part, by label: fitted effects, or multiples of effects of its kind and joint in the calibrated
+    # background.
     names = {label_of(effect): effect for effect in effects if effect in result.effects}
     terms: dict[str, list[tuple[Effect, float]]] = {}
     for term in background_terms(result.calibrated_posterior) if stages.has_background else ():
@@ -89,7 +94,7 @@ def _rungs(
     yield (), ()
     fitted, shown = list[Effect](), list[tuple[Effect, float]]()
     for k in large:
-        # What cancels a part is on its line of the budget, and comes with it.
+        # Parts that cancel share a line of the budget and a step.
         for label in (budget[k].label, *budget[k].cancelled):
             if label in names:
                 fitted.append(names[label])
@@ -102,8 +107,7 @@ def _rungs(
 
 
 def located(compared: Compared, rig: Rig, used: Sequence[Measured], unseen: Sequence[Measured] = ()) -> Compared:
-    """Return a comparison with where model and readings, of (m, k) mm, disagree, or with a message why that is not
-    known."""
+    """Return a comparison with the disagreements between model and readings, of (m, k) mm, or the reason if unknown."""
     try:
         return replace(compared, disagreement=disagreement(rig, used, unseen))
     except FileError as error:
@@ -112,14 +116,16 @@ def located(compared: Compared, rig: Rig, used: Sequence[Measured], unseen: Sequ
 
 
 def disagreement(rig: Rig, used: Sequence[Measured], unseen: Sequence[Measured] = ()) -> Disagreement:
-    """Return where the model of a rig and runs, of (m, k) mm, disagree; those of an unseen place have set-ups of their
-    own. Raises FileError for runs that cannot be looked at together."""
+    """Return the disagreements between the model of a rig and runs, of (m, k) mm; unseen places have separate set-ups.
+
+    Raises FileError for incompatible runs.
+    """
     parts, _ = prepare_runs(rig, used, unseen)
     runs, elsewhere = ([replace(run, model=replace(run.model, effects=())) for run in part] for part in parts)
     setups, _ = fit_run_setups(runs)
     linear = linearise(blocks_of(runs, setups), setups)
-    # The effects of the rig file, those first that change the readings most, and then what its calibration holds beside
-    # them, each with its place.
+    # Effects of the rig file by their influence on the readings, then the remainder of its calibration, each with its
+    # index.
     measure = Measure(linear)
     um = [measure.um(linear.columns([effect])[:, 0]) for effect in rig.effects]
     groups: list[tuple[int, tuple[Effect, ...]]]
@@ -151,8 +157,10 @@ def disagreement(rig: Rig, used: Sequence[Measured], unseen: Sequence[Measured] 
 def _residuals_um_of(
     models: Sequence[tuple[Effect, ...]], runs_at: Sequence[Sequence[ObservedRun]]
 ) -> Iterator[list[float | None]]:
-    """Yield what models with these effects leave in µm of the runs of each place, of (m, k) mm, with the set-ups fitted
-    to those of the first; None where a place has no runs."""
+    """Yield the residuals in µm of models with these effects for the runs of each place, of (m, k) mm.
+
+    Set-ups are fitted to the runs of the first place; None for a place without runs.
+    """
     setups = None
     for effects in models:
         setups, _ = fit_run_setups(with_effects(runs_at[0], effects), setups)
@@ -161,8 +169,10 @@ def _residuals_um_of(
 
 
 def _drawn(linear: Linearisation, models: Sequence[tuple[Effect, ...]]) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
-    """Return what models with these effects leave of each circle (steps, n, 2) and at targets (steps, n) in µm, with
-    the set-ups as free as in the gap."""
+    """Return the residuals of models with these effects for circles (steps, n, 2) and targets (steps, n) in µm.
+
+    Set-ups are as free as in the gap.
+    """
     measure, curves, maps = Measure(linear), [], []
     for effects in models:
         residual = linear.in_mm(measure.without_set_up(linear.residual(effects)))

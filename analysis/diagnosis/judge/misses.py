@@ -1,10 +1,12 @@
-"""What the calibrated model misses at places that had no part in it: how much wider u is for it, and what it goes with.
+"""Prediction errors of the calibrated model at held-out places: widening of u, and dependence of the remaining error.
 
-Each neighbourhood of poses is left out in its turn, and what the model of all others misses there is what stays. It is
-held against all that a place may go with and no name has: posture, the side from which joints came, the order of time,
-temperature. Each as an error of every joint, fitted to what stays in all neighbourhoods but one and held against that
-one, so that the share that it explains is of places that had no part in the fit: what explains nothing there was not
-found.
+Each neighbourhood of poses is held out in turn and predicted by the model of all others; the error remains. It is
+compared
+with possible dependences that no named effect has: posture, direction of joint motion, time, temperature. Each is an
+error of
+every joint, fitted to all neighbourhoods except one and evaluated there, so the explained share refers to independent
+places:
+without predictive power, a dependence is not reported.
 """
 
 from __future__ import annotations
@@ -30,13 +32,15 @@ from analysis.robot.kinematics.arm import Array, Integers
 from analysis.robot.model.predict import SetUp
 
 # ----------------------------------------------------------------------------------------------------------------------
-# Places that had no part in a model: those of other runs, and those used, left out.
+# Places held out of a model: of other runs, and of the runs used.
 
 
 @dataclass(frozen=True)
 class Misses:
-    """Entries (n,) of places that had no part in a model: their neighbourhood, what the model misses them by, squared
-    in mm², how much of it is noise, and what is stated. Wild readings count as little as in the fit, `robust`."""
+    """Entries (n,) of held-out places: neighbourhood, squared error in mm², its noise part, and the stated variance.
+    Outliers have
+    reduced weight as in the fit, `robust`.
+    """
 
     group: Integers
     missed_mm2: Array
@@ -46,22 +50,24 @@ class Misses:
 
     @classmethod
     def together(cls, parts: Sequence[Self]) -> Self:
-        """Return parts as one."""
+        """Concatenate parts."""
         names = [field.name for field in fields(cls)]
         return cls(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
 
 
 @dataclass(frozen=True)
 class LeftOut(Misses):
-    """Places used, each neighbourhood or placement left out in its turn and predicted by the model of all others: the
-    whitened rows (n,) of the readings too, and what they are missed by, in standard deviations of the noise."""
+    """Places used, each neighbourhood or placement held out in turn and predicted by the others: whitened rows (n,) of
+    the readings,
+    and their errors in noise standard deviations.
+    """
 
     rows: Integers
     missed_sigma: Array
 
 
 def places_left_out(result: SearchResult) -> LeftOut | None:
-    """Return each neighbourhood of the poses used as all others predict it; None where there are no poses."""
+    """Return the prediction of each neighbourhood of the poses used from all others; None without poses."""
     linear, parts, first = result.linear, list[LeftOut](), 0
     for block, of_block in zip(linear.blocks, linear.rows, strict=True):
         if block.table.kind.of_places:
@@ -74,8 +80,9 @@ def places_left_out(result: SearchResult) -> LeftOut | None:
 
 
 def _left_out(result: SearchResult, rows: Integers, group: Integers, placed: Array | None = None) -> LeftOut:
-    """Return whitened rows (n,), left out together: without what `placed`, orthonormal columns (n, s) of a set-up,
-    takes up."""
+    """Return whitened rows (n,) held out together, without the part absorbed by `placed`, orthonormal set-up columns
+    (n, s).
+    """
     posterior = result.calibrated_posterior
     noise = np.minimum(result.strength[rows], 1.0)
     variance_mm2 = np.concatenate([block.sd_mm for block in result.linear.blocks])[rows] ** 2
@@ -92,27 +99,31 @@ def _left_out(result: SearchResult, rows: Integers, group: Integers, placed: Arr
 
 
 def _neighbourhoods(run: ObservedRun) -> Integers:
-    """Return the neighbourhood of each entry (n,) of places."""
+    """Return the neighbourhood of each entry (n,) of positions."""
     return np.repeat(neighbourhoods(run.table.q[run.rows], np.random.default_rng(0)), 3)
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# Widening: by how much more than it states the model misses places.
+# Widening: ratio of the prediction errors to the stated uncertainty.
 
 _FAR, _ROUNDS = 4.0, 8
-"""Mean square over that expected from which a neighbourhood counts less: of three normal coordinates less than one in a
-hundred is so far. And rounds until that has settled."""
+"""Mean square relative to its expectation above which a neighbourhood has reduced weight: for three normal coordinates
+fewer
+than one in a hundred; and the rounds to convergence.
+"""
 _FREEDOM = 3.0
-"""Degrees of freedom of what a neighbourhood is missed by: one vector, which its poses share."""
+"""Degrees of freedom of the error of a neighbourhood: one vector, common to its poses."""
 _LONGEST = 1500
-"""Readings of a placement from which it is not left out: their covariance is inverted, in a second."""
+"""Number of readings above which a placement is not held out: inverting their covariance takes a second."""
 
 
 @dataclass(frozen=True)
 class Widening:
-    """How far places that had no part in a model are missed beyond what it states: the `factor` by which its
-    uncertainty grows, at least 1, and what is as much everywhere, unexplained_mm of one coordinate; None where no
-    places judge it. It holds up to reach_mm from the sockets touched, None unless all runs are of touches."""
+    """Excess of prediction errors at held-out places over the stated uncertainty.
+
+    `factor`: multiplies the uncertainty, at least 1. unexplained_mm: constant contribution per coordinate; None without
+    validation places. reach_mm: largest validated distance from the touched sockets, None unless all runs are touches.
+    """
 
     factor: float = 1.0
     unexplained_mm: float | None = None
@@ -121,8 +132,10 @@ class Widening:
 
 @dataclass(frozen=True)
 class _Neighbourhoods:
-    """What neighbourhoods of places (g,) were missed by, a coordinate's mean square in mm²; of it the noise of their
-    readings, and the variance that the model states there; and how many entries count in each."""
+    """Errors of neighbourhoods (g,): mean square of a coordinate in mm², its noise part, and the variance stated by the
+    model; and
+    the weight of the entries in each.
+    """
 
     missed_mm2: Array
     noise_mm2: Array
@@ -141,9 +154,13 @@ class _Neighbourhoods:
 
     @cached_property
     def _ratio_and_weight(self) -> tuple[float, Array]:
-        """The excess over the noise as a multiple of the variance stated, and how much each neighbourhood counts (g,).
-        Those that are missed by twice what all others are, as one placement of nine, count less: u is what most places
-        need."""
+        """Return the excess over the noise as a multiple of the stated variance, and the weight (g,) of each
+        neighbourhood.
+
+        Neighbourhoods with twice the error of the others, such as one placement of nine, have reduced weight: u
+        describes most
+        places.
+        """
         weight, count = self.weight, len(self.weight)
         ratio = error = 0.0
         for _ in range(_ROUNDS):
@@ -152,21 +169,22 @@ class _Neighbourhoods:
             error = float(np.sqrt(count / max(count - 1, 1)) * np.linalg.norm(excess - ratio * stated) / stated.sum())
             expected = max(ratio, 1.0) * self.stated_mm2 + self.noise_mm2
             weight = self.weight * np.minimum(1.0, _FAR * expected / np.maximum(self.missed_mm2, 1e-12))
-        # Of few neighbourhoods the ratio is known badly, which how much they differ says: with one standard error more
-        # it is the upper end of what they show.
+        # With few neighbourhoods the ratio is uncertain, as their differences show: one standard error more is the
+        # upper end of their
+        # range.
         return ratio + error, weight
 
     @property
     def ratio(self) -> float:
-        """The factor by which the variance stated is too small."""
+        """Factor by which the stated variance is too small."""
         return self._ratio_and_weight[0]
 
     def parted(self) -> Widening:
-        """Return what makes the variance stated as much larger on the mean as the ratio says: a factor, something that
-        is as much everywhere, or both, each as likely as its share makes the neighbourhoods.
+        """Split the excess into a factor and a constant contribution, each with its likelihood from the neighbourhoods.
 
-        A factor grows where little was measured, as what a model does not know does; what no form of it can be, a cable
-        or a play, does not.
+        A factor is largest where little was measured, as for gaps in the model; errors outside its forms, such as a
+        cable or
+        backlash, are not.
         """
         ratio, weight = max(self.ratio, 1.0), self._ratio_and_weight[1]
         mean = float(weight @ self.stated_mm2 / weight.sum())
@@ -185,12 +203,13 @@ def widening_of(
     stages: Stages,
     result: SearchResult,
 ) -> Widening:
-    """Return how far places are missed beyond what the calibrated model states: by the largest of the ratios of places
-    used, each neighbourhood (`left_out`), and each placement, left out in its turn; of those that were held out; of
-    runs elsewhere.
+    """Return the excess of prediction errors over the calibrated model's uncertainty.
 
-    A model that is smooth where an arm is not, or the same in postures, on days, or about placements where it is not,
-    misses places by more than its covariance allows for. Residuals are (m, k) mm.
+    It is the largest ratio of: places used, with each neighbourhood (`left_out`) and each placement held out in turn;
+    held-out
+    runs; runs elsewhere. A model that is too smooth, or assumes equal behaviour in postures, on days or at placements,
+    has larger
+    errors than its covariance. Residuals are (m, k) mm.
     """
     sets: list[Misses | None] = [left_out, _placements_left_out(result)]
     setups = dict(stages.calibrated.setups)
@@ -206,8 +225,11 @@ def widening_of(
 
 
 def _placements_left_out(result: SearchResult) -> LeftOut | None:
-    """Return each placement of the poses used as the model of all others predicts it, its set-up fitted to it; None
-    where there are not two. Long series are not left out, only the others predicted by them."""
+    """Return the prediction of each placement of the poses used from all others, with its set-up fitted; None below two
+    placements.
+
+    Long series only predict, and are not held out.
+    """
     linear, parts, first = result.linear, list[LeftOut](), 0
     blocks = [k for k, block in enumerate(linear.blocks) if block.table.kind.of_places]
     placement = {k: without_socket(linear.blocks[k].setup) for k in blocks}
@@ -226,8 +248,9 @@ def _placements_left_out(result: SearchResult) -> LeftOut | None:
 def _misses_of(
     runs: Sequence[ObservedRun], setups: Mapping[str, SetUp], stages: Stages, result: SearchResult
 ) -> Misses:
-    """Return by how much the calibrated model misses runs of places that had no part in it, in the set-ups of the runs
-    used, or in their own."""
+    """Return the prediction errors of the calibrated model for held-out runs, in the set-ups of the runs used, or in
+    their own.
+    """
     parts, first, shown = list[Misses](), 0, noise_shown(result)
     for run, calibrated in zip(runs, with_effects(runs, stages.calibrated.effects), strict=True):
         residual = residual_of(calibrated, setups)
@@ -241,8 +264,10 @@ def _misses_of(
 
 
 def _stated_variances(run: ObservedRun, setups: Mapping[str, SetUp], result: SearchResult) -> tuple[Array, Array]:
-    """Return the variances (N,) mm² of the noise of a run of poses, and of what the calibrated model predicts for its
-    entries: in the set-up of the runs used, or in one of its own, which takes up what it can."""
+    """Return the variances (N,) mm² of the noise of a pose run, and of the calibrated model's prediction: in the set-up
+    of the runs
+    used, or in a separate fitted one.
+    """
     effects, columns, unknowns = result.effects, result.columns, result.fit.unknowns
     of_run = linearise(blocks_of([run], setups, effects), setups, effects)
     of_effect = [[unknown for unknown in unknowns if unknown.effect == k] for k in range(len(effects))]
@@ -263,20 +288,22 @@ def _stated_variances(run: ObservedRun, setups: Mapping[str, SetUp], result: Sea
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# What stays of the poses used, and what it goes with.
+# Remaining error of the poses used, and its dependences.
 
 _UNIT_RAD = np.radians(1e-3)
-"""Unit of an error of a joint. It has no effect on the result, because the strength is scaled."""
+"""Unit of a joint error, without influence on the result, because the strength is scaled."""
 _STRENGTHS = 4.0 ** np.arange(-8, 7)
-"""Squares of a form's strength in this unit; the one that leaves least is taken. From a 256th of a unit to 64."""
+"""Squares of a form's strength in this unit, from a 256th of a unit to 64; the best is used."""
 _FEWEST_GROUPS = 4
-"""Neighbourhoods below which nothing is said: one left out of three leaves too little to fit."""
+"""Minimum number of neighbourhoods: three would leave too little for a fit."""
 _Functions = Callable[[Block], Array]
 
 
 def remains_of(result: SearchResult, left_out: LeftOut | None, temperature: Array | None) -> Remains | None:
-    """Return what stays of places that were `left_out`, None where there are none; temperature (n,) in °C of the rows
-    of the one table of all, None where it is unknown."""
+    """Return the remaining error of held-out places, None if there are none.
+
+    temperature (n,): in °C of the rows of a single table, None if unknown.
+    """
     linear = result.linear
     if left_out is None or len(np.unique(left_out.group)) < _FEWEST_GROUPS:
         return None
@@ -284,13 +311,13 @@ def remains_of(result: SearchResult, left_out: LeftOut | None, temperature: Arra
     one_table = len({id(block.table) for block in linear.blocks if block.table.kind.of_places}) == 1
     if temperature is not None and one_table and np.ptp(temperature) > 0:
         warmth = ((temperature - temperature.mean()) / np.ptp(temperature))[:, None]
-    # What places may go with, each as functions (n, c) rad at a block's samples, None where the runs do not have it.
+    # Possible dependences as functions (n, c) rad at a block's samples, None if not available.
     subjects: dict[Subject, _Functions | None] = {
         "posture": _of_places(lambda block: np.concatenate([f(block.table.q) for f in (np.cos, np.sin)], axis=1)),
         "approach": _of_places(sides_of) if any(_states_sides(block) for block in linear.blocks) else None,
         "time": None,  # tables of places have no times, and the order of their rows states none
         "temperature": None if warmth is None else _of_places(lambda _: warmth),
-        "speed": None,  # a robot that stands has none
+        "speed": None,  # a standing robot has none
     }
     off = np.sqrt(left_out.robust) * left_out.missed_sigma
     looked = []
@@ -307,8 +334,7 @@ def remains_of(result: SearchResult, left_out: LeftOut | None, temperature: Arra
 
 
 def _of_places(of_rows: Callable[[Block], Array]) -> _Functions:
-    """Return functions at the samples of a block's path, of which each row of its table has as many, from those of the
-    rows (n, c); zero for circles."""
+    """Return functions at the samples of a block's path from those of its table rows (n, c); zero for circles."""
 
     def functions(block: Block) -> Array:
         samples = len(block.path.q)

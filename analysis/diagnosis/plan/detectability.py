@@ -1,4 +1,4 @@
-"""The plan: which effects tests can detect and distinguish before anything is measured, and what helps further."""
+"""Test planning: effects that tests can detect and distinguish, known in advance, and helpful further tests."""
 
 from __future__ import annotations
 
@@ -35,31 +35,31 @@ from rigs.schema.effect import healthy, healthy_size, label_of, name_of, phases,
 from rigs.schema.vocabulary import CIRCLES, TestName
 
 # ----------------------------------------------------------------------------------------------------------------------
-# Further tests: those that could be run in addition, namely the other tests of the rig file and circles with another
-# set-up.
+# Further tests: the other tests of the rig file, and circles with a different set-up.
 
 _RADII_MM = (140.0, 50.0)
-"""Radii of further circles. Chosen: twice the 70 mm of the paper's circle, and a smaller one that most arms can drive.
-"""
+"""Radii of further circles. Chosen: twice the 70 mm of the paper's circle, and a smaller one possible for most arms."""
 _NEAR = 0.2
-"""Difference of the logarithms of two radii below which they count as one. Chosen."""
+"""Difference of the logarithms of two radii that count as equal. Chosen."""
 _ASIDE_MM = 100.0
-"""Displacement of the centre of a further circle. Chosen: enough to change the posture by several degrees on an arm of
-one metre."""
+"""Displacement of the centre of a further circle. Chosen: enough to change the posture by several degrees on a
+one-metre arm.
+"""
 FASTER = 4
-"""Factor on the speed of a further circle. Chosen: time effects grow by the same factor."""
+"""Speed factor of a further circle. Chosen: time effects grow by the same factor."""
 OFF_AXIS_MM = 40.0
 """Offset of the ball from axis 6 in a further circle. Chosen: a bracket of that length is easily made."""
 
 
 _APART_MM = 100.0
-"""Distance of two sockets that is measured in a further test. Chosen: what a caliper measures."""
+"""Distance between two sockets measured in a further test. Chosen: suits a caliper."""
 
 
 @dataclass(frozen=True)
 class FurtherTest:
-    """A further test. `choices` lists rigs that are set up for it, each with a description; the first one that the arm
-    can drive is used."""
+    """Further test. `choices`: rigs set up for it, each with a description; the first one possible for the arm is
+    used.
+    """
 
     tests: tuple[TestName, ...]
     why: str
@@ -67,7 +67,7 @@ class FurtherTest:
 
 
 def further_tests(rig: Rig, tests: Sequence[TestName]) -> list[FurtherTest]:
-    """Return the tests that are not among `tests`, including set-ups that the rig file does not contain."""
+    """Return the tests that are not among `tests`, including set-ups outside the rig file."""
     missing: tuple[TestName, ...] = tuple(test for test in CIRCLES if test not in tests)
     further = []
     if missing and rig.tests.circle:
@@ -83,7 +83,7 @@ def further_tests(rig: Rig, tests: Sequence[TestName]) -> list[FurtherTest]:
         measured = rig.model_copy(update={"tests": rig.tests.model_copy(update={"touch": apart})})
         words = f"touch, with tests.touch.distances of {' and '.join(between)} measured"
         further.append(FurtherTest(("touch",), "touches alone do not show how large the arm is", ((words, measured),)))
-    # Of tests that add equally much the first is reported, so tests of the rig file precede new set-ups.
+    # The first of equally useful tests is reported, so tests of the rig file precede new set-ups.
     return further + (_other_circles(rig, rig.tests.circle, tests) if rig.tests.circle else [])
 
 
@@ -115,12 +115,12 @@ def _other_circles(rig: Rig, circle: Circle, tests: Sequence[TestName]) -> list[
 
 
 def other_radii(circle: Circle) -> tuple[float, ...]:
-    """Return the radii in mm of further circles that differ from a circle's."""
+    """Return the radii in mm of further circles different from a circle's."""
     return tuple(radius for radius in _RADII_MM if abs(np.log(radius / circle.radius_mm)) > _NEAR)
 
 
 def ball_off_axis(rig: Rig) -> Rig | None:
-    """Return a rig with the ball OFF_AXIS_MM beside axis 6, or None where it is beside it already."""
+    """Return a rig with the ball OFF_AXIS_MM away from axis 6, None if it already is."""
     x, y, z = rig.robot.tool.xyz_mm
     if np.hypot(x, y) >= OFF_AXIS_MM / 2:
         return None
@@ -135,8 +135,9 @@ def with_circle(rig: Rig, circle: Circle, **changed: Any) -> Rig:
 
 
 def places(rig: Rig, circle: Circle) -> list[tuple[str, tuple[float, ...]]]:
-    """Return centres displaced from the circle's, each with a description: towards axis 1 and away from it, along it
-    down and up."""
+    """Return displaced circle centres, each with a description: towards axis 1 and away from it, along it down and
+    up.
+    """
     T, centre = transform(rig.robot.base), np.array(circle.centre_mm)
     up, out = T[:3, 2], centre - T[:3, 3]
     out = out - (out @ up) * up
@@ -146,17 +147,16 @@ def places(rig: Rig, circle: Circle) -> list[tuple[str, tuple[float, ...]]]:
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# Further tests that separate names which the existing tests cannot distinguish; each is tried with the set-ups that
-# the arm can drive.
+# Further tests that separate names indistinguishable in the existing tests, tried with all set-ups possible for the
+# arm.
 
 _ELSEWHERE = " further"
-"""Suffix of the set-ups of a further test, which differ from those of the existing runs."""
+"""Suffix of the set-ups of a further test, different from those of the existing runs."""
 
 
 @dataclass(frozen=True)
 class SeparatingTest:
-    """A further test, the sigmas by which it separates the two closest of some rivals together with the existing tests,
-    and the reason."""
+    """Further test, separation in sigmas of the two closest rivals together with the existing tests, and the reason."""
 
     test: str
     sigma: float
@@ -165,8 +165,10 @@ class SeparatingTest:
 
 @dataclass(frozen=True)
 class PossibleTest:
-    """A further test, the reason why it may help, the expected posterior of it together with the existing runs, and
-    what it takes: minutes of driving, programs, and set-ups of ball and gauges."""
+    """Further test, reason, expected posterior together with the existing runs, and cost: minutes of driving, programs,
+    and set-ups
+    of ball and gauges.
+    """
 
     test: str
     why: str
@@ -179,12 +181,11 @@ class PossibleTest:
 
 
 FurtherTests = Callable[[], tuple[list[PossibleTest], list[tuple[str, str]]]]
-"""Makes the further tests that an arm can drive, and those that it cannot drive with the reason: simulated when they
-are asked for."""
+"""Returns the further tests possible for an arm, and the impossible ones with the reason; simulated on demand."""
 
 
 def sigma_between(effect: Effect, rival: Effect) -> Callable[[PossibleTest], float]:
-    """Return the sigmas by which a possible test separates two effects at their sizes, whichever of them is there."""
+    """Return a function for the separation in sigmas of two effects at their sizes, whichever is present."""
 
     def sigma(test: PossibleTest) -> float:
         return min(test.expected.separation_sigma([a], phases(b)) for a, b in permutations((effect, rival)))
@@ -246,26 +247,32 @@ def possible_tests(
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# The detectability of one name in planned runs: the expected uncertainty of its size, or the reason why it cannot be
-# detected.
+# Detectability of one name in planned runs: expected uncertainty of its size, or the reason against detection.
 
 _ON_AXIS = 0.02
-"""Share of the largest response of a joint's zero below which the axis is reported to pass through the ball. Chosen: a
-ball within 2 % of the reach."""
+"""Share of the largest response of a joint's zero below which the axis passes through the ball. Chosen: a ball within 2
+% of the
+reach.
+"""
 _NUDGE_DEG = 0.02
-"""Angle by which joints are turned to compare their responses; only the ratios matter."""
+"""Joint rotation for comparing responses; only ratios matter."""
 _OWN_SHARE = 0.02
-"""Share of an effect's response that no set-up can absorb, below which the set-up is reported as the reason. Smaller
-shares are within the linearisation error of curved responses."""
+"""Share of an effect's response outside any set-up, below which the set-up is reported as the reason. Smaller shares
+are within
+the linearisation error of curved responses.
+"""
 _NOTHING = 1e-3
 """Sigmas below which a response counts as zero: far below any detection, and above rounding errors."""
 
 
 @dataclass(frozen=True)
 class Detectability:
-    """The detectability of one name. `effect` has a healthy size; `sd` is the standard uncertainty of a fault's size in
-    the effect's own unit; `hidden` is the reason why it cannot be detected, or empty; `further` lists tests by the
-    sigmas of a healthy size."""
+    """Detectability of one name.
+
+    `effect`: at a healthy size. `sd`: standard uncertainty of a fault's size in the effect's own unit. `hidden`: reason
+    against
+    detection, or empty. `further`: tests by the sigmas of a healthy size.
+    """
 
     name: str
     effect: Effect
@@ -275,19 +282,20 @@ class Detectability:
 
     @property
     def limit(self) -> float:
-        """The size that is detected at 7 sigma, in the effect's own unit."""
+        """Size detected at 7 sigma, in the effect's own unit."""
         return DETECTABLE * self.sd
 
 
 def detectabilities_of(expected: ExpectedPosterior) -> tuple[list[Candidate], list[Detectability]]:
-    """Return the candidates that represent each name, a gear by its orders and in the middle one of its forms, and
-    their detectabilities."""
+    """Return the candidates representing each name (for a gear by order, in the median form), and their
+    detectabilities.
+    """
     forms: dict[str, list[Candidate]] = {}
     for candidate in expected.candidates:
         forms.setdefault(label_of(candidate.effect), []).append(candidate)
     linear, chosen, detectabilities = expected.linear, [], []
     nudges = [turned(axis, _NUDGE_DEG) for axis in range(1, linear.axes + 1)]
-    # The sigmas of each joint's zero, were the set-up known.
+    # sigmas of each joint's zero, for a known set-up
     zeros: Array = np.linalg.norm(linear.columns(nudges), axis=0)
     for label, candidates in forms.items():
         candidate = sorted(candidates, key=lambda form: form.size)[len(candidates) // 2]
@@ -313,13 +321,13 @@ def detectabilities_of(expected: ExpectedPosterior) -> tuple[list[Candidate], li
 
 @dataclass(frozen=True)
 class Detected:
-    """The detectability of each name, gears by order."""
+    """Detectability of each name, gears by order."""
 
     detectabilities: tuple[Detectability, ...]
 
     @property
     def names(self) -> dict[str, tuple[Detectability, ...]]:
-        """Each name with its detectabilities: one, or one for each order of a gear."""
+        """Each name with its detectabilities: one, or one per gear order."""
         named: dict[str, tuple[Detectability, ...]] = {}
         for detectability in self.detectabilities:
             name = name_of(detectability.effect)
@@ -328,21 +336,24 @@ class Detected:
 
     @property
     def undetectable(self) -> tuple[str, ...]:
-        """Names of which nothing is detected, at any order of a gear."""
+        """Names never detected, at any gear order."""
         return tuple(name for name, forms in self.names.items() if all(form.hidden for form in forms))
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# The judgement of planned runs: from which size on each name is detected, and which names look alike.
+# Judgement of planned runs: detection limit of each name, and names that look alike.
 #
 # Two names look alike if one of them, at a detectable fault size, is so close to the other at some size that the odds
-# between them dismiss neither.
+# dismiss
+# neither.
 
 
 @dataclass(frozen=True)
 class ClosePair:
-    """The closest forms of two names at a detectable fault size, given in healthy sizes, their separation in sigmas,
-    and the number of other forms of these names that are close too."""
+    """Closest forms of two names at a detectable fault size, in healthy sizes, their separation in sigmas, and the
+    number of other
+    close forms of these names.
+    """
 
     candidates: tuple[Candidate, Candidate]
     sizes: tuple[float, float]
@@ -357,18 +368,18 @@ class ClosePair:
 
     @property
     def first(self) -> tuple[Effect, ...]:
-        """The effects of the first name at its size."""
+        """Effects of the first name at its size."""
         return _at_size(self.candidates[0], self.sizes[0])
 
     @property
     def second(self) -> tuple[Effect, ...]:
-        """The effects of the second name at its size."""
+        """Effects of the second name at its size."""
         return _at_size(self.candidates[1], self.sizes[1])
 
 
 @dataclass(frozen=True)
 class Judgement(Detected):
-    """What runs can show: the detectability of each name, and the pairs that look alike, the closest first."""
+    """Capability of runs: detectability of each name, and pairs that look alike, the closest first."""
 
     pairs: tuple[ClosePair, ...]
 
@@ -390,7 +401,7 @@ def judged(expected: ExpectedPosterior) -> Judgement:
 
 
 def separation_sigma(expected: ExpectedPosterior, pair: ClosePair) -> float:
-    """Return the sigmas by which the two names of a pair are separated, whichever of them is present."""
+    """Return the separation in sigmas of the two names of a pair, whichever is present."""
     first, second = pair.first, pair.second
     return min(expected.separation_sigma(first, second), expected.separation_sigma(second, first))
 
@@ -400,14 +411,17 @@ def _at_size(candidate: Candidate, size: float) -> tuple[Effect, ...]:
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# The plan: which effects a set of tests can detect and distinguish before anything is measured, and which further
-# test separates names that look alike.
+# Plan: effects that a set of tests can detect and distinguish, known in advance, and further tests that separate names
+# that look
+# alike.
 
 
 @dataclass(frozen=True)
 class Pair:
-    """Two names that look alike, for a gear with the order at which they are closest. `sigma` is the separation of one,
-    as a detectable fault, from the other at any size; `others` counts the other orders that look alike too."""
+    """Two names that look alike, for a gear with the closest order. `sigma`: separation of one, as a detectable fault,
+    from the other
+    at any size. `others`: number of other orders that look alike.
+    """
 
     names: tuple[str, str]
     sigma: float
@@ -417,8 +431,7 @@ class Pair:
 
 @dataclass(frozen=True)
 class Gain:
-    """What a further test adds: the number of pairs that it separates, and the number of undetectable names that it
-    makes detectable."""
+    """Benefit of a further test: number of pairs it separates, and of undetectable names it makes detectable."""
 
     test: str
     why: str
@@ -428,9 +441,12 @@ class Gain:
 
 @dataclass(frozen=True, kw_only=True)
 class Plan(Detected):
-    """What a set of tests can and cannot distinguish. `gains` lists further tests, the one that adds most first;
-    `impossible` lists tests that this arm cannot drive, each with the reason. `level` is that of everything else that
-    may be wrong with the arm, 1 where it is as large as usual."""
+    """Capability of a set of tests.
+
+    `gains`: further tests, the most useful first. `impossible`: tests this arm cannot drive, each with the reason.
+    `level`: of
+    all other errors of the arm, 1 if usual.
+    """
 
     tests: tuple[TestName, ...]
     runs: int
@@ -442,22 +458,24 @@ class Plan(Detected):
 
     @property
     def hidden(self) -> tuple[Detectability, ...]:
-        """What these tests cannot detect, with a separate entry for each order of a gear."""
+        """Undetectable names, with a separate entry per gear order."""
         return tuple(detectability for detectability in self.detectabilities if detectability.hidden)
 
 
 def plan(rig: Rig, tests: Sequence[TestName], runs: int = 3, level: float = 1.0) -> Plan:
-    """Return what tests of a rig, each driven `runs` times in each direction, can and cannot distinguish.
+    """Return the capability of tests of a rig, each driven `runs` times in each direction.
 
-    The prediction uses the model of a diagnosis: the noise of real cells and the same healthy background, at a `level`
-    that a diagnosis of the arm has found (`Diagnosis.level`), or 1 before anything is measured. The ball is
-    off centre, by the rig file's eccentricity_mm where given. Raises FileError where the arm cannot drive a test.
+    The prediction uses the model of a diagnosis: noise of real cells and a healthy background, at the `level` found by
+    a diagnosis
+    of the arm (`Diagnosis.level`), or 1 before measurements. The ball is off centre, by the rig file's eccentricity_mm
+    if given.
+    Raises FileError if the arm cannot drive a test.
     """
     blocks, setups = planned_blocks(rig, tests, runs)
     judgement = judged(expected_posterior(blocks, setups, level))
     possible, impossible = possible_tests(rig, tests, blocks, setups, level, runs=runs)
     further, gains = _further_tests(possible, judgement)
-    # Groups of names that are connected by pairs.
+    # groups of names connected by pairs
     groups: list[list[str]] = []
     for pair in [pair.names for pair in judgement.pairs]:
         joined = [group for group in groups if set(group) & set(pair)]
@@ -507,8 +525,10 @@ def tests_named(rig: Rig, names: str | None) -> tuple[TestName, ...]:
 def _further_tests(
     possible: Sequence[PossibleTest], judgement: Judgement
 ) -> tuple[dict[str | tuple[str, str], tuple[SeparatingTest, ...]], tuple[Gain, ...]]:
-    """Return the further tests for each pair of names and for each undetectable name, the best first, and what each
-    test gains, the most first."""
+    """Return the further tests for each pair of names and each undetectable name, the best first, and the benefit of
+    each test, the
+    largest first.
+    """
     hidden, near = judgement.undetectable, judgement.pairs
     asked: list[str | tuple[str, str]] = [*hidden, *(pair.names for pair in near)]
     further: dict[str | tuple[str, str], list[SeparatingTest]] = {key: [] for key in asked}

@@ -1,4 +1,4 @@
-"""Expectations of runs that have not been measured: planned runs, what they hold of forms, and the posterior."""
+"""Expectations for runs not yet measured: planned runs, their information about forms, and the posterior."""
 
 from __future__ import annotations
 
@@ -42,15 +42,20 @@ from rigs.schema.effect import healthy, healthy_size, is_play, is_wave, one_side
 from rigs.schema.vocabulary import CIRCLES, WITHOUT_GAUGES, TestName
 
 # ----------------------------------------------------------------------------------------------------------------------
-# What is known of each form of each name before anything is measured: the posterior covariance of the forms' sizes in
-# a healthy arm, from which the uncertainty of a name and the separation of two names follow.
+# Knowledge of each form of each name before measurements: posterior covariance of the forms' sizes in a healthy arm,
+# which
+# gives the uncertainty of a name and the separation of two names.
 
 DETECTABLE = 7.0
-"""Size in sigmas at and above which an effect counts as detected. Chosen: 7 sigma are a log evidence of 24.5, well
-above the price of a choice among some hundred forms."""
+"""Significance in sigmas of a detected effect. Chosen: 7 sigma are a log evidence of 24.5, well above the price of a
+choice
+among some hundred forms.
+"""
 SEPARABLE = float(np.sqrt(2 * np.log(ODDS)))
-"""Separation in sigmas below which the odds between two names stay within ODDS, at which a diagnosis dismisses a rival:
-odds of o need a log evidence of ln o = sigma² / 2."""
+"""Separation in sigmas below which the odds between two names are within ODDS, at which a diagnosis dismisses a rival:
+odds of o
+need a log evidence of ln o = sigma² / 2.
+"""
 
 
 def is_separable(sigma: float) -> bool:
@@ -59,14 +64,16 @@ def is_separable(sigma: float) -> bool:
 
 
 def is_detectable(sd: float) -> bool:
-    """Return whether the largest fault of a name is detected when its size is known to `sd` healthy sizes."""
+    """Return whether the largest fault of a name is detected if its size is known to `sd` healthy sizes."""
     return DETECTABLE * sd <= LARGEST_FAULT
 
 
 @dataclass(frozen=True)
 class FormPosterior:
-    """The posterior covariance A (p, p) of the coefficients of `forms` beside everything else, with their prior
-    variances (p,), all in healthy sizes."""
+    """Posterior covariance A (p, p) of the coefficients of `forms` together with everything else, and prior variances
+    (p,), in
+    healthy sizes.
+    """
 
     forms: tuple[Form, ...]
     A: Array
@@ -74,29 +81,32 @@ class FormPosterior:
 
     @cached_property
     def _number(self) -> dict[tuple[Effect, ...], int]:
-        """The index of each form by its effects."""
+        """Index of each form by its effects."""
         return {form.effects: k for k, form in enumerate(self.forms)}
 
     def sd(self, candidate: Candidate) -> float:
-        """Return the standard uncertainty of a candidate's size, in healthy sizes, as if its shape were known, averaged
-        over the phases where one is free."""
+        """Return the standard uncertainty of a candidate's size, in healthy sizes, for a known shape, averaged over
+        free phases.
+        """
         k = self._number.get(candidate.effects)
         if k is None:
             return float("inf")
         shares = shares_beside(self.forms, candidate.effect)
         taken = [column for j in np.flatnonzero(shares < 1).tolist() for column in self.forms[j].columns]
         columns = list(self.forms[k].columns)
-        # What the readings say of them beside everything except what is taken.
+        # information of the readings together with everything except the removed part
         cavity = np.linalg.inv(self.A[np.ix_(taken, taken)]) - np.diag(1 / self.variance[taken])
         places = [taken.index(column) for column in columns]
         precision = np.linalg.eigvalsh(cavity[np.ix_(places, places)])
         return float(np.sqrt(np.mean(1 / np.maximum(precision, 1e-12) + shares[k] * self.variance[columns])))
 
     def sigmas_apart(self, chosen: Sequence[Candidate], sizes: Array, pairs: Integers) -> Array:
-        """Return the sigmas (m,) by which the candidates of pairs (m, 2), at sizes (n,) in healthy sizes, are apart
-        while all other forms of either name are present as well."""
+        """Return the separations (m,) in sigmas of candidate pairs (m, 2), at sizes (n,) in healthy sizes.
+
+        All other forms of either name are present too.
+        """
         p = len(self.A)
-        # A dummy column without information completes forms that have only one.
+        # A dummy column without information completes forms with a single column.
         A, variance = np.eye(p + 2), np.append(self.variance, [1.0, 1.0])
         A[:p, :p] = self.A
         own_columns = [self.forms[self._number[candidate.effects]].columns for candidate in chosen]
@@ -117,32 +127,36 @@ class FormPosterior:
 
 
 def _sigmas_beside(precision: Array, across: Array, other_precision: Array, width: Array) -> Array:
-    """Return the sigmas (n,) of a coefficient, root mean square over its width (n,), that remain beside another
-    coefficient of any size, given the precisions (n, 2, 2)."""
+    """Return the rms significance (n,) in sigmas of a coefficient, over its width (n,), in the presence of a second,
+    free one.
+
+    Precisions (n, 2, 2).
+    """
     free = other_precision + np.eye(2) / LARGEST_FAULT**2
     remaining = precision - across @ np.linalg.solve(free, across.transpose(0, 2, 1))
     return np.asarray(np.sqrt(np.maximum(np.trace(remaining, axis1=1, axis2=2) / width, 0.0)), dtype=float)
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# The information that runs hold about the forms of all names: one matrix for each set of runs, and they add up.
+# Information of runs about the forms of all names: one additive matrix per set of runs.
 
 
 def without_bands(blocks: Sequence[Block]) -> list[Block]:
-    """Return blocks with all entries in one band: without readings there is no residual, so no band of orders has its
-    own strength."""
+    """Return blocks with all entries in one band: without readings there is no residual, so bands have no separate
+    strength.
+    """
     return [replace(block, band=np.zeros_like(block.band)) for block in blocks]
 
 
 @dataclass(frozen=True)
 class FormInformation:
-    """The forms of `candidates`, p columns in all, and what runs say about them."""
+    """Forms of `candidates`, p columns in total, and the information of runs about them."""
 
     candidates: tuple[Candidate, ...]
 
     @cached_property
     def forms(self) -> tuple[Form, ...]:
-        """Every form of the candidates."""
+        """All forms of the candidates."""
         return forms_of(in_each_shape(self.candidates))
 
     @cached_property
@@ -150,8 +164,11 @@ class FormInformation:
         return healthy_shares(self.forms)
 
     def of(self, blocks: Sequence[Block], setups: Mapping[str, SetUp]) -> Array:
-        """Return the information (p, p) that runs hold about the coefficients in healthy sizes, with their set-ups and
-        scatter eliminated. Forms that they do not show have none."""
+        """Return the information (p, p) of runs about the coefficients in healthy sizes, with set-ups and scatter
+        eliminated.
+
+        Invisible forms have none.
+        """
         columns = columns_for(linearise(without_bands(blocks), setups), self.candidates)
         is_nuisance = columns.fixed > 0
         of_forms, nuisance = np.flatnonzero(~is_nuisance), np.flatnonzero(is_nuisance)
@@ -166,32 +183,36 @@ class FormInformation:
         return whole
 
     def posterior(self, information: Array) -> FormPosterior:
-        """Return what is known of all forms, in healthy sizes, from runs with an information (p, p)."""
+        """Return the posterior of all forms, in healthy sizes, for an information (p, p)."""
         A = np.asarray(np.linalg.inv(information + np.diag(1 / self._variance)), dtype=float)
         return FormPosterior(self.forms, A, self._variance)
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# Planned runs as a diagnosis would use them: simulated, with the noise of real cells.
+# Planned runs as used by a diagnosis: simulated, with the noise of real cells.
 
 _SET_BY_HAND_MM = (0.6, -0.4, 0.1)
-"""Displacement of the ball from the circle's centre where the rig file does not define one. Chosen: a ball set by hand
-is off by about 0.7 mm, and effects that scale the readings are visible only if these vary."""
+"""Displacement of the ball from the circle's centre, unless given in the rig file. Chosen: a ball placed by hand is off
+by about
+0.7 mm, and effects that scale the readings are visible only if these vary.
+"""
 _ASSUMED_UM = {
     "gauges, white": 1e3 * WHITE_MM.rms,
     "along a lap, slow": 1e3 * SLOW_MM.rms,
     "the ball, from run to run": 1e3 * BALL_MM.rms,
     "a target, from stop to stop": 1e3 * TARGET_MM.rms,
 }
-"""The noise that planned runs are assumed to have, rms in µm of one run, from the ranges of real cells
-(`analysis.runs.noise.cell_noise`)."""
+"""Assumed noise of planned runs, rms in µm of one run, from the ranges of real cells
+(`analysis.runs.noise.cell_noise`).
+"""
 ASSUMED_JOINT_DEG = JOINT_DEG.rms
-"""The scatter of each joint between runs that is assumed for planned runs, from the range of real cells."""
+"""Assumed scatter of each joint between planned runs, from the range of real cells."""
 
 
 def assumed_um(tests: Sequence[TestName]) -> dict[str, float]:
-    """Return the noise that planned runs of tests are assumed to have, rms in µm of one run; a ball that is seated by
-    hand scatters as much as a robot that stops at a target."""
+    """Return the assumed noise of planned tests, rms in µm of one run; a ball seated by hand scatters as much as a
+    robot stop.
+    """
     if set(tests) <= set(WITHOUT_GAUGES):
         return {"a touch, each coordinate": 1e3 * TARGET_MM.rms}
     return _ASSUMED_UM
@@ -200,11 +221,14 @@ def assumed_um(tests: Sequence[TestName]) -> dict[str, float]:
 def planned_blocks(
     rig: Rig, tests: Sequence[TestName], runs: int, place: str = ""
 ) -> tuple[list[Block], dict[str, SetUp]]:
-    """Return the blocks, with entries (N,), of some tests driven `runs` times in each direction, and their set-ups;
-    `place` distinguishes these set-ups from those of other runs. Raises FileError where the arm cannot drive a test."""
+    """Return the blocks, with entries (N,), of tests driven `runs` times in each direction, and their set-ups.
+
+    `place` separates these set-ups from those of other runs. Raises FileError if the arm cannot drive a test.
+    """
     model = model_of(rig)
-    # Of a simulated table the path alone is used. Yaw and roll share one motion, and a cw program drives the joint
-    # angles of the acw program in reverse.
+    # Only the path of a simulated table is used. Yaw and roll share a motion, and a cw program reverses the joint
+    # angles of the acw
+    # program.
     tables = [simulate(rig, test, None, None) for test in tests if test not in CIRCLES]
     if circles := [test for test in CIRCLES if test in tests]:
         acw = simulate(rig, circles[0], "acw", None)
@@ -223,7 +247,7 @@ def planned_blocks(
     setups |= fit_setups([run for run in seen if run.table.kind.of_places])
     blocks, few = [], 1 / np.sqrt(runs)
     for block in blocks_of(seen, setups):
-        # The noise is assumed, because visits simulated without noise do not determine it.
+        # The noise is assumed, because noise-free simulated visits do not determine it.
         drifting = np.sqrt(DRIFTING_SHARE) * np.linalg.norm(block.scatter_mm, axis=1)
         sd = block.sd_mm if block.sampling else np.hypot(TARGET_MM.rms, drifting)
         scatter, stamps = few * block.scatter_mm, few * block.stamps_mm
@@ -232,28 +256,30 @@ def planned_blocks(
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# The expected posterior: what a diagnosis will know about each name from runs that have not been measured.
+# Expected posterior: knowledge of a diagnosis about each name from runs not yet measured.
 #
-# It uses the same columns in the same healthy background as a diagnosis. The uncertainty of a size does not depend on
-# the readings, so it is known before they exist.
+# It uses the columns and the healthy background of a diagnosis. The uncertainty of a size is independent of the
+# readings, so it
+# is known in advance.
 
 
 @dataclass(frozen=True)
 class ExpectedPosterior:
-    """The posterior that runs of a linearisation will give about their set-ups, at a level of the healthy background,
-    while their readings are unknown."""
+    """Posterior of runs of a linearisation about their set-ups, at a level of the healthy background, with unknown
+    readings.
+    """
 
     linear: Linearisation
     level: float = 1.0
 
     @cached_property
     def candidates(self) -> tuple[Candidate, ...]:
-        """The effects of the vocabulary that the runs could show."""
+        """Effects visible in the runs."""
         return tuple(candidates_for(self.linear))
 
     @cached_property
     def least(self) -> float:
-        """The smallest fault, in healthy sizes."""
+        """Smallest fault, in healthy sizes."""
         return float(fault_sizes(self.level)[0])
 
     @cached_property
@@ -270,14 +296,12 @@ class ExpectedPosterior:
         return FormPosterior(self._columns.forms, A, self._variance)
 
     def sd(self, candidate: Candidate, size: float | None = None) -> float:
-        """Return the standard uncertainty of a candidate's size, in healthy sizes, averaged over the phases where one
-        is free.
+        """Return the standard uncertainty of a candidate's size, in healthy sizes, averaged over free phases.
 
-        `size` is that of the fault in healthy sizes, which matters for a play, for example; None stands for the
-        smallest fault that is detected.
+        `size`: of the fault in healthy sizes, relevant for backlash, for example; None for the smallest detected fault.
         """
         sd, effect = self._form_posterior.sd(candidate), candidate.effect
-        # A shape is fitted with the size and makes it less certain; the order of a wave does not.
+        # A shape fitted with the size makes it less certain; the order of a wave does not.
         shaped = bool(effect.FREE or effect.STRETCHED) and not is_wave(effect)
         if not shaped or not is_detectable(sd):
             return sd
@@ -288,15 +312,16 @@ class ExpectedPosterior:
         return refined.sd(0)[size_field(effect)] / healthy_size(effect)
 
     def sd_of_name(self, name: str) -> float:
-        """Return the standard uncertainty of the size of a name, in healthy sizes, in the form that is
-        detected best."""
+        """Return the standard uncertainty of a name's size, in healthy sizes, in the form with the best detection."""
         forms = [candidate for candidate in self.candidates if candidate.name == name]
         return self.sd(min(forms, key=self._form_posterior.sd)) if forms else float("inf")
 
     def separation_sigma(self, ones: Sequence[Effect], others: Sequence[Effect]) -> float:
-        """Return the sigmas by which a name at its size is separated from another name of any size; each is given as
-        one effect, or as two where the phase is free."""
-        # Extrapolated from a small size; a play is not proportional to its width and stays as it is.
+        """Return the separation in sigmas of a name at its size from a second name of any size; each is given as one
+        effect, or two for
+        a free phase.
+        """
+        # Extrapolated from a small size; backlash is not proportional to its width and not scaled.
         effects = [*ones, *others]
         small = [
             effect if is_play(effect) else scaled(healthy(effect), min(1.0, effect.STRAIGHT)) for effect in effects
@@ -313,8 +338,10 @@ class ExpectedPosterior:
         return float(np.sqrt(max(np.trace(H[:q, :q] - stands_in) / q, 0.0)))
 
     def close_pairs(self, chosen: Sequence[Candidate], sizes: Array) -> list[tuple[int, int]]:
-        """Return the pairs (i, j) of candidates that are close while all other forms of either name are present as
-        well, with sizes (n,) in healthy sizes. They include all pairs for which `separation_sigma` is below SEPARABLE.
+        """Return the close pairs (i, j) of candidates with sizes (n,) in healthy sizes, with all other forms of either
+        name present.
+
+        They include all pairs with `separation_sigma` below SEPARABLE.
         """
         pairs = np.stack(np.triu_indices(len(chosen), 1), axis=1).astype(np.int64)
         sigma = self._form_posterior.sigmas_apart(chosen, sizes, pairs)
@@ -323,7 +350,7 @@ class ExpectedPosterior:
         return [(i, j) for i, j in nearest_first if chosen[i].name != chosen[j].name]
 
     def _background_beside(self, effects: Sequence[Effect]) -> Background:
-        """Return the background beside named effects."""
+        """Return the background with named effects."""
         variance = self._variance
         for effect in effects:
             variance = variance * column_shares_beside(self._columns.forms, effect, len(variance))
@@ -331,5 +358,5 @@ class ExpectedPosterior:
 
 
 def expected_posterior(blocks: Sequence[Block], setups: Mapping[str, SetUp], level: float = 1.0) -> ExpectedPosterior:
-    """Return the posterior that blocks of runs, with N entries each, will give."""
+    """Return the posterior expected from blocks of runs with N entries each."""
     return ExpectedPosterior(linearise(without_bands(blocks), setups), level)

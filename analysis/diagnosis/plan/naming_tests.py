@@ -1,8 +1,8 @@
-"""The test that would name a part of the error: which, how many minutes it takes, and how sure it makes.
+"""Test that identifies a part of the error: its choice, duration, and expected certainty.
 
-Of an effect with a rival it is the test that distinguishes both; of a group the one by which its likeliest member is
-known best, beside everything else that may be present. Runs of another place that only judged may do it without
-driving.
+For an effect with a rival it is the test that separates both; for a group, the test that determines its likeliest
+member best
+in the presence of everything else. Runs of a different place used for validation may suffice, without driving.
 """
 
 from __future__ import annotations
@@ -26,24 +26,25 @@ from rigs.errors import FileError
 from rigs.schema.effect import is_play, label_of, name_of, size_of
 
 JOINED = "--unseen"
-"""The test that takes no driving: the runs that only judged, used as well."""
+"""Test without driving: runs so far used for validation only."""
 _MUCH = 0.1
-"""Share of the error from which a part is worth a test."""
+"""Minimum share of the error for a test."""
 
 
 @dataclass(frozen=True)
 class NamingTests:
-    """The tests that may name parts of the error beside the runs used."""
+    """Tests that can identify parts of the error in addition to the runs used."""
 
     possible: Sequence[PossibleTest]
 
     def for_rivals(self, effect: Effect, rival: Effect) -> tuple[NamingTest, Cost] | None:
-        """Return the test that separates an effect from its rival, the cheapest of those that do it for certain; None
-        where none does."""
+        """Return the test that separates an effect from its rival, the cheapest certain one; None if there is none."""
         return self._cheapest(sigma_between(effect, rival), 1, (name_of(effect), name_of(rival)))
 
     def for_member(self, effect: Effect, among: int) -> tuple[NamingTest, Cost] | None:
-        """Return the test by which an effect among so many is known best at its size; None where none names it."""
+        """Return the test that determines an effect, among `among` candidates, best at its size; None if none
+        identifies it.
+        """
 
         def sigma(test: PossibleTest) -> float:
             alike = [form for form in test.expected.candidates if form.name == name_of(effect)]
@@ -64,7 +65,7 @@ class NamingTests:
 
 
 def _odds(sigma: float, among: int) -> float:
-    """Return the odds that are expected of a cause that is known by so many sigmas among so many others."""
+    """Return the expected odds of a cause with a significance in sigmas among other candidates."""
     return float(1 / (1 + among * np.exp(-0.5 * min(sigma, SEPARABLE * 10) ** 2)))
 
 
@@ -75,9 +76,12 @@ def naming_tests(
     named: Sequence[Named],
     judges: tuple[Sequence[ObservedRun], Sequence[ObservedRun]],
 ) -> list[tuple[int, NamingTest, Cost]]:
-    """Return the test that names each part of the budget that needs one, by its index: a name that stands and has a
-    rival, and a group. `judges` are the runs used, and those of another place that only judged; readings are (m, k)."""
-    asked: list[tuple[int, Effect, Effect | None]] = []  # parts by their index, what may be there, and its rival
+    """Return the test for each part of the budget that needs one, by its index: confirmed names with a rival, and
+    groups.
+
+    `judges`: runs used, and validation runs of a different place; readings are (m, k).
+    """
+    asked: list[tuple[int, Effect, Effect | None]] = []  # parts by index, possible cause, and its rival
     for k, part in enumerate(budget):
         name = None if part.index is None else named[part.index]
         if name is None or is_open(part, name):
@@ -94,7 +98,7 @@ def naming_tests(
     except FileError:
         possible = []
     used, elsewhere = judges
-    if elsewhere:  # the test that uses them as well takes no driving
+    if elsewhere:  # no driving is needed if these runs are used too
         setups = {**fit_run_setups(elsewhere)[0], **result.linear.setups}
         linear = linearise(without_bands(blocks_of([*used, *elsewhere], setups)), setups)
         expected = ExpectedPosterior(linear, result.state.level)

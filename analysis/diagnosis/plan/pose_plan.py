@@ -1,10 +1,14 @@
-"""Which poses to measure: those after which the arm is known best over all of its workspace.
+"""Pose planning: the poses after which the arm is known best over its workspace.
 
-A calibration knows each reading beforehand as a normal distribution: effects of an arm, set-up and noise, in the same
-columns as a diagnosis. What a pose would show of every other one follows from it before anything is measured, so
-poses are chosen one after the other, each the one that leaves least variance of the tool's place over the pool (I- or
-V-optimal design; Atkinson, Donev and Tobias, Optimum Experimental Designs, 2007, ch. 10). D-optimal poses would know
-the constants best, and of a thousand terms none is asked for. Play is left out: it depends on the order of poses.
+A calibration has a normal prior for each reading: effects of an arm, set-up and noise, in the columns of a diagnosis.
+The
+information of a pose about all others follows in advance, so poses are chosen sequentially, each minimising the
+remaining
+variance of the tool position over the pool (I- or V-optimal design; Atkinson, Donev and Tobias, Optimum Experimental
+Designs,
+2007, ch. 10). D-optimal poses would determine the constants best, but none of a thousand terms is of interest. Backlash
+is
+left out, because it depends on the order of poses.
 """
 
 from __future__ import annotations
@@ -30,31 +34,35 @@ from rigs.rig import Rig
 from rigs.schema.effect import is_play
 
 _POOL = 400
-"""Poses to choose from; more would be chosen no better."""
+"""Number of candidate poses; more would not improve the choice."""
 _SEED, _SHUFFLES = 0, 5
-"""The seed of the draw, so that the same command plans the same, and how many random choices are compared. Chosen."""
+"""Seed of the draw, for reproducible plans, and number of random choices compared. Chosen."""
 _LEVEL = 5.0
 """Level of the background, in healthy sizes: the angle errors of a real UR10 are five to eight times the usual
 (docs/trials.md)."""
 _SET_UP_SIGMA = 30.0
-"""How little instrument and target are known beforehand: what they may do to a reading, in standard deviations of the
-noise. As good as not at all; more would only round the covariance of all places."""
+"""Prior of instrument and target: their influence on a reading, in noise standard deviations. Practically unknown; a
+larger value
+would only add rounding errors to the covariance of all positions.
+"""
 
 
 @dataclass(frozen=True)
 class Pool:
-    """Poses of an arm and what is expected of them before anything is measured: joints q (n, 6) rad; covariance
-    (3 n, 3 n) of their places in standard deviations of the noise, which is sd_mm (3 n,)."""
+    """Candidate poses with their prior: joints q (n, 6) rad; covariance (3 n, 3 n) of their positions in noise standard
+    deviations
+    sd_mm (3 n,).
+    """
 
     q: Array
     covariance: Array
     sd_mm: Array
 
     def choose(self, count: int) -> Integers:
-        """The numbers (count,) of the poses to measure, the one that shows most first."""
+        """Return the indices (count,) of the poses to measure, the most informative first."""
         covariance, chosen = self.covariance.copy(), list[int]()
         for _ in range(min(count, len(self.q))):
-            # What each pose (n,) would take from the variance of all places, mm².
+            # reduction of the total position variance by each pose (n,), mm²
             rows = covariance.reshape(-1, 3, len(covariance))
             seen = (rows * self.sd_mm**2) @ rows.transpose(0, 2, 1)
             of_poses = np.stack([covariance[k : k + 3, k : k + 3] for k in range(0, len(covariance), 3)]) + np.eye(3)
@@ -67,7 +75,7 @@ class Pool:
         return np.array(chosen, dtype=np.int64)
 
     def u_mm(self, chosen: Integers) -> float:
-        """The uncertainty of the tool's place over the pool, rms in mm, once the poses chosen (k,) are measured."""
+        """Return the rms uncertainty in mm of the tool position over the pool after measuring the chosen poses (k,)."""
         rows = (3 * chosen[:, None] + np.arange(3)).ravel()
         across = self.covariance[rows]
         explained = (across * np.linalg.solve(across[:, rows] + np.eye(len(rows)), across)).sum(axis=0)
@@ -76,10 +84,14 @@ class Pool:
 
 @dataclass(frozen=True)
 class PlannedPoses:
-    """Poses to measure, in the order to drive them, each from the one before, and what is expected of them: joints q
-    (n, 6) rad, places of the nominal tool xyz_mm (n, 3) in the world; u_mm of the tool's place over the workspace after
-    them, after as many random ones; as_good: how many random poses leave no more, None where none of those tried do,
-    or poses are one axis at a time; one_axis: whether each axis goes down, up and back while the others stand."""
+    """Planned poses in driving order, and expectations.
+
+    Joints q (n, 6) rad; positions of the nominal tool xyz_mm (n, 3) in the world; u_mm: uncertainty of the tool
+    position over the
+    workspace afterwards, and after as many random poses. as_good: number of random poses with equal uncertainty, None
+    if none
+    tried has, or for one axis at a time. one_axis: whether each axis moves down, up and back while the others stand.
+    """
 
     q: Array
     xyz_mm: Array
@@ -90,7 +102,7 @@ class PlannedPoses:
     one_axis: bool = False
 
     def lines(self) -> list[str]:
-        """What is planned, in sentences."""
+        """Return the plan as sentences."""
         lines = [
             f"{len(self.q)} poses: the place of the tool is then known to {1e3 * self.u_mm:.0f} µm over the workspace "
             "(expected rms, for an arm with the errors of a real one, frame and tool fitted)"
@@ -111,8 +123,10 @@ class PlannedPoses:
         return [*lines, "covers, cables and the cell are not known: watch the first run, hand on the stop"]
 
     def csv(self) -> str:
-        """Return the poses as a table, a row each: joint angles, from where each joint comes, and the nominal
-        place. From where it comes to the first pose is not known: it is taken to stand there."""
+        """Return the poses as a table, a row each: joint angles, previous joint angles, and nominal position.
+
+        The previous joint angles of the first pose are unknown and assumed equal.
+        """
         axes = self.q.shape[1]
         header = ["pose", *joint_columns(axes), *came_from_columns(axes), "nominal_x_mm", "nominal_y_mm"]
         came_from = np.vstack([self.q[:1], self.q[:-1]])
@@ -121,7 +135,7 @@ class PlannedPoses:
         return "\n".join([",".join([*header, "nominal_z_mm"]), *lines]) + "\n"
 
     def to_dict(self) -> dict[str, Any]:
-        """In plain types, angles in degrees, lengths in mm."""
+        """Return plain types, angles in degrees, lengths in mm."""
         return {
             "poses": [
                 {"q_deg": q, "xyz_mm": p}
@@ -134,8 +148,10 @@ class PlannedPoses:
 
 
 def planned_poses(rig: Rig, count: int, sight: Sight | None = None, *, one_axis: bool = False) -> PlannedPoses:
-    """Plan so many poses of the arm of a rig, reachable, clear, and seen by a tracker: spread over the workspace, or
-    one_axis at a time down, up and back. Raises FileError."""
+    """Plan poses of a rig's arm, reachable, collision-free and visible to a tracker.
+
+    Spread over the workspace, or one_axis at a time down, up and back. Raises FileError.
+    """
     if rig.robot.rail:
         problem = "stands on a rail, and poses are planned of an arm that stands"
         raise FileError(
@@ -172,7 +188,7 @@ def planned_poses(rig: Rig, count: int, sight: Sight | None = None, *, one_axis:
 
 
 def pool_of(rig: Rig, q: Array) -> Pool:
-    """What is expected of poses q (n, 6) rad of the arm of a rig, seen by a tracker. Raises FileError."""
+    """Return the prior of poses q (n, 6) rad of a rig's arm measured by a tracker. Raises FileError."""
     table = PoseTable(q, forward(arm_of(rig.robot), q)[:, :3, 3], None)
     run = observe_run(model_of(rig), table, rig.name)
     setups = {run.setup: nominal_setup(rig, table)}

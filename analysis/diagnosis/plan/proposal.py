@@ -1,4 +1,4 @@
-"""The proposal: circles to drive in addition, so that effects become testable which planned tests cannot show."""
+"""Proposal of additional circles that make effects testable which planned tests cannot show."""
 
 from __future__ import annotations
 
@@ -31,14 +31,16 @@ from rigs.schema.declared_tests import Circle
 from rigs.schema.vocabulary import CIRCLES, TestName
 
 # ----------------------------------------------------------------------------------------------------------------------
-# Circles that could be driven in addition: the rig's own circle at other places, tilts, radii and speeds, and with
-# the ball beside axis 6, as far as the arm can drive them.
+# Additional circles: the rig's circle at other places, tilts, radii and speeds, and with the ball away from axis 6, as
+# far as
+# the arm can drive them.
 
 _TILT_DEG = 30.0
-"""Tilt of a further circle's plane. Chosen: enough to change the posture of the wrist, and driven by most arms."""
+"""Tilt of a further circle's plane. Chosen: enough to change the wrist posture, and possible for most arms."""
 SET_UP_MIN = 10.0
-"""Minutes to move the ball, set the link and load the program for another circle. Chosen: somebody who has done it
-before."""
+"""Minutes to move the ball, adjust the link and load the program for a different circle. Chosen: for an experienced
+operator.
+"""
 
 _REASONS: dict[Undrivable, str] = {
     "limits": "beyond the limits of a joint",
@@ -50,7 +52,7 @@ _REASONS: dict[Undrivable, str] = {
 
 @dataclass(frozen=True)
 class CircleCandidate:
-    """A rig with a further circle, what it differs in, and the minutes of its set-up and runs."""
+    """Rig with a further circle, its differences, and the minutes for set-up and runs."""
 
     rig: Rig
     words: str
@@ -59,7 +61,7 @@ class CircleCandidate:
 
 @dataclass(frozen=True)
 class CircleCandidates:
-    """The further circles that the arm can drive, and the number of those that it cannot by reason."""
+    """Further circles possible for the arm, and the number of impossible ones by reason."""
 
     found: tuple[CircleCandidate, ...]
     refused: Counter[str]
@@ -67,7 +69,9 @@ class CircleCandidates:
 
 def circle_candidates(rig: Rig, tests: Sequence[TestName], runs: int) -> CircleCandidates:
     """Return the further circles of a rig with their minutes for `runs` runs of each of `tests` in each direction.
-    Raises FileError for a rig without a circle to begin from."""
+
+    Raises FileError for a rig without a circle.
+    """
     if rig.tests.circle is None:
         raise FileError(RigPlace.of(rig.name), "has no tests.circle to begin from", "add one: centre, posture, radius")
     circles, refused = [], Counter[str]()
@@ -86,8 +90,10 @@ def circle_candidates(rig: Rig, tests: Sequence[TestName], runs: int) -> CircleC
 
 
 def _circles(rig: Rig, circle: Circle) -> Iterator[tuple[str, Rig]]:
-    """Yield every further circle in words and as a rig: each radius at each place; and the rig's own circle tilted,
-    faster, and with the ball beside axis 6."""
+    """Yield every further circle with a description and its rig: each radius at each place; and the rig's circle
+    tilted, faster, and
+    with the ball away from axis 6.
+    """
     aside = [(words, tuple(np.round(centre, 3).tolist())) for words, centre in places(rig, circle)]
     for where, centre in [("", circle.centre_mm), *aside]:
         for radius in (circle.radius_mm, *other_radii(circle)):
@@ -107,24 +113,24 @@ def _circles(rig: Rig, circle: Circle) -> Iterator[tuple[str, Rig]]:
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# The aims of a proposal: names that nothing shows yet and pairs that look alike, and how near runs come to them.
+# Goals of a proposal: undetectable names and pairs that look alike, and the progress of runs towards them.
 
 _FAINT = 0.1
-"""Share of the goal below which more information does not count: a name that nothing shows must not outweigh all
-others. Chosen."""
+"""Share of a goal below which additional information does not count: an undetectable name must not outweigh all
+others. Chosen.
+"""
 
 
 @dataclass(frozen=True)
 class Reached:
-    """How near some runs come to each aim: `share` (n,) of the sigmas that make it testable, for `names` first and then
-    for `pairs`."""
+    """Progress of runs: `share` (n,) of the required sigmas for each goal, `names` first and then `pairs`."""
 
     names: tuple[str, ...]
     pairs: tuple[tuple[str, str], ...]
     share: Array
 
     def gain_over(self, before: Reached) -> float:
-        """Return the information in nats that is gained about all aims, up to where they are testable."""
+        """Return the information in nats gained about all goals, limited by their testability."""
         then, now = (np.clip(reached.share, _FAINT, 1.0) for reached in (self, before))
         return float(np.log(then / now).sum())
 

@@ -1,13 +1,16 @@
-"""Circular deviation of a circle run, by the mean of its two gauges, which follows the distance of tool and ball.
+"""Circular deviation of a circle run, from the mean of its two gauges, which follows the distance between tool and
+ball.
 
-After ISO 230-4:2005, clause 3: the circular deviation G is the range of the radial deviations about the
-least-squares circle. The link has no absolute length here (the gauges' zeros are in it), so the standard's
-radial deviation F and mean radius D are not reported.
+ISO 230-4:2005, clause 3: the circular deviation G is the range of the radial deviations about the least-squares circle.
+The
+absolute length of the link is unknown (it includes the gauge zeros), so the radial deviation F and the mean radius D of
+the
+standard are not reported.
 
-The distance of P = C + R r(phi) from B = C + e is |R r(phi) - e|, and it is that curve, not its first harmonic
-alone, that is fitted: e²/4R of second harmonic is not an error of the robot (2 µm for 0.7 mm at 70 mm). The
-factor 1/(l·z_T) in a reading is left alone: it is below 1 µm where the angle is below 1° and the gauges stand
-within 5 mm of their zero.
+The distance of P = C + R r(phi) from B = C + e is |R r(phi) - e|, and this curve is fitted, not only its first
+harmonic: the
+second harmonic e²/4R is not an error of the robot (2 µm for 0.7 mm at 70 mm). The factor 1/(l·z_T) of a reading is
+ignored: its effect is below 1 µm for angles below 1° and gauges within 5 mm of zero.
 """
 
 from __future__ import annotations
@@ -27,13 +30,16 @@ from analysis.runs.noise.spectrum import DRAWS, NODES, LapNoise
 
 RANGES = frozenset({"circular_deviation_mm"})
 _ROUNDS = 4
-"""Rounds of Gauss-Newton; an eccentricity of a tenth of the radius takes three to 1 nm."""
+"""Rounds of Gauss-Newton; an eccentricity of a tenth of the radius needs three to reach 1 nm."""
 
 
 @dataclass(frozen=True)
 class Circularity:
-    """Result of one direction. deviation_mm (NODES,) outwards over PHI, at the stated resolution; curve: the distance;
-    ball_mm (2,): of the least-squares circle, along u and v."""
+    """Result of one direction.
+
+    deviation_mm (NODES,): outwards over PHI, at the stated resolution. curve: distance. ball_mm (2,): centre of the
+    least-squares circle, along u and v.
+    """
 
     deviation_mm: Array
     curve: LapCurve
@@ -44,8 +50,11 @@ class Circularity:
 def evaluate(
     run: Reduced, laps: Laps, u_lag_s: float, where: str = "the circle run", like: LapNoise | None = None
 ) -> Circularity:
-    """figures: circular_deviation_mm G of one direction, noise-corrected; eccentricity_u_mm, _v_mm and _mm of
-    the ball by the distance, which the robot's orientation errors do not touch. Raises FileError."""
+    """Return the circular deviation and eccentricity of one direction.
+
+    figures: circular_deviation_mm G, noise-corrected; eccentricity_u_mm, _v_mm and _mm of the ball from the distance,
+    independent of orientation errors. Raises FileError.
+    """
     radius = laps.frame.radius
     hold_radius(where, radius)
     hold_alive(where, g_mm=laps.g_mm.mean(axis=1))
@@ -61,12 +70,12 @@ def evaluate(
 
 
 def plain_figures(phi: Array, distance: Array, radius_mm: float) -> dict[str, float]:
-    """The plain figures of noise-free distances (n,) mm, from any zero, over phi (n,) rad."""
+    """Return the figures of noise-free distances (n,) mm, with any zero, over phi (n,) rad."""
     return {name: float(value) for name, value in figures_at(nodes_of(phi, distance), radius_mm).items()}
 
 
 def figures_at(distance: Array, radius_mm: float) -> dict[str, Array]:
-    """The plain figures (...,) of distances (..., NODES) mm over PHI."""
+    """Return the figures (...,) of distances (..., NODES) mm over PHI."""
     fit, circle = circle_through(distance, radius_mm)
     deviation = at_resolution(distance - circle)
     return {
@@ -78,42 +87,44 @@ def figures_at(distance: Array, radius_mm: float) -> dict[str, Array]:
 
 
 def mean_of_gauges(g_mm: Array) -> Array:
-    """The distance (...,) mm, from the gauges' zeros, of readings (..., 2) mm."""
+    """Return the distance (...,) mm, relative to the gauge zeros, for readings (..., 2) mm."""
     return np.asarray((g_mm[..., 0] + g_mm[..., 1]) / 2)
 
 
 def fit_circle(distance: Array, radius_mm: float) -> Array:
-    """Least-squares e_u, e_v and constant c, (..., 3) mm, of |R r(phi) - e| + c through distances (..., NODES)."""
+    """Return least-squares e_u, e_v and constant c, (..., 3) mm, of |R r(phi) - e| + c for distances (..., NODES)
+    mm.
+    """
     return circle_through(distance, radius_mm)[0]
 
 
 def circle_through(distance: Array, radius_mm: float) -> tuple[Array, Array]:
-    """The same fit (..., 3), and its circle (..., NODES) mm.
+    """Return the same fit (..., 3) mm, and its circle (..., NODES) mm.
 
-    The slopes by e_u and e_v are close to -cos and -sin, so that each round takes the orders 0 and 1 of what is left.
+    The derivatives by e_u and e_v are close to -cos and -sin, so each round removes the orders 0 and 1 of the residual.
     """
-    # Draws lie within micrometres of their mean: a round or two from its fit is enough for each.
+    # Draws are within micrometres of their mean: one or two rounds starting at its fit are sufficient.
     fit = np.zeros(3)
     mean = distance.reshape(-1, NODES).mean(axis=0)
     for _ in range(_ROUNDS):
         fit = fit + _orders(mean - circle_at(fit, radius_mm))
     fit = fit + _orders(distance - circle_at(fit, radius_mm))
     circle = circle_at(fit, radius_mm)
-    # The last step is of nanometres, over which the slopes' own difference from the waves is nothing.
+    # The last step is nanometres, so the approximate derivatives are exact enough.
     last = _orders(distance - circle)
     return fit + last, circle + last @ _WAVES
 
 
 _WAVES = np.stack([-np.cos(PHI), -np.sin(PHI), np.ones(NODES)])
-"""Slopes (3, NODES) of a distance by e_u, e_v and c, where the ball is near the centre."""
+"""Derivatives (3, NODES) of a distance by e_u, e_v and c, for a ball close to the centre."""
 
 
 def _orders(y: Array) -> Array:
-    """What curves (..., NODES) have of these waves, (..., 3), by least squares: nodes lie evenly around the circle."""
+    """Return the least-squares components (..., 3) of curves (..., NODES) in these waves; nodes are equidistant."""
     return np.asarray(y @ (_WAVES * np.array([2.0, 2.0, 1.0])[:, None] / NODES).T)
 
 
 def circle_at(fit: Array, radius_mm: float) -> Array:
-    """|R r(phi) - e| + c (..., NODES) mm over PHI, of fits (..., 3)."""
+    """Return |R r(phi) - e| + c (..., NODES) mm over PHI, for fits (..., 3) mm."""
     x, y = radius_mm * np.cos(PHI) - fit[..., 0, None], radius_mm * np.sin(PHI) - fit[..., 1, None]
     return np.asarray(np.hypot(x, y) + fit[..., 2, None])

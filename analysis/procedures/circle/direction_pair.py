@@ -1,14 +1,17 @@
-"""An anticlockwise and a clockwise run of one set-up against each other: what reverses with the direction.
+"""Compare an anticlockwise and a clockwise run of one set-up: the part that depends on direction.
 
-At the same circle angle the eccentricity is the same in both, so the difference acw - cw of the angle holds
-only what depends on direction and history: backlash above all (Oh 2019, figure 6 a against b). For the
-distance, ISO 230-4:2005, clause 3: bidirectional circular deviation G(b) about the least-squares circle
-of both paths together, and circular hysteresis H, the largest radial difference of the two.
+At a circle angle the eccentricity is the same in both, so the difference acw - cw of the angle only contains effects of
+direction and history: mainly backlash (Oh 2019, figure 6 a and b). For the distance, ISO 230-4:2005, clause 3:
+bidirectional
+circular deviation G(b) about the least-squares circle of both paths, and circular hysteresis H, the largest radial
+difference.
 
-Ball and zeros of the gauges must not be touched between the runs. A ball that sits elsewhere makes a difference of
-order one and nothing else, in the distance and, of a yaw, in the angle alike: such runs are not a pair. A lag between
-gauges and robot belongs to the set-up: it is drawn once for both runs, from what the less certain of them knows of it,
-and moves them apart, which is the worst it can do.
+Ball and gauge zeros must not be touched between the runs. A moved ball causes a difference of order one only, in the
+distance and, for yaw, equally in the angle: such runs are not a pair. A lag between gauges and robot belongs to the
+set-up:
+it is drawn once for both runs, with the larger uncertainty of the two, and shifts them in opposite directions, the
+worst
+case.
 """
 
 from __future__ import annotations
@@ -30,27 +33,29 @@ from analysis.runs.noise.spectrum import DRAWS, NODES
 from rigs.errors import FileError
 
 _SURE = 0.9545
-"""Share of the draws that 2 u covers."""
+"""Share of the draws covered by 2 u."""
 _PLATEAU_ROUNDS = 2
-"""Rounds in which a plateau is found: the wider it is, the further below its maximum one of its places may be read."""
+"""Rounds for finding a plateau: the wider it is, the further below the maximum its points may be."""
 _HALVINGS = 10
-"""Halvings of the interval between the bounds of the level: to a thousandth of what noise adds."""
+"""Bisections of the level: to a thousandth of the noise contribution."""
 
 
 def largest(curve: Array, errors: Array, blur: float, unit: str, samples: int) -> tuple[Quantity, Quantity]:
-    """The largest size of a curve (NODES,) without sign, and the place of it, with errors (m, NODES) that noise may
-    have put into it. Its rows fell anywhere about their places with a standard deviation of `blur` rad, which takes
-    something off a narrow peak.
+    """Return the largest absolute value of a curve (NODES,), in its unit, and its position.
 
-    The maximum of a noisy curve is chosen by its noise and too large on average; by how much depends on how many places
-    come near it. On a plateau, as a play makes one between two reversals, any place may be the largest. So the curve is
-    flattened: all that stands above some level is taken for noise, and that level is the size of which the observed
-    maximum is the median, with the same noise again. It is the least favourable curve that the readings allow, as in
-    the half-median-unbiased bounds of Chernozhukov, Lee and Rosen (Intersection bounds, Econometrica 2013).
+    errors (m, NODES): possible noise. blur: standard deviation, rad, of the positions of its rows, which lowers narrow
+    peaks.
+
+    The maximum of a noisy curve is biased upwards, depending on the number of points close to it. On a plateau, such as
+    between two reversals with backlash, any point may be the largest. So the curve is clipped at the level for which
+    the
+    observed maximum is the median after adding the noise again. This is the least favourable curve consistent with the
+    readings,
+    as in the half-median-unbiased bounds of Chernozhukov, Lee and Rosen (Intersection bounds, Econometrica 2013).
     """
     peak = int(np.argmax(np.abs(curve)))
     top = float(np.abs(curve[peak]))
-    # The level at which the curve is cut off, so that with its errors again the observed maximum is the median.
+    # Clipping level for which the observed maximum is the median after adding the errors again.
     upright, upright_errors = curve * np.sign(curve[peak]), errors * np.sign(curve[peak])
     low, high = max(top - float(np.median(upright_errors.max(axis=1))), 0.0), top
     for _ in range(_HALVINGS):
@@ -64,7 +69,7 @@ def largest(curve: Array, errors: Array, blur: float, unit: str, samples: int) -
     lost = max(level - float(np.abs(blurred(flat, blur)).max()), 0.0)
     again = np.abs(flat + errors)
     u = float(np.sqrt(from_draws(0.0, again.max(axis=1), unit).u ** 2 + (RANGE_U * (top - level)) ** 2 + lost**2))
-    # Nodes may have the largest size that lie no further below the maximum than one place of a plateau may be read.
+    # Candidate nodes are no further below the maximum than a plateau point may be.
     for _ in range(_PLATEAU_ROUNDS):
         below = float(np.quantile(again.max(axis=1) - again[:, peak], _SURE))
         flat = np.where(np.abs(curve) >= top - below, np.abs(flat[peak]) * np.sign(curve), flat)
@@ -78,13 +83,15 @@ Complex = NDArray[np.complex128]
 _HARMONICS = np.arange(1, 9)
 _LAG_ROUNDS = 10
 _MOVED_MM = float(np.hypot(BALL_MM.middle, 1000.0 * np.radians(JOINT_DEG.middle)))
-"""How far a circle moves between runs: its ball, and a joint at the end of an arm of a metre."""
+"""Motion of a circle between runs: its ball, and a joint at the end of a one-metre arm."""
 
 
 @dataclass(frozen=True)
 class _Evidence:
-    """One kind of curve: harmonics (h,) of acw - cw, and of what a lag of one second would put there; noise: the
-    variance (h,) of their real and of their imaginary part without any play."""
+    """One kind of curve: harmonics (h,) of acw - cw, and of the response to a lag of one second; noise: variance (h,)
+    of real and
+    imaginary part without backlash.
+    """
 
     between: Complex
     of_lag: Complex
@@ -92,18 +99,21 @@ class _Evidence:
 
 
 def lag_of(pairs: Sequence[tuple[LapCurve, LapCurve]], radii_mm: Sequence[float], samples: int) -> Quantity:
-    """The lag in ms of the gauges behind the robot's feedback, from curves of an acw and a cw run of one circle;
-    several kinds (angle, distance) together determine it better.
+    """Return the lag in ms of the gauges behind the robot's feedback, from curves of an acw and a cw run of one circle.
 
-    radii_mm: of each kind, what turns a move of the ball into its unit: 1 for a distance, the circle's for an angle.
+    Several kinds (angle, distance) together determine it better. radii_mm: per kind, the conversion of ball motion to
+    its unit:
+    1 for a distance, the circle's radius for an angle.
 
-    Gauges stamped late show at each moment what was true a lag before: the curve is dragged along with the motion,
-    forwards in one direction and backwards in the other, so acw - cw holds twice the lag times the speed times the
-    curve's slope. Plays and friction reverse with the direction too, and their first harmonic cannot be distinguished
-    from a lag. What they leave in the others shows how large it may be: it is taken for a random part that falls with
-    the harmonic's number, as that of a step does, and it makes the uncertainty. So does the robot, which is never at
-    quite the same places in two runs. One direction alone shows nothing of it: there a lag turns the curve as another
-    place of the ball would.
+    Late stamps shift the curve along the motion, forwards in one direction and backwards in the other, so acw - cw
+    contains
+    twice the lag times the speed times the slope of the curve. Backlash and friction also depend on the direction, and
+    their
+    first harmonic is indistinguishable from a lag. Their other harmonics indicate its possible size: it is modelled as
+    random,
+    decreasing with the order as for a step, and determines the uncertainty, together with the repeatability of the
+    robot. A
+    single direction shows nothing: there a lag looks like a displaced ball.
     """
     kinds = []
     for (acw, cw), radius_mm in zip(pairs, radii_mm, strict=True):
@@ -121,39 +131,48 @@ def lag_of(pairs: Sequence[tuple[LapCurve, LapCurve]], radii_mm: Sequence[float]
         if not information > 0:
             return Quantity(0.0, float("inf"), "ms", samples)
         value_s, u_s = pull / information, information**-0.5
-        # The variance of the first harmonic of what reverses without being a lag.
+        # Variance of the first harmonic of direction-dependent effects other than lag.
         beyond = [np.abs(kind.between - value_s * kind.of_lag) ** 2 / 2 - kind.noise for kind in kinds]
         spreads = [float((np.maximum(power, 0.0) * _HARMONICS**2).mean()) for power in beyond]
     return Quantity(1e3 * value_s, 1e3 * u_s, "ms", samples)
 
 
 def _harmonics(y: Array) -> Complex:
-    """(..., h) complex of curves (..., NODES): y = sum of their real parts, each times exp(i h phi)."""
+    """Return complex harmonics (..., h) of curves (..., NODES): y = sum of the real parts of each times exp(i h
+    phi).
+    """
     both: Complex = 2 * np.fft.rfft(y)[..., _HARMONICS] / NODES
     return both
 
 
 RANGES = frozenset({"circular_deviation_mm"})
 _ALIKE = 0.5
-"""The share of a move by the angle by which the move by the distance, which a play changes too, may differ."""
+"""Permitted relative difference between ball motions from angle and distance; the latter also contains backlash."""
 _ALONE, _MOSTLY = 0.9, 0.5
-"""Share of acw - cw, as energy, that a ball elsewhere explains; a play, which changes its side at each reversal of a
-joint, leaves much of itself in the higher orders."""
+"""Share of the energy of acw - cw explained by a moved ball; backlash, changing sign at each reversal, has more energy
+in
+higher orders.
+"""
 
 
 @dataclass(frozen=True)
 class DirectionPair:
-    """What differs between the directions, by name; lag: of the gauges behind the robot, ms, reported and not
-    applied."""
+    """Differences between the directions by name; lag: of the gauges behind the robot, ms, reported and not
+    corrected.
+    """
 
     figures: dict[str, Quantity]
     lag: Quantity
 
 
 def pair(acw: CircleResult, cw: CircleResult, where: str = "the two runs") -> DirectionPair:
-    """figures of acw - cw at the same phi: hysteresis_mean_deg with its sign, hysteresis_max_deg without and
-    hysteresis_max_at_deg where; of the distance hysteresis_mean_mm, hysteresis_max_mm (H) and
-    circular_deviation_mm (G(b)). Maxima are noise-corrected. Raises FileError where they are not a pair."""
+    """Return figures of acw - cw at the same phi.
+
+    hysteresis_mean_deg (signed), hysteresis_max_deg (absolute) and its position hysteresis_max_at_deg; for the distance
+    hysteresis_mean_mm, hysteresis_max_mm (H) and circular_deviation_mm (G(b)). Maxima are noise-corrected. Raises
+    FileError if
+    the runs are not a pair.
+    """
     _hold(acw, cw, where)
     curves = [acw.curve, cw.curve, acw.distance.curve, cw.distance.curve]
     radius = acw.laps.frame.radius
@@ -169,7 +188,7 @@ def pair(acw: CircleResult, cw: CircleResult, where: str = "the two runs") -> Di
     samples = acw.samples + cw.samples
     calm = [*_calm(acw.curve, cw.curve), *_calm(acw.distance.curve, cw.distance.curve)]
     of_pair = figures(lambda y: figures_at(y, radius), curves, drawn, samples, RANGES, calm)
-    # The largest hysteresis of angle and distance, and the place of that of the angle.
+    # Largest hysteresis of angle and distance, and its position for the angle.
     draws, noise = drawn([curve.y for curve in curves]), of_pair["hysteresis_mean_deg"].noise
     sizes = []
     for k, unit, per_unit in ((0, "deg", np.degrees(1.0)), (2, "mm", 1.0)):
@@ -180,14 +199,14 @@ def pair(acw: CircleResult, cw: CircleResult, where: str = "the two runs") -> Di
     of_pair |= zip(("hysteresis_max_deg", "hysteresis_max_at_deg", "hysteresis_max_mm"), sizes, strict=False)
     for unit in ("deg", "mm"):
         largest_name, mean = f"hysteresis_max_{unit}", abs(of_pair[f"hysteresis_mean_{unit}"].value)
-        # What is taken off for the noise may be more than there is; no largest value is below the mean.
+        # The noise correction can be too large; the maximum is never below the mean.
         of_pair[largest_name] = replace(of_pair[largest_name], value=max(of_pair[largest_name].value, mean))
     lag = lag_of([(curves[0], curves[1]), (curves[2], curves[3])], [radius, 1.0], samples)
     return DirectionPair(of_pair, lag)
 
 
 def _calm(acw: LapCurve, cw: LapCurve) -> tuple[Array, Array]:
-    """Both curves (NODES,) with the noise reduced of their mean and of their difference, which is small beside them."""
+    """Return both curves (NODES,) with reduced noise of their mean and of their much smaller difference."""
     power = acw.power + cw.power
     mean, half = calmed((acw.y + cw.y) / 2, power / 4), calmed((acw.y - cw.y) / 2, power / 4)
     return mean + half, mean - half
@@ -198,13 +217,13 @@ Run = tuple[Array, Array]
 
 
 def plain_figures(angle: list[Run], distance: list[Run], radius_mm: float) -> dict[str, float]:
-    """The plain figures of a noise-free acw and cw run, in this order: angle in rad, distance in mm."""
+    """Return the figures of a noise-free acw and cw run, in this order: angle in rad, distance in mm."""
     nodes = np.stack([nodes_of(phi, y) for phi, y in (*angle, *distance)])
     return {name: float(value) for name, value in figures_at(nodes, radius_mm).items()}
 
 
 def figures_at(y: Array, radius_mm: float) -> dict[str, Array]:
-    """The plain figures (...,) of curves (4, ..., NODES): angle acw and cw, distance acw and cw."""
+    """Return the figures (...,) of curves (4, ..., NODES): angle acw and cw, distance acw and cw."""
     turned, moved = at_resolution(np.degrees(y[0] - y[1])), at_resolution(y[2] - y[3])
     fit = (fit_circle(y[2], radius_mm) + fit_circle(y[3], radius_mm)) / 2
     deviation = at_resolution(y[2:] - circle_at(fit, radius_mm))
@@ -219,10 +238,11 @@ def figures_at(y: Array, radius_mm: float) -> dict[str, Array]:
 
 
 def ball_moved_mm(acw: CircleResult, cw: CircleResult) -> float:
-    """How far the ball moved between the runs, mm; 0 where the robot may explain the difference.
+    """Return the motion of the ball between the runs, mm; 0 if the robot may explain the difference.
 
-    A play moves the distance by the way that a joint turns, and with it the first order too; of a yaw the angle shows
-    the ball a second time, and a play hardly shows the same there.
+    Backlash also changes the first order of the distance; for yaw the angle shows the ball independently, and backlash
+    hardly
+    gives the same value there.
     """
     moved = acw.distance.ball_mm - cw.distance.ball_mm
     by_angle = acw.laps.frame.radius * np.array([-(acw.sine.a - cw.sine.a), acw.sine.b - cw.sine.b])
@@ -231,7 +251,7 @@ def ball_moved_mm(acw: CircleResult, cw: CircleResult) -> float:
     first_share = float(power[0] / max(power.sum(), 1e-30))
     if seen > BALL_ELSEWHERE_MM and float(np.linalg.norm(by_angle - moved)) < _ALIKE * seen and first_share > _MOSTLY:
         return seen
-    # In roll the ball's place does not show in the angle's sine.
+    # In roll the ball position does not affect the sine of the angle.
     return size if size > BALL_ELSEWHERE_MM and first_share > _ALONE and seen < 0.1 * size else 0.0
 
 

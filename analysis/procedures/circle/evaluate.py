@@ -1,7 +1,8 @@
-"""The angle between link and tool over a circle: what yaw and roll share, after Oh 2019, section 2.1.
+"""Angle between link and tool over a circle: common part of yaw and roll, after Oh 2019, section 2.1.
 
-What is left of the angle after the least-squares sine, eqs. (1) to (11), is the orientation error, and its
-maximum less its minimum the error band. Which figures are taken besides, yaw and roll say themselves.
+The residual of the angle after removing the least-squares sine, eqs. (1) to (11), is the orientation error, and its
+range
+the error band. Yaw and roll define their additional figures.
 """
 
 from __future__ import annotations
@@ -44,18 +45,22 @@ from rigs.schema.vocabulary import CircleTest, Direction
 
 
 def angle_of_gauges(g_mm: Array, baseline_mm: float) -> Array:
-    """The angle (...,) rad of readings (..., 2) mm of gauges a baseline apart."""
+    """Return the angle (...,) rad of readings (..., 2) mm of gauges with a baseline."""
     return link_angle(g_mm[..., 0], g_mm[..., 1], baseline_mm)
 
 
 Plain = Callable[[Array, float], Mapping[str, Array]]
-"""The plain figures (...,) by name of angles (..., NODES) rad on a circle of a radius in mm."""
+"""Figures (...,) by name of angles (..., NODES) rad on a circle of a radius in mm."""
 
 
 @dataclass(frozen=True)
 class Measure:
-    """Figures of one kind that the angle over a circle shows. figures_at computes them; ranges names those that noise
-    makes too large, a maximum less a minimum for example, which are lowered by what noise adds on average."""
+    """Figures of one kind from the angle over a circle.
+
+    figures_at: computes them. ranges: names of figures biased upwards by noise, such as a range, which are lowered by
+    its mean
+    contribution.
+    """
 
     figures_at: Plain
     ranges: frozenset[str] = frozenset()
@@ -70,7 +75,7 @@ class Sine:
     b: float
 
     def __call__(self, phi: Array) -> Array:
-        """Its value (n,) at phi (n,)."""
+        """Return the values (n,) at phi (n,)."""
         return np.asarray(self.A + self.a * np.sin(phi) + self.b * np.cos(phi))
 
     @property
@@ -80,35 +85,40 @@ class Sine:
 
     @property
     def shift(self) -> float:
-        """alpha of eq. (11); by atan2, since arctan(b/a) loses the quadrant. (The paper's last formula
-        for it has b11 where b21 belongs.)"""
+        """alpha of eq. (11), by atan2, because arctan(b/a) loses the quadrant. (The paper's last formula for it has b11
+        instead of
+        b21.)
+        """
         return float(np.arctan2(self.b, self.a))
 
 
 def sine_of(y: Array) -> tuple[Array, Array, Array]:
-    """A, a and b (...,) of the least-squares sine of eq. (2) through curves (..., NODES).
+    """Return A, a and b (...,) of the least-squares sine of eq. (2) for curves (..., NODES).
 
-    Nodes lie evenly around the circle, so that the paper's sums are those of the level and the first order.
+    Nodes are equidistant, so the paper's sums are those of the level and the first order.
     """
     fitted = y @ _FIRST_ORDER
     return fitted[..., 0], fitted[..., 1], fitted[..., 2]
 
 
 _FIRST_ORDER = np.stack([np.ones(NODES), 2 * np.sin(PHI), 2 * np.cos(PHI)], axis=1) / NODES
-"""What (NODES, 3) gives level, sine and cosine of a curve, by least squares."""
+"""Weights (NODES, 3) for the least-squares level, sine and cosine of a curve."""
 
 
 def fit_sine(phi: Array, y: Array) -> Sine:
-    """The sine of a noise-free curve y (n,) rad at phi (n,) rad of one lap."""
+    """Return the sine of a noise-free curve y (n,) rad at phi (n,) rad of one lap."""
     A, a, b = sine_of(nodes_of(phi, y))
     return Sine(float(A), float(a), float(b))
 
 
 @dataclass(frozen=True)
 class CircleResult:
-    """Result of one direction. angle, residual: (NODES,) rad over PHI, the residual at the stated resolution; curve:
-    the angle with its noise; distance: what the mean of the gauges shows; u_lag_s, u_scale: what was assumed of the
-    gauges' time and of the baseline (relative)."""
+    """Result of one direction.
+
+    angle, residual: (NODES,) rad over PHI, the residual at the stated resolution. curve: angle with its noise.
+    distance: from
+    the mean of the gauges. u_lag_s, u_scale: assumed uncertainties of the gauges' time and of the baseline (relative).
+    """
 
     laps: Laps
     angle: Array
@@ -124,7 +134,7 @@ class CircleResult:
 
     @property
     def as_curve(self) -> CircleCurve:
-        """Angle, error and deviation over the circle angle."""
+        """Return angle, error and deviation over the circle angle."""
         error, _ = error_of(self.curve.errors)
         return CircleCurve(
             phi_deg=np.degrees(PHI),
@@ -136,21 +146,22 @@ class CircleResult:
 
     @property
     def without_rows(self) -> CircleResult:
-        """The same result without the rows of its laps, but the first, and without the draws of its noise, which are
-        drawn again where they are asked for."""
+        """Return the result without the rows of all laps except the first, and without noise draws, recreated on
+        demand.
+        """
         distance = replace(self.distance, curve=self.distance.curve.without_draws)
         return replace(self, laps=self.laps.without_rows, curve=self.curve.without_draws, distance=distance)
 
 
 @dataclass(frozen=True)
 class AngleTest:
-    """Yaw or roll. measures: what is computed from its angle; notes_of: remarks on a result."""
+    """Yaw or roll. measures: computed from the angle. notes_of: remarks on a result."""
 
     measures: tuple[Measure, ...]
     notes_of: Callable[[CircleResult], tuple[str, ...]]
 
     def figures_at(self, y: Array, radius_mm: float) -> dict[str, Array]:
-        """The plain figures (...,) of all measures, from angles y (..., NODES) rad."""
+        """Return the figures (...,) of all measures, from angles y (..., NODES) rad."""
         return {name: value for measure in self.measures for name, value in measure.figures_at(y, radius_mm).items()}
 
     def evaluate(
@@ -163,10 +174,11 @@ class AngleTest:
         like: tuple[LapNoise, LapNoise] | None = None,
         run: Reduced | None = None,
     ) -> CircleResult:
-        """The figures of a run's laps, ranges corrected for noise, each with its uncertainty.
+        """Return the figures of a run's laps with uncertainties, ranges corrected for noise.
 
-        like: noise of the angle and of the distance in another run of the cell, for a run of one lap; run: the readings
-        of the laps, where these have but some of the rows. Raises FileError for readings that no ball link gives.
+        like: noise of angle and distance in a different run of the cell, for a run of one lap. run: all readings, if
+        the laps are
+        thinned. Raises FileError for readings impossible with a ball link.
         """
         _hold(laps, baseline_mm, where)
         run = run or reduced(laps)
@@ -193,13 +205,12 @@ class AngleTest:
         return replace(result, notes=(*notes, *self.notes_of(result)))
 
     def plain_figures(self, phi: Array, y: Array, radius_mm: float) -> dict[str, float]:
-        """The plain figures of a noise-free curve y (n,) rad over phi (n,) rad, by the definitions of
-        docs/conventions.md."""
+        """Return the figures of a noise-free curve y (n,) rad over phi (n,) rad, defined in docs/conventions.md."""
         return {name: float(value) for name, value in self.figures_at(nodes_of(phi, y), radius_mm).items()}
 
 
 def _about_noise(curve: LapCurve) -> tuple[str, ...]:
-    """Where the noise is not from laps of this run, and what happened between its laps, in words."""
+    """Return remarks about noise not measured in this run, and about events between its laps."""
     if curve.slips:
         sizes = ", ".join(f"{np.degrees(slip):+.4f}°" for slip in curve.slips)
         why = "which is more than noise and drift explain: check the clamps"
@@ -214,14 +225,18 @@ def _about_noise(curve: LapCurve) -> tuple[str, ...]:
 
 
 def eccentricities(result: CircleResult) -> tuple[Array, Array]:
-    """Where the ball lies from the centre along u and v, (2,) mm each: by the angle of a yaw, and by the distance."""
+    """Return the ball position relative to the centre along u and v, (2,) mm each: from the angle of a yaw, and from
+    the distance.
+    """
     radius = result.laps.frame.radius
     by_angle = radius * np.array([-result.sine.a, result.sine.b])
     return by_angle, result.distance.ball_mm
 
 
 def sine_figures(y: Array, _radius_mm: float) -> dict[str, Array]:
-    """Band, amplitude, shift and offset (...,) in degrees of angles y (..., NODES) rad: the paper's section 2.1."""
+    """Return band, amplitude, shift and offset (...,) in degrees of angles y (..., NODES) rad: the paper's section
+    2.1.
+    """
     A, a, b = sine_of(y)
     error = at_resolution(y - _sines(A, a, b))
     return {
@@ -236,8 +251,9 @@ SINE = Measure(sine_figures, frozenset({"band_deg"}))
 
 
 def error_of(y: Array) -> tuple[Array, Array]:
-    """Orientation errors (..., NODES) rad of angles y (..., NODES) rad, and these with their sine, at the stated
-    resolution."""
+    """Return orientation errors (..., NODES) rad of angles y (..., NODES) rad, and these plus their sine, at the
+    stated resolution.
+    """
     sine = _sines(*sine_of(y))
     error = at_resolution(y - sine)
     return error, error + sine
@@ -259,11 +275,11 @@ def _hold(laps: Laps, baseline_mm: float, where: str) -> None:
 
 
 GAUGE_RATE_HZ = 50.0
-"""Readings a second of a simulated circle: what a 4800 baud line gives."""
+"""Readings per second of a simulated circle: those of a 4800 baud line."""
 
 
 def planted_setup(rig: Rig) -> SetUp:
-    """Return the set-up that simulations and emulated cells have on a circle: the ball where the rig file plants it."""
+    """Return the set-up of simulations and emulated cells on a circle: the ball at the position of the rig file."""
     ball = np.array(circle_of(rig).centre_mm) + np.array(circle_of(rig).eccentricity_mm)
     return SetUp(ball, np.zeros(2), np.eye(4), np.eye(4))
 
@@ -317,7 +333,7 @@ class CircleKind(Kind[CircleTable]):
         return Path(Motion(table.t_s, table.q), np.arange(len(table.q)))
 
     def read(self, model: Model, table: CircleTable, path: Path, scene: Scene, setup: SetUp) -> Array:
-        """The readings of both gauges (m, 2) mm."""
+        """Return the readings of both gauges (m, 2) mm."""
         to_tool = scene.T[:, :3, 3] - setup.ball
         circle = frame_of(circle_of(model.rig))
         offsets = np.array([gauge.offset_mm for _, gauge in model.rig.gauges])
@@ -368,7 +384,7 @@ class CircleKind(Kind[CircleTable]):
         return self._angle.evaluate(laps, gauges.baseline_mm, gauges.baseline_u_mm, *lag_and_noise)
 
     def hold_evaluable(self, table: CircleTable, rig: Rig, where: str) -> None:
-        """It has laps."""
+        """Check for laps."""
         laps_of(table, rig, where)
 
     def direction(self, table: CircleTable) -> Direction:

@@ -1,8 +1,9 @@
-"""Where the joints turn back along a lap, by the table's own feedback: beside the paper's Table 1.
+"""Joint reversals along a lap from the table's feedback, comparable with the paper's Table 1.
 
-A turn counts where the joint comes back by more than its noise (and 0.05°) on both sides, so that encoder noise
-makes none; its place is the vertex of a cubic through the neighbourhood. `analysis.robot.geometry.circle.reversals`
-gives the same of the nominal path.
+A reversal counts if the joint returns by more than its noise (and 0.05°) on both sides, so encoder noise causes none;
+its
+position is the vertex of a local cubic fit. `analysis.robot.geometry.circle.reversals` returns those of the nominal
+path.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from analysis.runs.laps import Laps
 from analysis.runs.noise.readings import noise_beneath
 
 PROMINENCE_RAD = float(np.radians(0.05))
-"""A joint that comes back by less stands."""
+"""A joint with a smaller return stands."""
 _NOISES = 10.0
 _BEYOND = np.radians(40.0)
 _NEIGHBOURHOOD = np.radians(8.0)
@@ -26,8 +27,10 @@ _NEIGHBOURHOOD = np.radians(8.0)
 
 @dataclass(frozen=True)
 class Turn:
-    """A joint (1 … 6) turns back at circle angle phi ± u_rad, 0 … 2 pi, in row `row` of the lap; upper: from rising to
-    falling as phi grows."""
+    """Reversal of a joint (1 … 6) at circle angle phi ± u_rad, 0 … 2 pi, in row `row` of the lap; upper: from rising to
+    falling
+    with increasing phi.
+    """
 
     axis: int
     phi: float
@@ -37,18 +40,19 @@ class Turn:
 
 
 def turns(laps: Laps) -> list[Turn]:
-    """The turns of all joints of the first lap, by axis and phi."""
+    """Return the reversals of all joints in the first lap, by axis and phi."""
     lap = laps.first
     order = np.argsort(lap.phi, kind="stable")
     phi, q = lap.phi[order], lap.q[order]
-    # A piece of the lap again at both ends: it is closed, and a turn near its start has both its flanks. A joint that
-    # makes full turns goes on by its full turns.
+    # The closed lap is extended at both ends, so that a reversal near its start has both flanks. A joint with full
+    # turns is
+    # extended by full turns.
     whole = 2 * np.pi * np.round((q[-1] - q[0]) / (2 * np.pi))
     head, tail = phi < phi[0] + _BEYOND, phi > phi[-1] - _BEYOND
     phi = np.concatenate([phi[tail] - 2 * np.pi, phi, phi[head] + 2 * np.pi])
     q, rows = np.concatenate([q[tail] - whole, q, q[head] + whole]), np.concatenate([order[tail], order, order[head]])
     seen: list[Turn] = []
-    start = float(phi[0] + _BEYOND)  # the lap's own
+    start = float(phi[0] + _BEYOND)  # of the lap itself
     for axis, joint in enumerate(q.T, start=1):
         turned: list[Turn] = []
         prominence = max(PROMINENCE_RAD, _NOISES * noise_beneath(joint, 0.0))
@@ -58,7 +62,7 @@ def turns(laps: Laps) -> list[Turn]:
                 if not start - np.radians(1) <= vertex < start + 2 * np.pi + np.radians(1):
                     continue
                 turn = Turn(axis, vertex % (2 * np.pi), u, sign > 0, int(rows[k]))
-                # A turn at the seam of the lap is seen twice.
+                # A reversal at the seam of the lap is found twice.
                 if all(turn.upper != kept.upper or abs(apart(turn.phi, kept.phi)) > np.radians(2) for kept in turned):
                     turned.append(turn)
         seen += turned
@@ -66,7 +70,7 @@ def turns(laps: Laps) -> list[Turn]:
 
 
 def beside(seen: Sequence[Turn], nominal: Sequence[Reversal]) -> list[tuple[Reversal, Turn | None]]:
-    """Each nominal reversal with the nearest turn of the same joint and sense within 30°, or None."""
+    """Return each nominal reversal with the closest reversal of the same joint and sense within 30°, or None."""
     pairs = []
     for reversal in nominal:
         alike = [turn for turn in seen if (turn.axis, turn.upper) == (reversal.axis, reversal.upper)]
@@ -77,12 +81,12 @@ def beside(seen: Sequence[Turn], nominal: Sequence[Reversal]) -> list[tuple[Reve
 
 
 def apart(phi: float, other_phi: float) -> float:
-    """phi - other_phi, from -pi to pi."""
+    """Return phi - other_phi, from -pi to pi."""
     return float((phi - other_phi + np.pi) % (2 * np.pi) - np.pi)
 
 
 def _vertex(phi: Array, joint: Array, about: float) -> tuple[float, float]:
-    """Place and standard uncertainty, rad, of the top near `about`, by a cubic over the neighbourhood."""
+    """Return position and standard uncertainty, rad, of the extreme near `about`, by a local cubic fit."""
     near = np.abs(phi - about) < _NEIGHBOURHOOD
     if near.sum() < 8:
         return about, float(np.median(np.diff(phi)))

@@ -1,15 +1,17 @@
-"""A circle with more rows than memory has room for: what they come to at circle angles, part by part.
+"""Evaluate a circle with more rows than fit in memory, part by part.
 
-    part of a run  →  joined on the rows of gauge 1  →  φ at the robot's rate, between its rows on a line
-                   →  sums of the rows beside each node, by stretches of time  →  laps  →  readings at 720 circle angles
+part of a run  →  joined on the rows of gauge 1  →  φ at the robot's rate, interpolated linearly
+→  sums of the rows between nodes, by time stretches  →  laps  →  readings at 720 circle angles
 
-A part is the rows of all streams that came in the same time, in memory of a few chunks, and is evaluated like a run of
-its own. What is seen only from before and after, as whether an instrument waited or a computer was held up for a
-second, is seen of the rows near its ends as well: a part has some seconds more on either side, which belong to its
-neighbours.
+A part contains the rows of all streams in a time interval, in the memory of a few chunks, and is evaluated like a
+separate
+run. Events visible only in context, such as a waiting instrument or a computer stalled for a second, also affect rows
+near
+its ends, so a part has a margin of some seconds on either side, owned by its neighbours.
 
-The laps are cut out of a table of every so many rows, which the run is shown by as well; each stretch of rows beside
-one node then falls into a lap by its time.
+Laps are found in a thinned table, which is also used to display the run; each stretch of rows is assigned to a lap by
+its
+time.
 """
 
 from __future__ import annotations
@@ -52,14 +54,14 @@ from rigs.schema.condition import MOTORS, PROGRAM, SAFETY, SPEED
 from rigs.schema.vocabulary import CIRCLES
 
 _ROWS = 300_000
-"""Rows of gauge 1 in a part: 75 s at 4 kHz, over which a clock is a straight line (`lower_hull.WINDOW_S`)."""
+"""Rows of gauge 1 in a part: 75 s at 4 kHz, over which a clock is linear (`lower_hull.WINDOW_S`)."""
 _MARGIN_NS = 6e9
-"""What a part has of its neighbours. `own_clock` sees within four seconds whether lateness stays."""
+"""Margin of a part. `own_clock` needs four seconds to see whether a delay persists."""
 
 
 @dataclass(frozen=True)
 class Part:
-    """The rows of some streams that came in [begin_ns, end_ns), and those of a few seconds before and after."""
+    """Rows of streams received in [begin_ns, end_ns), with a margin of a few seconds."""
 
     streams: dict[str, Columns]
     begin_ns: float
@@ -67,15 +69,15 @@ class Part:
 
 
 def rows_of_gauge(manifest: Manifest) -> int:
-    """How many rows gauge 1 has in a recorded run; 0 where it has none."""
+    """Return the number of rows of gauge 1 in a recorded run; 0 if there are none."""
     first = _stream_of(manifest, "g1_mm")
     return sum(chunk.rows for chunk in manifest.chunks_of(first)) if first else 0
 
 
 def parts_of(path: Path, manifest: Manifest) -> Iterator[Part]:
-    """The streams of gauges and robot, part by part, in order of time.
+    """Yield the streams of gauges and robot part by part, in order of time.
 
-    Raises FileError for a chunk that is missing or damaged, and where stamps go back: such a run is refused as a whole.
+    Raises FileError for a missing or damaged chunk, and for decreasing stamps: such a run is refused as a whole.
     """
     read = {
         name: _Window(path, chunks_of(path, manifest, name))
@@ -95,7 +97,7 @@ def _stream_of(manifest: Manifest, column: str) -> str:
 
 
 class _Window:
-    """The rows of a stream in a stretch of time that moves on."""
+    """Rows of a stream in a moving time window."""
 
     def __init__(self, path: Path, chunks: Iterator[Columns]) -> None:
         self._path = path
@@ -103,7 +105,7 @@ class _Window:
         self._kept: list[Columns] = []
 
     def between(self, begin_ns: float, end_ns: float) -> Columns:
-        """The rows that came in [begin_ns, end_ns), and no earlier than those of the call before."""
+        """Return the rows received in [begin_ns, end_ns); intervals must not move backwards."""
         while self._last_ns() < end_ns and self._reads_on():
             pass
         self._kept = [chunk for chunk in self._kept[:-1] if chunk["last_byte_ns"][-1] >= begin_ns] + self._kept[-1:]
@@ -116,7 +118,7 @@ class _Window:
         for name in pieces[0] if pieces else ():
             columns = [piece[name] for piece in pieces]
             first = columns[0]
-            # Of those that hold one value a view of it, as `daq.store` reads them.
+            # A view of identical values, as read by `daq.store`.
             if all(column.strides == (0,) and column[:1].tobytes() == first[:1].tobytes() for column in columns):
                 joined[name] = np.broadcast_to(first[0], (sum(map(len, columns)),))
             else:
@@ -124,8 +126,9 @@ class _Window:
         return joined
 
     def time_after(self, begin_ns: float, rows: int) -> float:
-        """When the row came that is so many behind the first from begin_ns on; inf where hardly half as many more are
-        left from there."""
+        """Return the time of the row `rows` rows after the first from begin_ns on; inf if hardly half as many
+        remain.
+        """
         most = rows + rows // 2
         while True:
             came_ns = [chunk["last_byte_ns"] for chunk in self._kept]
@@ -139,7 +142,7 @@ class _Window:
         return float(self._kept[-1]["last_byte_ns"][-1]) if self._kept else -math.inf
 
     def _reads_on(self) -> bool:
-        """Read the next chunk, if there is any."""
+        """Read the next chunk, if any."""
         chunk = next(self._chunks, None)
         if chunk is None:
             return False
@@ -152,31 +155,36 @@ class _Window:
 
 
 _SHOWN = 100_000
-"""Rows of the table that stands for all: 140 at each node of a single lap."""
+"""Rows of the thinned table: 140 per node of a single lap."""
 _ROBOT_SHOWN = 100_000
-"""Rows of the robot by which its condition is judged, as of three minutes at 500 Hz; of a longer run every so many, and
-each that shows another state."""
+"""Robot rows for judging its condition, three minutes at 500 Hz; longer runs are thinned, keeping each state change."""
 _STRETCHES, _SHORTEST = 100_000, 64
-"""Rows beside one node are summed in so many stretches of time, 10 MB, or of so many rows where those are fewer."""
+"""Maximum number of time stretches, 10 MB, and minimum rows per stretch."""
 _BLOCK = 1 << 13
-"""Rows at a time, so that what is computed of them stays in the processor's cache."""
+"""Rows per block, to fit the processor's cache."""
 _ROUNDS = 60
-"""Rounds that find the line from which readings of a part are far off: twice those where every node has rows."""
+"""Solver rounds for the curve used to find outliers: twice those needed if every node has rows."""
 _NEAR = 8
-"""Rows of the shown table within which a lap begins and ends."""
+"""Rows of the thinned table around the start and end of a lap."""
 _SAMPLE = 20_000
-"""Rows in turn by which the steps of a gauge and the noise beneath them are seen (`noise.readings`)."""
+"""Consecutive rows for estimating the step of a gauge and the noise below it (`noise.readings`)."""
 _HATS = ("before", "between", "beyond", "cubes", "fourths", "near1", "near2", "far1", "far2")
 _SUMS = (*_HATS, "count", "wild1", "wild2", "new1", "new2")
-"""What is summed over the rows of a stretch that are not wild: products of hat functions, third and fourth powers of
-the second, readings by both; over all: rows, those that are wild, those that differ from the one before."""
+"""Sums over the rows of a stretch: without outliers, products of hat functions, third and fourth powers of the second,
+and
+readings by both; over all, rows, outliers, and changed readings.
+"""
 
 
 @dataclass(frozen=True)
 class _Rows:
-    """The rows of a part. at_ns, cell (m,): when each stretch of them begins, and the node behind which it lies, and
-    NODES more beyond the angle at which laps begin; sums (m, len(_SUMS)); shown: table of every so many rows, its t_s
-    in ns; u_lag_s; count; step_mm, noise_mm (k,) of its middle, at middle_ns; beyond: rows beyond a certificate."""
+    """Rows of a part.
+
+    at_ns, cell (m,): start of each stretch, and its node, plus NODES beyond the angle at which laps begin. sums
+    (m, len(_SUMS)). shown: thinned table, with t_s in ns. u_lag_s; count. step_mm, noise_mm (k,): of its middle, at
+    middle_ns.
+    beyond: rows beyond a certificate.
+    """
 
     at_ns: Array
     cell: Integers
@@ -192,8 +200,7 @@ class _Rows:
 
 @dataclass(frozen=True)
 class _Piece:
-    """What a part of a run comes to. robot: columns of some of its rows; rows: None where gauges and robot did not read
-    at the same time."""
+    """Result of a part. robot: columns of thinned rows. rows: None if gauges and robot have no common time."""
 
     robot: dict[str, Array]
     seen: dict[str, Seen]
@@ -201,9 +208,10 @@ class _Piece:
 
 
 def long_circle(directory: Path, path: Path) -> tuple[Measured, Reduced] | None:
-    """A run, shown by some of its rows, and the readings of all at circle angles; path: where its files came from.
+    """Return a run with thinned rows, and all readings reduced to circle angles; path: original location of its files.
 
-    None where it is no long recorded circle, or holds what only the whole run can show; then it is to be read whole.
+    None if it is not a long recorded circle, or contains features visible only in the whole run, which must then be
+    read.
     """
     manifest = closed_manifest(directory)
     if (
@@ -221,7 +229,7 @@ def long_circle(directory: Path, path: Path) -> tuple[Measured, Reduced] | None:
     try:
         pieces = list(_pieces(directory, run, rig))
     except (FileError, _AsAWhole):
-        return None  # the whole run says what is wrong with it, and in which row
+        return None  # the whole run reports the problem and its row
     parts = [piece.rows for piece in pieces if piece.rows is not None]
     if not parts:
         return None
@@ -244,11 +252,11 @@ def long_circle(directory: Path, path: Path) -> tuple[Measured, Reduced] | None:
 
 
 class _AsAWhole(Exception):
-    """Only the whole run shows what is to be done with a row."""
+    """A row can only be interpreted in the whole run."""
 
 
 def _pieces(directory: Path, run: Run, rig: Rig) -> Iterator[_Piece]:
-    """What the parts of a run come to. Raises FileError where one is no measurement, _AsAWhole."""
+    """Yield the results of the parts. Raises FileError for an invalid part, _AsAWhole."""
     taken, manifest = 0, run.manifest
     for part in parts_of(directory, manifest):
         shown = _shown_of_robot(part, manifest)
@@ -265,18 +273,18 @@ def _pieces(directory: Path, run: Run, rig: Rig) -> Iterator[_Piece]:
 
 
 def _rows_of(joined: Joined, manifest: Manifest, rig: Rig, taken: int) -> _Rows:
-    """What the rows of a part come to. taken: rows of the parts before."""
+    """Return the result of a part's rows. taken: rows of the previous parts."""
     circle, total, inside = circle_of(rig), rows_of_gauge(manifest), joined.inside
     q, g_mm = joined.robot.values, joined.g_mm
     of_robot = frame_of(circle).angle(places_along(arm_of(rig.robot), q, np.arange(len(q))))
-    phi = np.interp(joined.rows_ns, joined.robot.ns, of_robot)  # between those of the robot on a line
+    phi = np.interp(joined.rows_ns, joined.robot.ns, of_robot)  # linear interpolation of the robot's angles
     lap = np.floor((phi - phi.min()) / (2 * np.pi)).astype(np.int64)
     wild = wild_of(phi, g_mm - g_mm.mean(axis=0), lap, _ROUNDS)[:, inside]
     is_new = (np.diff(g_mm, axis=0, prepend=np.nan) != 0)[inside]
     phi, rows_ns = phi[inside], joined.rows_ns[inside]
     g_mm, beyond = corrected_gauges(rig, gauges_of(manifest.test, rig), g_mm[inside])
     step = -(-total // _SHOWN)
-    shown = np.arange(-taken % step, len(rows_ns), step)  # copies: a view would keep all rows
+    shown = np.arange(-taken % step, len(rows_ns), step)  # copies: a view would keep all rows in memory
     q, own_u_s = joined.q_at(rows_ns[shown]), joined.own_u_s[inside][shown]
     assert manifest.direction is not None and manifest.test in CIRCLES  # noqa: S101 - a circle has one
     table = CircleTable(manifest.test, manifest.direction, rows_ns[shown], q, g_mm[shown], own_u_s)
@@ -291,10 +299,11 @@ def _rows_of(joined: Joined, manifest: Manifest, rig: Rig, taken: int) -> _Rows:
 
 
 def _stretches(phi: Array, g_mm: Array, marks: Mask, slot: Integers, start: float) -> tuple[Integers, Integers, Array]:
-    """The first rows (m,) of stretches of rows in one slot of time, their cells (m,) and their sums (m, len(_SUMS)).
+    """Return the first rows (m,) of stretches within a time slot, their cells (m,) and sums (m, len(_SUMS)).
 
-    marks (4, n): which readings are wild, and which differ from the one before. Where the robot trembles between two
-    cells, the rows of each of them are one stretch all the same."""
+    marks (4, n): outliers, and changed readings. If the robot trembles between two cells, the rows of each form one
+    stretch.
+    """
     (of_start,), (behind,) = place_of(np.array([start]))
     firsts, keys, sums = [], [], []
     for begin in range(0, len(phi), _BLOCK):
@@ -318,7 +327,7 @@ def _stretches(phi: Array, g_mm: Array, marks: Mask, slot: Integers, start: floa
 
 
 def _shown_of_robot(part: Part, manifest: Manifest) -> dict[str, Array]:
-    """Every so many rows of the robot in a part, and those that show another state than the one before."""
+    """Return thinned robot rows of a part, and those with a state change."""
     stream = part.streams.get("robot")
     if not stream:
         return {}
@@ -334,7 +343,7 @@ def _shown_of_robot(part: Part, manifest: Manifest) -> dict[str, Array]:
 
 
 def _rows_in(laps: Laps, parts: Sequence[_Rows], first_ns: float, start: float) -> LapRows:
-    """What all rows of the laps come to, which begin at circle angle start, rad."""
+    """Combine the rows of all laps, which begin at circle angle start, rad."""
     at_s = (np.concatenate([part.at_ns for part in parts]) - first_ns) / 1e9
     cell = np.concatenate([part.cell for part in parts])
     lap = _lap_of(laps, at_s, cell, start)
@@ -364,9 +373,10 @@ def _rows_in(laps: Laps, parts: Sequence[_Rows], first_ns: float, start: float) 
 
 
 def _pulls_of(base: Array, sums: Mapping[str, Array]) -> tuple[Array, Array]:
-    """What the sums (2, L, NODES) of readings by both hat functions are, if the readings are waves (5, 2).
+    """Return the sums (2, L, NODES) of readings times hat functions for readings equal to waves (5, 2).
 
-    Behind a node a wave goes on as its Taylor polynomial: beyond the third order 4e-9 of it is missing."""
+    Behind a node a wave is represented by its Taylor polynomial: 4e-9 beyond the third order is missing.
+    """
     beyond, third, fourth = sums["beyond"], sums["cubes"], sums["fourths"]
     first = sums["between"] + beyond
     powers = [sums["before"] + 2 * sums["between"] + beyond, first, beyond, third, fourth]
@@ -379,9 +389,10 @@ def _pulls_of(base: Array, sums: Mapping[str, Array]) -> tuple[Array, Array]:
 
 
 def _lap_of(laps: Laps, at_s: Array, cell: Integers, start: float) -> Integers:
-    """The number (m,) of the lap in which a stretch of rows lies, or -1 before, between and after the laps.
+    """Return the lap number (m,) of each stretch, or -1 outside the laps.
 
-    The times of laps are known to a few rows of the shown table: there the circle angle shows on which side it is."""
+    Lap times are known to a few rows of the thinned table; within them the circle angle decides.
+    """
     (of_start,), (behind,) = place_of(np.array([start]))
     middle = cell % NODES + 0.5
     middle[cell == of_start] = of_start + behind / 2

@@ -1,14 +1,18 @@
 """Roll test: orientation error about the circle's tangent, after Oh 2019, section 2.2.
 
-roll = atan2(l·x_T, l·z_T). An eccentricity in the plane gives no first-order sine, and the height h of the
-ball along n gives the constant atan(h/R), which cannot be distinguished from a difference of the gauges' zeros. A sine
-that is there is the robot's, or the tilt of the plane really driven; the orientation error is by definition
-(docs/conventions.md) what is left without it. The paper takes no sine off its figures 10 and 11, whose extremes lie
-135° apart, so the range of the whole angle is reported beside the band.
+roll = atan2(l·x_T, l·z_T). An eccentricity in the plane gives no first-order sine, and the height h of the ball along n
+gives
+the constant atan(h/R), indistinguishable from a difference of the gauge zeros. A sine is caused by the robot, or by a
+tilt of
+the plane actually driven; the orientation error is by definition (docs/conventions.md) the remainder. The paper removes
+no
+sine in figures 10 and 11, whose extremes are 135° apart, so the range of the total angle is reported in addition to the
+band.
 
-Figures: band_deg and where the orientation error is largest and smallest, max_at_deg and min_at_deg; range_deg of the
-whole angle, range_max_at_deg and range_min_at_deg; amplitude_deg, shift_deg and offset_deg of the sine. Band and range
-are noise-corrected; phi from 0 to 360.
+Figures: band_deg and the positions max_at_deg and min_at_deg of the extreme orientation errors; range_deg of the total
+angle,
+range_max_at_deg and range_min_at_deg; amplitude_deg, shift_deg and offset_deg of the sine. Band and range are
+noise-corrected; phi from 0 to 360.
 """
 
 from __future__ import annotations
@@ -29,7 +33,7 @@ from analysis.robot.kinematics.arm import Array
 
 _CLEAR_MM = 0.2
 _ALIKE = 0.3
-"""A robot's own sine is as large as an eccentricity of _CLEAR_MM, and points its way, by chance only."""
+"""A robot's own sine is as large as an eccentricity of _CLEAR_MM, and in its direction, by chance only."""
 
 
 def _notes(result: CircleResult) -> tuple[str, ...]:
@@ -46,8 +50,9 @@ def _notes(result: CircleResult) -> tuple[str, ...]:
 
 
 def range_figures(y: Array, _radius_mm: float) -> dict[str, Array]:
-    """The range (...,) of the whole angle and the circle angles of all extremes in degrees, from angles
-    y (..., NODES) rad."""
+    """Return the range (...,) of the total angle and the circle angles of all extremes in degrees, for angles y
+    (..., NODES) rad.
+    """
     error, whole = error_of(y)
     at = np.degrees(PHI)
     return {

@@ -1,12 +1,15 @@
 """Yaw test: orientation error about the circle's normal, after Oh 2019, section 2.1.
 
-The angle between link and tool over circle angle phi is a sine, since the base-ball never sits in the
-circle's centre: yaw = atan2(-e_u sin + e_v cos, R - …), whose first harmonic is (-e_u sin + e_v cos)/R exactly.
-The distance, the mean of the gauges, shows the same eccentricity a second time. Where they differ grossly, a note says
-so; analysis/procedures/checks/gauge_sign.py says where the gauges may be exchanged.
+The angle between link and tool over the circle angle phi is a sine, because the base-ball is never exactly in the
+circle's
+centre: yaw = atan2(-e_u sin + e_v cos, R - …), with the exact first harmonic (-e_u sin + e_v cos)/R. The distance, the
+mean
+of the gauges, shows the same eccentricity independently. A note reports gross differences;
+analysis/procedures/checks/gauge_sign.py detects exchanged gauges.
 
 Figures: band_deg (noise-corrected), amplitude_deg, shift_deg, offset_deg of the sine; eccentricity_u_mm and _v_mm of
-the base-ball from the circle's centre along u and v = n × u, eccentricity_mm its length.
+the
+base-ball from the circle's centre along u and v = n × u, and its length eccentricity_mm.
 """
 
 from __future__ import annotations
@@ -27,11 +30,11 @@ from analysis.robot.kinematics.arm import Array
 
 _APART_MM = 0.2
 _APART = 0.5
-"""Eccentricities that differ by more than both, the second a share of the larger, are hardly of one ball."""
+"""Eccentricities differing by more than both limits, the second relative to the larger, hardly belong to one ball."""
 
 
 def eccentricity_figures(y: Array, radius_mm: float) -> dict[str, Array]:
-    """The eccentricity (...,) in mm along u and v and its length, from angles y (..., NODES) rad."""
+    """Return the eccentricity (...,) in mm along u and v and its length, for angles y (..., NODES) rad."""
     _, a, b = sine_of(y)
     return {
         "eccentricity_u_mm": -radius_mm * a,
@@ -41,7 +44,7 @@ def eccentricity_figures(y: Array, radius_mm: float) -> dict[str, Array]:
 
 
 def _notes(result: CircleResult) -> tuple[str, ...]:
-    """Whether both eccentricities are of one ball."""
+    """Return a note if both eccentricities do not belong to one ball."""
     by_angle, by_distance = eccentricities(result)
     apart = float(np.linalg.norm(by_angle - by_distance))
     if apart < max(_APART_MM, _APART * max(float(np.linalg.norm(e)) for e in (by_angle, by_distance))):

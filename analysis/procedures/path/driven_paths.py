@@ -1,15 +1,19 @@
-"""The paths of the cube in a tracker's recording: which move is which, in which frame, and how far off each was.
+"""Paths of the cube in a tracker recording: identify the moves, determine the frame, and compute the deviations.
 
-    recording  →  moves, between two stands of the tool  →  paths, by way and chord  →  frame  →  deviations
+recording  →  moves, between two standstills  →  paths, by length and chord  →  frame  →  deviations
 
-Places are averaged over short spans, so that the tracker's noise, which is read off the second differences of its
-places, is no motion. A stand is a rest of more than half a second: a corner, at which some controllers all but stop,
-takes less. What lies before the first and after the last stand is cut off: how much of it is missing is unknown.
+Positions are averaged over short spans, so that tracker noise, estimated from second differences, is not taken for
+motion.
+A standstill is longer than half a second: at corners some controllers almost stop, but for less. Data before the first
+and
+after the last standstill is dropped, because its completeness is unknown.
 
-A move is a path whose way and chord it has; of the two ways around the large circle the first is anticlockwise, as the
-program drives it. Where the instrument's frame is not known it is fitted to all paths together: first by the share of
-each path that was driven, then each place to the nearest of its path. Deviations are taken across the path, as ISO 9283
-has it, and averaged between stations, which lie closer than anything a robot does.
+A move is identified by length and chord; the first of the two directions around the large circle is anticlockwise, as
+in
+the program. An unknown tracker frame is fitted to all paths: first by the relative position along each path, then from
+each
+position to the closest path point. Deviations are taken across the path, as in ISO 9283, and averaged between stations,
+which are closer than any feature of robot motion.
 """
 
 from __future__ import annotations
@@ -27,22 +31,24 @@ from analysis.runs.tables import PathTable
 from rigs.errors import FileError
 
 _SPAN_S, _SAMPLES = 0.05, 4
-"""Places are averaged over this time, and over so many of them at the least."""
+"""Averaging time, and minimum number of positions averaged."""
 _STAND_S = 0.6
 _SLOW = 0.02
-"""A tool is at rest below this share of the speed that nine tenths of all spans stay below …"""
+"""The tool is at rest below this share of the 90 % quantile of the span speeds …"""
 _NOISES = 6.0
-"""… or where noise alone looks as fast, so many times its standard deviation."""
+"""… or below this multiple of the standard deviation of noise alone."""
 _GAP_S = 0.3
-"""A move in which the tracker wrote nothing for longer is not whole: it lost its target."""
+"""A move with a longer gap in the tracker data is incomplete: the target was lost."""
 _NORMAL = 1.4826
-"""Standard deviation of a normal law over its median without sign."""
+"""Ratio of the standard deviation of a normal distribution to its median absolute deviation."""
 
 
 @dataclass(frozen=True)
 class Moved:
-    """One move: rows of the table from `first` to before `last`, the way length_mm, by spans, and from its beginning to
-    its end chord_mm; whole: whether the tracker wrote all along it."""
+    """Move: rows of the table from `first` to before `last`, length length_mm by spans, and chord chord_mm; whole:
+    whether the
+    tracker data is complete.
+    """
 
     first: int
     last: int
@@ -52,7 +58,7 @@ class Moved:
 
 
 def moves_of(t_s: Array, xyz_mm: Array) -> list[Moved]:
-    """Return the moves between stands, in order, of places xyz_mm (n, 3) at rising times t_s (n,)."""
+    """Return the moves between standstills, in order, for positions xyz_mm (n, 3) at increasing times t_s (n,)."""
     if len(t_s) < 10 * _SAMPLES:
         return []
     step_s = float(np.median(np.diff(t_s)))
@@ -65,10 +71,10 @@ def moves_of(t_s: Array, xyz_mm: Array) -> list[Moved]:
     way = np.linalg.norm(np.diff(at, axis=0), axis=1)
     speed = way / np.diff(when)
     bends = np.abs(xyz_mm[2:] - 2 * xyz_mm[1:-1] + xyz_mm[:-2])
-    noise_mm = float(_NORMAL * np.median(bends) / np.sqrt(6))  # the standard deviation of a coordinate
+    noise_mm = float(_NORMAL * np.median(bends) / np.sqrt(6))  # standard deviation of a coordinate
     noise = noise_mm * np.sqrt(6 / max(float(np.median(count)), 1.0)) / span_s
     rests = speed < max(_SLOW * float(np.quantile(speed, 0.9)), _NOISES * noise)
-    # The first and the last span (k,) of each stand.
+    # First and last span (k,) of each standstill.
     edges = np.diff(np.concatenate([[False], rests, [False]]).astype(np.int64))
     begins, ends = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0)
     long = when[ends] - when[begins] > _STAND_S
@@ -83,24 +89,26 @@ def moves_of(t_s: Array, xyz_mm: Array) -> list[Moved]:
 
 
 _LENGTH, _CHORD = 0.08, 0.05
-"""Shares of a path's length by which way and chord of a move may differ from it: a corner that is cut is shorter."""
+"""Permitted relative differences of length and chord: a cut corner is shorter."""
 _FITTED = 400
-"""Places of each move to which the frame is fitted."""
+"""Positions per move used to fit the frame."""
 _ROUNDS = 12
 _FAR = 0.05
-"""Paths that lie further from their commands than this share of the cube's side are not those of the program."""
+"""Limit of the deviation, relative to the cube's side, for paths of this program."""
 _STATIONS, _FEWEST = 200, 12
-"""Along a path; fewer where a tracker wrote few places, and less than the fewest show nothing."""
+"""Stations along a path; fewer for few tracker positions, and less than the minimum is not evaluated."""
 _ENDS = 0.02
-"""Share of a path at either end that is not judged: the tool comes to speed and stops there, and its nearest place on a
-closed path may be either end."""
+"""Share of a path at each end left out: acceleration and stop, and ambiguous closest points of a closed path."""
 
 
 @dataclass(frozen=True)
 class Driven:
-    """One path, in all of its cycles. places: of each cycle (k, 3) mm in the world; s_mm (m,): the stations;
-    off_mm (cycles, m, 3): the mean deviation at each, across the path, in the world; speed_mm_s (cycles,): mean along
-    the middle half."""
+    """One path in all cycles.
+
+    places: per cycle (k, 3) mm in the world. s_mm (m,): stations. off_mm (cycles, m, 3): mean deviation at each
+    station, across
+    the path, in the world. speed_mm_s (cycles,): mean along the middle half.
+    """
 
     command: CommandPath
     places: tuple[Array, ...]
@@ -111,7 +119,7 @@ class Driven:
 
 @dataclass(frozen=True)
 class DrivenPaths:
-    """The paths by name, the frame of the instrument in the world (4, 4), and what was left out, in words."""
+    """Paths by name, tracker frame in the world (4, 4), and omissions as text."""
 
     paths: Mapping[PathName, Driven]
     T_world_instrument: Array
@@ -119,8 +127,10 @@ class DrivenPaths:
 
 
 def driven_paths(table: PathTable, cube: Cube, T_world_instrument: Array | None, where: str) -> DrivenPaths:
-    """Return the paths of a cube in a recording, with the frame T_world_instrument (4, 4) of the tracker in the world,
-    None for one that is fitted. Raises FileError where there are none, or they are not the cube's."""
+    """Return the paths of a cube in a recording; T_world_instrument (4, 4): tracker frame, None to fit it.
+
+    Raises FileError if there are no paths, or not those of the cube.
+    """
     table, left_out = measured_places(table)
     commands, moves = paths_of(cube), moves_of(table.t_s, table.xyz_mm)
     every = _sorted(table, commands, moves)
@@ -164,7 +174,7 @@ def driven_paths(table: PathTable, cube: Cube, T_world_instrument: Array | None,
 def _sorted(
     table: PathTable, commands: Mapping[PathName, CommandPath], moves: list[Moved]
 ) -> dict[PathName, list[Moved]]:
-    """The moves of each path, in order of time."""
+    """Return the moves of each path, in order of time."""
     cycles: dict[PathName, list[Moved]] = {}
     around: Array | None = None
     lengths = {name: command.length_mm for name, command in commands.items()}
@@ -189,7 +199,7 @@ def _sorted(
 
 
 def _fitted(places: Mapping[PathName, list[Array]], commands: Mapping[PathName, CommandPath]) -> Array:
-    """The frame (4, 4) that brings all places to their paths."""
+    """Return the frame (4, 4) that fits all positions to their paths."""
     cycles = [
         (commands[name], cycle[:: max(1, len(cycle) // _FITTED)]) for name, driven in places.items() for cycle in driven
     ]
@@ -214,7 +224,7 @@ def _driven(command: CommandPath, places: list[Array], times: list[Array]) -> Dr
     at = (edges[1:] + edges[:-1]) / 2
     for cycle, t_s in zip(places, times, strict=True):
         s = command.nearest(cycle)
-        # Mean deviations between the edges; where nothing was written, between the neighbours.
+        # Mean deviations between the edges, interpolated across missing data.
         number = np.searchsorted(edges, s, side="right") - 1
         inside = (number >= 0) & (number < stations)
         count = np.bincount(number[inside], minlength=stations)

@@ -1,17 +1,24 @@
-"""Path test: what a tracker saw of the tool along the paths of the cube, by ISO 9283:1998, clause 8, and ISO 230-4.
+"""Path test: tool positions along the paths of the cube seen by a tracker, by ISO 9283:1998, clause 8, and ISO 230-4.
 
-8.2 path accuracy AT: at each station the distance of the mean of all cycles from the command, across the path, the
-largest; 8.3 path repeatability RT: mean + 3 S of the distances of the cycles from that mean, S with n - 1, the largest.
-8.5 corners of the rectangle: cornering round-off CR, the least distance of the path from the corner; corner overshoot
-CO, how far the tool goes beyond the corner in its old direction, across its new one; each the largest of the first
-three cycles, at the worst of P3, P4, P5. The standard itself is for sale; clauses and formulas are those by which it is
-publicly quoted (docs/figures.md).
+8.2 path accuracy AT: largest distance, over the stations, between the mean of all cycles and the command, across the
+path.
+8.3 path repeatability RT: largest mean + 3 S of the distances of the cycles from their mean, S with n - 1. 8.5 corners
+of
+the rectangle: cornering round-off CR, the smallest distance of the path from the corner; corner overshoot CO, the
+travel
+beyond the corner in the old direction, across the new one; each the largest of the first three cycles, at the worst of
+P3,
+P4, P5. The standard is not public; clauses and formulas follow public quotations (docs/figures.md).
 
-The large circle is driven both ways, and a tracker knows its radius: F, the radial deviation from the nominal radius
-about the least-squares centre, and D, the mean of both least-squares radii less the nominal (ISO 230-4:2005, clause 3).
+The large circle is driven in both directions, and a tracker measures its radius: F, the radial deviation from the
+nominal
+radius about the least-squares centre, and D, the mean of both least-squares radii less the nominal (ISO 230-4:2005,
+clause
+3).
 
-u: were the cycles driven again, with the same scatter along the whole path, how far a figure would lie from its
-expectation. The instrument's own errors are not in it.
+u is the deviation of a figure from its expectation in repeated tests with the same scatter. The errors of the
+instrument
+are not included.
 """
 
 from __future__ import annotations
@@ -40,20 +47,20 @@ from rigs.schema.declared_tests import Instrument
 from rigs.schema.vocabulary import Direction
 
 CYCLES_ASKED, _CORNER_CYCLES = 10, 3
-"""Cycles that ISO 9283 asks for, and of how many the corners' figures are the largest."""
+"""Cycles required by ISO 9283, and those used for corner figures."""
 _ASKED: tuple[PathName, ...] = ("line", "rectangle", "circle", "circle_cw", "small_circle")
 _SLOWEST, _FASTEST = 0.05, 1.5
-"""Shares of the speed of the rig file; the programs drive 0.1 to 1 of it."""
+"""Limits of the speed relative to the rig file; the programs use 0.1 to 1 of it."""
 _JUDGED: tuple[PathName, ...] = ("line", "circle", "small_circle")
 _NEAR = 0.3
-"""Share of a side after a corner in which an overshoot is looked for."""
+"""Range after a corner for detecting an overshoot, relative to a side."""
 _SPANS = 60
 _SEED, _DRAWS = 1, 400
 
 
 @dataclass(frozen=True)
 class PathResult:
-    """driven: the paths that were found; figures by name; notes in words; samples: places of the recording."""
+    """driven: paths found. figures: by name. notes: as text. samples: positions of the recording."""
 
     driven: DrivenPaths
     cube: Cube
@@ -63,7 +70,7 @@ class PathResult:
 
     @property
     def as_curve(self) -> PathCurve:
-        """The paths station by station."""
+        """Return the paths station by station."""
         cube, parts = self.cube, list[tuple[Array, ...]]()
         axes = np.stack([cube.level, cube.rising, np.cross(cube.level, cube.rising)])
         names: list[str] = []
@@ -80,10 +87,14 @@ class PathResult:
 def evaluate(
     table: PathTable, cube: Cube, instrument: Instrument | None, where: str, speed_mm_s: float | None = None
 ) -> PathResult:
-    """figures: NAME_at_mm and NAME_rt_mm of line, circle and small_circle; corner_round_mm, corner_overshoot_mm;
-    f_max_mm, f_min_mm, d_mm of the large circle in both directions; speed_mm_s along the line, or the largest path that
-    was found, which a note doubts where it is none of those of programs at speed_mm_s. Raises FileError where the
-    recording has no path of the cube."""
+    """Return the figures of a path recording.
+
+    NAME_at_mm and NAME_rt_mm of line, circle and small_circle; corner_round_mm, corner_overshoot_mm; f_max_mm,
+    f_min_mm, d_mm
+    of the large circle in both directions; speed_mm_s along the line, or the largest path found, doubted by a note
+    unless it is
+    a program speed for speed_mm_s. Raises FileError if the recording contains no path of the cube.
+    """
     driven = driven_paths(table, cube, None if instrument is None else transform(instrument), where)
     paths, figures, u_mm = driven.paths, dict[str, Quantity](), 0.0 if instrument is None else instrument.u_mm
     for name in _JUDGED:
@@ -117,16 +128,19 @@ def evaluate(
 
 
 def at_and_rt(off_mm: Array, name: str = "path") -> dict[str, Array]:
-    """AT and RT (...,) in mm of deviations (..., cycles, stations, 3)."""
+    """Return AT and RT (...,) in mm of deviations (..., cycles, stations, 3) mm."""
     accuracy = np.linalg.norm(off_mm.mean(axis=-3), axis=-1).max(axis=-1)
     repeat = rp(np.swapaxes(off_mm, -3, -2)).max(axis=-1)
     return {f"{name}_at_mm": accuracy, f"{name}_rt_mm": repeat}
 
 
 def _redone(values: Array, plain: Callable[[Array], dict[str, Array]]) -> dict[str, Quantity]:
-    """The plain figures of values (cycles, …), and how far they lie from their expectation when the cycles are driven
-    again: each as the mean and a mixture of what the cycles differ by, which keeps how they differ along the path; that
-    their scatter is known from a few cycles only widens it by a draw of chi square."""
+    """Return the figures of values (cycles, …), and their deviations from the expectation in repeated tests.
+
+    Each repeated cycle is the mean plus a mixture of the differences between cycles, preserving their correlation along
+    the
+    path; the uncertainty of their scatter adds a chi-square draw.
+    """
     rng, n = np.random.default_rng(_SEED), len(values)
     mean = values.mean(axis=0)
     away = (values - mean).reshape(n, -1) / np.sqrt(n - 1)
@@ -140,8 +154,10 @@ def _redone(values: Array, plain: Callable[[Array], dict[str, Array]]) -> dict[s
 
 
 def _corners(rectangle: Driven) -> dict[str, Quantity]:
-    """CR and CO, of at most the first three cycles as the standard has it; u by all cycles. Between two places a corner
-    is cut by their chord, which passes a right corner within half its length: that much is 2 u at the least."""
+    """Return CR and CO from the first three cycles of the standard; u from all cycles.
+
+    Between two positions the chord cuts a right corner by up to half its length: this is the minimum of 2 u.
+    """
     assert isinstance(rectangle.command, Polygon)  # noqa: S101 - what the rectangle is
     each = np.array([[corner_of(place, rectangle.command, k) for k in (1, 2, 3)] for place in rectangle.places])
     hidden = float(each[:, :, 2].max()) / 4
@@ -157,8 +173,9 @@ def _corners(rectangle: Driven) -> dict[str, Quantity]:
 
 
 def corner_of(places: Array, command: Polygon, knot: int) -> tuple[float, float, float]:
-    """CR and CO in mm of one pass, places (n, 3) mm, of a corner of a polygon, and how far the places lie apart where
-    they are nearest to it."""
+    """Return CR and CO in mm of one pass, positions (n, 3) mm, at a corner of a polygon, and the spacing of the
+    positions there.
+    """
     corner, before, after = command.knots[knot], command.knots[knot - 1], command.knots[knot + 1]
     old, new = (corner - before) / np.linalg.norm(corner - before), (after - corner) / np.linalg.norm(after - corner)
     reach = _NEAR * float(np.linalg.norm(after - corner))
@@ -183,7 +200,7 @@ def corner_of(places: Array, command: Polygon, knot: int) -> tuple[float, float,
 
 
 def _radial(acw: Driven, cw: Driven) -> dict[str, Quantity]:
-    """F and D of the large circle by both directions, whose stations lie at the same places of the circle."""
+    """Return F and D of the large circle in both directions, with stations at equal positions."""
     ring, n = acw.command, min(len(acw.places), len(cw.places))
     stations = min(len(acw.s_mm), len(cw.s_mm))
     if not isinstance(ring, Ring) or n < FEWEST_CYCLES or len(acw.s_mm) != len(cw.s_mm):
@@ -195,7 +212,7 @@ def _radial(acw: Driven, cw: Driven) -> dict[str, Quantity]:
         angle = np.arctan2(outwards @ ring.v, outwards @ ring.u)
         parts.append((radial, np.stack([np.cos(angle), np.sin(angle)], axis=1)))
     waves = np.concatenate([parts[0][1], parts[1][1]])
-    # One constant for each direction, one centre for both, as of a bidirectional least-squares circle.
+    # One constant per direction and a common centre, as for a bidirectional least-squares circle.
     level = np.repeat(np.eye(2), stations, axis=0)
     back = np.linalg.pinv(np.hstack([level, waves]))
 
@@ -236,7 +253,7 @@ class Paths(Kind[PathTable]):
         return evaluate(table, cube_of(rig), declared.instrument, where, declared.path_speed_mm_s)
 
     def hold_evaluable(self, table: PathTable, rig: Rig, where: str) -> None:
-        """It has paths of the cube."""
+        """Check for paths of the cube."""
         driven_paths(table, cube_of(rig), None, where)
 
 

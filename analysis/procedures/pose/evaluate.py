@@ -1,17 +1,20 @@
-"""Pose test: what a tracker saw of the tool against what the nominal arm says, base and tool fitted.
+"""Pose test: tool poses seen by a tracker compared with the nominal arm, with fitted base and tool.
 
-Base pose (6) and tool place (3) are least squares over the places, all rows with equal weight; the tool's orientation
-(3), where it was measured, is then the mean of what is left (Moakher 2002, chordal). The error of a pose is the vector
-measured less fitted, in the arm's base; rms_mm is the root of its mean squared LENGTH, not of one coordinate.
+Base pose (6) and tool position (3) are least-squares estimates from the positions, all rows with equal weight; the tool
+orientation (3), if measured, is the mean of the remaining rotation (Moakher 2002, chordal). The error of a pose is the
+vector
+measured less fitted, in the arm's base; rms_mm is the root mean square LENGTH, not of one coordinate.
 
-Rows that visit the same joint angles are a group: ISO 9283:1998, 7.2.1 AP, the distance of the group's mean from
-what is fitted (not from a command in a frame known beforehand: the set-up is fitted away), and 7.2.2 RP, mean + 3 S of
-the distances from that mean; of each rotation, largest |mean| and 3 S.
+Rows with equal joint angles form a group: ISO 9283:1998, 7.2.1 AP, the distance of the group's mean from the fit (not
+from a
+command in a known frame: the set-up is fitted), and 7.2.2 RP, mean + 3 S of the distances from that mean; for each
+rotation, largest |mean| and 3 S.
 
-Uncertainties: the scatter of one row is what poses visited again show, each its own, with tails
-(`analysis.runs.noise.target_scatter`); where none was, the instrument's is assumed. Of the errors, that scatter through
-the fit; of AP and RP, how far they may lie from their expectation, were the visits made again. Nothing is corrected for
-noise here: the standards' figures are what their formulas give.
+Uncertainties: the scatter of a row comes from repeated poses, different for each, with heavy tails
+(`analysis.runs.noise.target_scatter`); without repeats, the instrument's uncertainty is assumed. For errors it is
+propagated through the fit; for AP and RP it gives the deviation from the expectation in repeated visits. Nothing is
+corrected for noise
+here: the standards define the figures by formulas.
 """
 
 from __future__ import annotations
@@ -74,21 +77,24 @@ if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
 SAME_RAD = float(np.radians(0.1))
-"""Poses whose joints all lie within this are visits of one pose; what they still differ by is taken off."""
+"""Poses with all joints within this distance are visits of one pose; the remaining difference is corrected."""
 _FEWEST = 6
 _FEW_POSES = 20
-"""Poses of which a fit of frame and tool, nine numbers, takes a good part of the error. Chosen."""
+"""Number of poses below which the fit of frame and tool, nine parameters, absorbs much of the error. Chosen."""
 _MISSES_MM, _DOUBTFUL_U = 10.0, 100.0
-"""An arm by its nominal constants errs by some mm; one larger than this and than so many times its u is doubtful."""
+"""A nominal arm has errors of some mm; an error above this limit and this multiple of u is doubtful."""
 _BLIND = 1e-3
-"""Share of the largest singular value (lengths and turns scaled alike) below which no direction is determined."""
+"""Relative singular value (lengths and rotations scaled equally) below which a direction is undetermined."""
 
 
 @dataclass(frozen=True)
 class PoseResult:
-    """position_mm (n, 3), rotation (n, 3) rad or None: measured less fitted, in the arm's base; placed_mm (n, 3): what
-    AP is of, by the instrument's frame where it is known, else the same; group (n,), from 0; rows (n,): of the table,
-    those that were not left out; axes: curves of the joints that were driven one at a time, both ways."""
+    """position_mm (n, 3), rotation (n, 3) rad or None: measured less fitted, in the arm's base.
+
+    placed_mm (n, 3): basis of AP, in the instrument's frame if known, otherwise equal. group (n,): from 0. rows (n,):
+    used rows
+    of the table. axes: curves of joints driven one at a time, in both directions.
+    """
 
     setup: PoseSetUp
     position_mm: Array
@@ -103,7 +109,7 @@ class PoseResult:
 
     @property
     def as_curve(self) -> PoseCurve:
-        """The errors in the order of the table."""
+        """Return the errors in table order."""
         return PoseCurve(self.position_mm, None if self.rotation is None else np.degrees(self.rotation), self.axes)
 
 
@@ -116,17 +122,22 @@ def evaluate(
     cube: Cube | None = None,
     instrument: Instrument | None = None,
 ) -> PoseResult:
-    """arm: nominal; its base and tool are replaced by the fitted, but for AP where the instrument's frame is known.
-    u_mm: standard uncertainty of one coordinate of the instrument, assumed where no pose was visited again; the
-    orientation's uncertainty is nan there. cube: whose poses have figures of their own
-    (`analysis.procedures.shared.scatter_figures`).
+    """Return the figures of tracker poses.
 
-    figures: rms_mm, mean_mm, max_mm of the position error; rms_deg, max_deg of the orientation error where measured;
-    where poses were visited again repeat_mm (pooled scatter of one coordinate), ap_mm and ap_mean_mm and, from
-    three visits on, rp_mm and rp_mean_mm (largest and mean over the groups), ap_a_deg, rp_a_deg … of the
-    rotations about the arm's x, y, z (a, b, c as in the standard); where joints were driven one at a time, both ways,
-    axis3_reversal_deg … (`analysis.procedures.shared.axis_curves`). Poses that were not measured are left out
-    (`analysis.procedures.checks.lost_poses`). Raises FileError.
+    arm: nominal; its base and tool are replaced by the fit, except for AP in a known instrument frame. u_mm: standard
+    uncertainty of a coordinate, assumed if no pose was repeated; the uncertainty of the orientation is nan then. cube:
+    whose
+    poses have separate figures (`analysis.procedures.shared.scatter_figures`).
+
+    figures: rms_mm, mean_mm, max_mm of the position error; rms_deg, max_deg of the orientation error if measured; for
+    repeated
+    poses repeat_mm (pooled scatter of a coordinate), ap_mm and ap_mean_mm and, from three visits on, rp_mm and
+    rp_mean_mm
+    (largest and mean over the groups), ap_a_deg, rp_a_deg … of the rotations about the arm's x, y, z (a, b, c in the
+    standard);
+    for joints driven one at a time, in both directions, axis3_reversal_deg …
+    (`analysis.procedures.shared.axis_curves`). Unmeasured poses
+    are left out (`analysis.procedures.checks.lost_poses`). Raises FileError.
     """
     _hold(table, where)
     order, table = content_order(table), in_content_order(table)
@@ -141,7 +152,7 @@ def evaluate(
         setup, rotation = _orientation(T, table.rpy, setup)
     shown = np.argsort(order[kept.rows])
     group = groups(table.q, same_rad, rail=table.rail)
-    if (sides := table.kind.sides(table)) is not None:  # a pose that is reached from two sides is two
+    if (sides := table.kind.sides(table)) is not None:  # a pose approached from two sides counts as two
         group = np.unique(np.column_stack([group, sides]), axis=0, return_inverse=True)[1].ravel()
     again = np.flatnonzero(np.bincount(group) >= 2)
     figures: dict[str, Quantity] = {}
@@ -174,8 +185,10 @@ def evaluate(
 
 
 def _in_frame(arm: Arm, table: PoseTable, instrument: Instrument) -> tuple[Array, Array | None]:
-    """Errors (n, 3) mm and (n, 3) rad, or None, in the arm's base, with the tool of the rig file and the instrument's
-    frame as it was measured: nothing is fitted."""
+    """Return errors (n, 3) mm and (n, 3) rad, or None, in the arm's base, with the tool of the rig file and the
+    measured
+    instrument frame, without a fit.
+    """
     T = np.linalg.inv(arm.T_world_base) @ forward(arm, table.q)
     to_base: Array = np.linalg.inv(arm.T_world_base) @ transform(instrument)
     place = table.xyz_mm @ to_base[:3, :3].T + to_base[:3, 3] - T[:, :3, 3]
@@ -192,8 +205,10 @@ def _of_visits(
     pose: Integers,
     instrument: Instrument | None,
 ) -> tuple[dict[str, Quantity], list[str], Scatter, Scatter | None]:
-    """Figures of poses that were visited again, pose (n,) which of the cube each is, with what the instrument's frame
-    adds to u of AP; notes; and the scatter of their places and turns."""
+    """Return figures of repeated poses, notes, and the scatter of their positions and rotations.
+
+    pose (n,): pose number of the cube. The uncertainty of the instrument frame is included in u of AP.
+    """
     counts = np.bincount(group)
     again = np.flatnonzero(counts >= 2)
     seen = _padded(placed, group, again)
@@ -217,7 +232,9 @@ def _of_visits(
 
 
 def _errors(bare: Arm, of_fit: PoseTable, table: PoseTable) -> tuple[Array, Array | None]:
-    """Errors (n, 3) mm and (n, 3) rad, or None, of the poses of a table, with base and tool fitted to another's."""
+    """Return errors (n, 3) mm and (n, 3) rad, or None, of the poses of a table, with base and tool fitted to a
+    second table.
+    """
     setup = fit_setup(forward(bare, of_fit.q), of_fit.xyz_mm)
     T = forward(bare, table.q)
     position = position_error(T, table.xyz_mm, setup)
@@ -229,8 +246,11 @@ def _errors(bare: Arm, of_fit: PoseTable, table: PoseTable) -> tuple[Array, Arra
 
 
 def groups(q: Array, same_rad: float, *, rail: bool = False) -> NDArray[np.int64]:
-    """Number of the group (n,) of each row: rows whose joints all lie within same_rad of the group's first, modulo a
-    turn; rail: the last column is none of a joint."""
+    """Return the group number (n,) of each row: rows with all joints within same_rad of the group's first, modulo a
+    turn.
+
+    rail: whether the last column is a rail position.
+    """
     from scipy.spatial import cKDTree  # noqa: PLC0415 - slow to import, needed here only
 
     number = np.full(len(q), -1, dtype=np.int64)
@@ -252,8 +272,10 @@ def _noise(
     u: float,
     stops: LogUniform | None = None,
 ) -> Array:
-    """Draws (m, n, 3) of the noise of all rows: of their own group's scatter, of any group's where it has none; where
-    no group shows any, of the instrument's u and of a robot that stops as real ones do."""
+    """Return draws (m, n, 3) of the noise of all rows: from the scatter of their group, otherwise of any group; if
+    unknown, from
+    the instrument's u and the usual scatter of robot stops.
+    """
     rng = np.random.default_rng(SEED)
     if scatter is None:
         robot = 0.0 if stops is None else stops.low * (stops.high / stops.low) ** rng.uniform(size=(DRAWS, 1, 1))
@@ -287,8 +309,9 @@ def _angles(vectors: Array) -> dict[str, Array]:
 
 
 def place_figures(x: Array) -> dict[str, Array]:
-    """Return scatter, AP and RP (...,) in mm of position errors x (..., g, 3, n) mm of n visits in g groups, NaN where
-    a visit is missing."""
+    """Return scatter, AP and RP (...,) in mm of position errors x (..., g, 3, n) mm of n visits in g groups, NaN if
+    missing.
+    """
     x = np.swapaxes(x, -1, -2)
     mean = np.nanmean(x, axis=-2, keepdims=True)
     away = np.linalg.norm(mean[..., 0, :], axis=-1)
@@ -303,8 +326,9 @@ def place_figures(x: Array) -> dict[str, Array]:
 
 
 def turn_figures(x: Array) -> dict[str, Array]:
-    """Return AP and RP (...,) in degrees about each axis, of orientation errors x (..., g, 3, n) in degrees of n visits
-    in g groups, NaN where a visit is missing."""
+    """Return AP and RP (...,) in degrees about each axis, of orientation errors x (..., g, 3, n) in degrees, NaN if
+    missing.
+    """
     x = np.swapaxes(x, -1, -2)
     figures = {}
     mean, thrice = np.abs(np.nanmean(x, axis=-2)), _thrice(x)
@@ -317,13 +341,13 @@ def turn_figures(x: Array) -> dict[str, Array]:
 
 
 def _thrice(x: Array) -> NDArray[np.bool_]:
-    """Which groups (g,) of (..., g, n, 3) have three visits or more."""
+    """Return a mask (g,) of the groups of (..., g, n, 3) with three visits or more."""
     counts = np.isfinite(x[..., 0]).sum(axis=-1)
     return np.asarray(counts.reshape(-1, counts.shape[-1])[0] >= 3)
 
 
 def _padded(values: Array, group: NDArray[np.int64], again: NDArray[np.int64]) -> Array:
-    """(groups, 3, visits), NaN where one is missing."""
+    """Return values by group (groups, 3, visits), NaN if missing."""
     visits = [values[group == number] for number in again]
     x = np.full((len(again), 3, max(map(len, visits))), np.nan)
     for row, of_group in enumerate(visits):
@@ -332,7 +356,7 @@ def _padded(values: Array, group: NDArray[np.int64], again: NDArray[np.int64]) -
 
 
 def _orientation(T: Array, rpy: Array, setup: PoseSetUp) -> tuple[PoseSetUp, Array]:
-    """The set-up with the tool's orientation, and the rotation vectors (n, 3) rad that are left, in the arm's base."""
+    """Return the set-up with the tool orientation, and the remaining rotation vectors (n, 3) rad, in the arm's base."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
     seen = _turns_seen(rpy, setup)
@@ -342,22 +366,23 @@ def _orientation(T: Array, rpy: Array, setup: PoseSetUp) -> tuple[PoseSetUp, Arr
 
 
 def _turns_seen(rpy: Array, setup: PoseSetUp) -> Rotation:
-    """Rotations (n,) that were measured as rpy (n, 3) rad, in the arm's base."""
+    """Return the measured rotations rpy (n, 3) rad as rotations (n,) in the arm's base."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
     return Rotation.from_matrix(setup.T_world_base[:3, :3]).inv() * Rotation.from_euler("xyz", rpy)
 
 
 def _turns_left(T: Array, seen: Rotation, R_tool: Array) -> Array:
-    """Rotation vectors (n, 3) rad from flanges T (n, 4, 4) with a tool turned by R_tool (3, 3) to what was seen."""
+    """Return rotation vectors (n, 3) rad from flanges T (n, 4, 4) with a tool rotation R_tool (3, 3) to the measured
+    ones.
+    """
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
     return np.asarray((seen * (Rotation.from_matrix(T[:, :3, :3]) * Rotation.from_matrix(R_tool)).inv()).as_rotvec())
 
 
 def _doubts(rms: Quantity, setup: PoseSetUp) -> list[str]:
-    """Doubts where the arm misses the poses by far more than any arm does by its nominal constants, and where they do
-    not determine base and tool."""
+    """Return doubts about errors far beyond those of any nominal arm, and about an undetermined base or tool."""
     doubts = []
     if not (rms.value < _MISSES_MM or rms.value < _DOUBTFUL_U * rms.u):
         doubts.append(
@@ -458,7 +483,7 @@ class Pose(PlaceKind[PoseTable]):
         return far_poses(table, without_setup(arm))
 
     def lost(self, table: PoseTable) -> Mask:
-        """Places 0, 0, 0, as a tracker writes that lost its target."""
+        """Mask of positions 0, 0, 0, written by a tracker that lost its target."""
         return np.asarray((table.xyz_mm == 0).all(axis=1))
 
 

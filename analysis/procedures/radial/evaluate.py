@@ -1,23 +1,28 @@
-"""Radial test: the distance of tool and ball on a hemisphere, after Oh 2019, section 2.3.
+"""Radial test: distance between tool and ball on a hemisphere, after Oh 2019, section 2.3.
 
-A reading g at a target puts the tool's ball at B + (R + g) × the target's direction, in the hemisphere's frame: z
-to its middle (polar 0), x to azimuth 0. Per target, the mean and the range over the tool's orientations; through the
-means goes the least-squares sphere.
+A reading g at a target puts the tool's ball at B + (R + g) × the target's direction, in the hemisphere's frame: z to
+its
+middle (polar 0), x to azimuth 0. Per target, the mean and the range over the tool orientations are computed; the
+least-squares sphere is fitted to the means.
 
-A target is left out only where no robot error explains it, since what a robot does is what is measured: plays make
-a few targets differ from the others by much more than those do among themselves. So one of its readings must lie
-(1) more than 2 mm and (2) more than ten robust standard deviations of all readings (scaled median of absolute
-residuals) from a sphere fitted with the soft_l1 loss, which a few bad readings barely move, and (3) no more than one
-target in ten (or a single one) may be so. A wrong place is off in all orientations, a slip of the gauge in one.
-Otherwise every target stays.
+A target is only left out if no robot error can explain it, because robot errors are the subject: backlash makes a few
+targets differ by much more than the rest. So one of its readings must be (1) more than 2 mm and (2) more than ten
+robust
+standard deviations of all readings (scaled median of absolute residuals) from a sphere fitted with the soft_l1 loss,
+hardly
+affected by a few bad readings, and (3) this may concern at most one target in ten (or a single one). A wrong position
+affects all orientations, a gauge slip only one. Otherwise every target stays.
 
-That targets and orientations differ is the robot's error; that it does not come back to the same place is noise. How
-large that is at each target, visits of the same target and orientation show (`analysis.runs.noise.target_scatter`);
-where nothing was visited twice it is assumed. Every figure is of where the targets lie on average: its value is the
-expected one over draws of those places, its uncertainty such that value ± 2 u holds 95 % of them. So no range is below
-zero, and none is too large by the noise. A drift that the visits show is taken out. A length is then that of the middle
-of the run, and may be asked for at its start: what it drifted by between is in its uncertainty, as of a law with its
-weight at both ends (JCGM 101, 6.4.6).
+Differences between targets and orientations are robot errors; differences between visits are noise. Repeated visits of
+a
+target and orientation determine the noise at each target (`analysis.runs.noise.target_scatter`); otherwise it is
+assumed. Every
+figure refers to the mean positions of the targets: its value is the expectation over draws of these positions, and
+value ±
+2 u contains 95 % of them. So a range is never negative and not biased by noise. A drift seen in the visits is removed.
+A
+length then refers to the middle of the run, but may be needed for its start: the drift in between is included in its
+uncertainty, as a distribution concentrated at both ends (JCGM 101, 6.4.6).
 """
 
 from __future__ import annotations
@@ -53,21 +58,24 @@ from rigs.schema.vocabulary import Direction
 from rigs.text import listed
 
 PARAMETERS = ("centre_x_mm", "centre_y_mm", "centre_z_mm", "radius_mm")
-"""The unknowns of a sphere, in the order of the columns of its design."""
+"""Parameters of a sphere, in order of the design columns."""
 _GROSS_MM = 2.0
-"""More than the largest play that the paper reports (Oh 2019, figure 15: 1.567 mm)."""
+"""Larger than the largest backlash in the paper (Oh 2019, figure 15: 1.567 mm)."""
 _FEWEST_POINTS = 6
 _WEAK = 0.01
-"""Directions of the parameters whose singular value is below this share of the largest are not determined."""
+"""Relative singular value below which a parameter direction is undetermined."""
 _STEPS, _ROBUST_STEPS = 6, 30
-"""Gauss-Newton on a sphere whose points lie within a hundredth of it converges in three; reweighting takes longer."""
+"""Gauss-Newton for points within a hundredth of the sphere converges in three steps; reweighting takes longer."""
 
 
 @dataclass(frozen=True)
 class Sphere:
-    """centre (3,) mm; radius mm; residual (n,) mm: distance of each point from the centre less the radius;
-    slopes (4, n): what each of `PARAMETERS` answers to each distance; design (n, 4): the reverse; unknown: names of
-    those parameters that these points do not determine, which stay near their start."""
+    """centre (3,) mm; radius mm; residual (n,) mm: distance of each point from the centre less the radius.
+
+    slopes (4, n): derivatives of `PARAMETERS` by each distance. design (n, 4): the inverse derivatives. unknown: names
+    of
+    undetermined parameters, which stay near their start.
+    """
 
     centre: Array
     radius: float
@@ -78,7 +86,7 @@ class Sphere:
 
 
 def free_sphere(points: Array) -> Sphere:
-    """Through points (n, 3) mm, centre and radius free (geometric distance, Gauss-Newton)."""
+    """Fit a sphere to points (n, 3) mm with free centre and radius (geometric distance, Gauss-Newton)."""
     x = np.append(np.zeros(3), np.linalg.norm(points, axis=1).mean())
     for _ in range(_STEPS):
         x = x + _slopes(_design(points, x[:3])) @ _off(points, x)
@@ -87,13 +95,15 @@ def free_sphere(points: Array) -> Sphere:
 
 
 def conditioned(points: Array) -> bool:
-    """Whether points (n, 3) mm determine centre and radius: not all near one circle or one place."""
+    """Return whether points (n, 3) mm determine centre and radius: not all near one circle or position."""
     return not _unknown(_design(points, np.zeros(3)))
 
 
 def far_off(points: Array) -> NDArray[np.bool_]:
-    """Which targets (t,) are left out, by the rule above; points (t, o, 3) mm of o readings, NaN where none is."""
-    # From a sphere that a few bad readings barely move: soft_l1 by reweighting.
+    """Return a mask (t,) of the targets left out by the rule above; points (t, o, 3) mm of o readings, NaN if
+    missing.
+    """
+    # Robust sphere: soft_l1 by reweighting.
     read = points[np.isfinite(points).all(axis=-1)]
     x = np.append(np.zeros(3), np.median(np.linalg.norm(read, axis=1)))
     for _ in range(_ROBUST_STEPS):
@@ -110,12 +120,12 @@ def far_off(points: Array) -> NDArray[np.bool_]:
 
 
 def _off(points: Array, x: Array) -> Array:
-    """Distance (...,) of points (..., 3) from the sphere x: centre and radius."""
+    """Return the distances (...,) mm of points (..., 3) mm from the sphere x: centre and radius."""
     return np.asarray(np.linalg.norm(points - x[:3], axis=-1) - x[3])
 
 
 def _design(points: Array, centre: Array) -> Array:
-    """Slope (n, 4) of each point's distance from a sphere's surface by its centre and radius, as it moves outwards."""
+    """Return the derivatives (n, 4) of each point's distance from a sphere by centre and radius, outwards."""
     line = points - centre
     unit = line / np.linalg.norm(line, axis=1)[:, None]
     return np.concatenate([unit, np.ones((len(points), 1))], axis=1)
@@ -139,13 +149,15 @@ _FEWEST = 6
 _RANGES = frozenset({"band_mm", "held_band_mm", "spread_mm", "spread_mean_mm", "ap_mm"})
 _RP_VISITS = 3
 _APART = 0.2
-"""Visits that lie this share of the run apart are rounds."""
+"""Visits separated by this share of the run are rounds."""
 
 
 @dataclass(frozen=True)
 class Cells:
-    """Readings by target and orientation. target (t,); direction (t, 3) unit vectors in the hemisphere's frame;
-    g_mm (t, o, r) mm of r visits and t_s of their times, NaN where one is missing."""
+    """Readings by target and orientation. target (t,); direction (t, 3) unit vectors in the hemisphere's frame; g_mm
+    (t, o, r) mm
+    of r visits and their times t_s, NaN if missing.
+    """
 
     target: Integers
     direction: Array
@@ -154,12 +166,12 @@ class Cells:
 
     @property
     def by_orientation(self) -> Array:
-        """Mean (t, o) over visits, NaN where one is missing."""
+        """Mean (t, o) mm over visits, NaN if missing."""
         return _mean(self.g_mm)
 
     @property
     def rounds(self) -> bool:
-        """Whether the visits of a target lie apart, as where the whole program was driven again."""
+        """Whether the visits of a target are separated in time, as in repeated programs."""
         visited = np.isfinite(self.t_s)
         first = np.where(visited, self.t_s, np.inf).min(axis=-1)
         last = np.where(visited, self.t_s, -np.inf).max(axis=-1)
@@ -167,14 +179,16 @@ class Cells:
         return bool(np.median(apart) > _APART * (last.max() - first.min()))
 
     def only(self, rows: NDArray[np.bool_]) -> Cells:
-        """The cells of the targets in rows, a mask (t,), alone."""
+        """Return the cells of the targets in a mask (t,)."""
         return Cells(self.target[rows], self.direction[rows], self.g_mm[rows], self.t_s[rows])
 
 
 @dataclass(frozen=True)
 class RadialResult:
-    """cells: of all targets; spread_mm (t,) of each; used (t,): False where left out; points (t, 3) mm from
-    the ball; free: the sphere through the used points; scatter: of the visits, None where the readings are exact."""
+    """cells: of all targets. spread_mm (t,): per target. used (t,): False if left out. points (t, 3) mm from the ball.
+    free: sphere
+    through the used points. scatter: of the visits, None for exact readings.
+    """
 
     cells: Cells
     spread_mm: Array
@@ -188,12 +202,12 @@ class RadialResult:
 
     @property
     def deviation_mm(self) -> Array:
-        """Distance (t,) of all targets from the least-squares sphere, positive outwards."""
+        """Distance (t,) mm of all targets from the least-squares sphere, positive outwards."""
         return np.asarray(np.linalg.norm(self.points - self.free.centre, axis=1) - self.free.radius)
 
     @property
     def as_curve(self) -> RadialCurve:
-        """The targets, in order of their numbers."""
+        """Return the targets in order of their numbers."""
         x, y, z = self.cells.direction.T
         polar_deg, azimuth_deg = np.degrees(np.arccos(np.clip(z, -1.0, 1.0))), np.degrees(np.arctan2(y, x))
         return RadialCurve(self.cells.target, polar_deg, azimuth_deg, self.deviation_mm, self.spread_mm, self.used)
@@ -207,15 +221,19 @@ def evaluate(
     expected: Collection[int] = (),
     orientations: int = 1,
 ) -> RadialResult:
-    """radius_mm: nominal; u_mm: standard uncertainty of one gauge reading beside the step that the readings show, 0 for
-    readings that are exact (simulated ones); expected: numbers of the targets that were to be measured; orientations:
-    how many there were to be of each.
+    """Return the figures of a hemisphere.
 
-    figures: radius_mm and centre_x_mm, _y, _z (from the ball) of the least-squares sphere, without those that the
-    targets do not determine, band_mm about it; held_radius_mm and held_band_mm with the centre held at the ball;
-    spread_mm and spread_mean_mm, largest and mean range over orientations where there are several; ap_mm, largest
-    |mean g| of a target (ISO 9283 AP along the radius); where targets were visited three times, rp_mm and rp_mean_mm.
-    Raises FileError.
+    radius_mm: nominal. u_mm: standard uncertainty of a gauge reading without its step, 0 for exact (simulated)
+    readings.
+    expected: numbers of the planned targets. orientations: planned number per target.
+
+    figures: radius_mm and centre_x_mm, _y, _z (from the ball) of the least-squares sphere, without undetermined ones,
+    and
+    band_mm about it; held_radius_mm and held_band_mm with the centre at the ball; spread_mm and spread_mean_mm, largest
+    and mean
+    range over several orientations; ap_mm, largest |mean g| of a target (ISO 9283 AP along the radius); for targets
+    with three
+    visits, rp_mm and rp_mean_mm. Raises FileError.
     """
     hold_radius(where, radius_mm)
     cells = _cells(table, radius_mm, where)
@@ -253,7 +271,7 @@ def _figures(cells: Cells, best: Array, free: Sphere, scatter: Scatter | None, r
     values = {name: float(drawn[name].mean()) if name in _RANGES else value for name, value in plain.items()}
     figures = {name: Quantity(value, half_width(drawn[name] - value), "mm", samples) for name, value in values.items()}
     figures = {name: replace(figure, noise=scatter.noise) for name, figure in figures.items()}
-    # RP along the radius, by ISO 9283, 7.2.2, of the poses as they were attained: a drift between the visits is in it.
+    # RP along the radius, by ISO 9283, 7.2.2, of the attained poses, including drift between visits.
     often = np.isfinite(cells.g_mm).sum(axis=-1) >= _RP_VISITS
     if not often.any():
         return figures
@@ -269,8 +287,10 @@ def _figures(cells: Cells, best: Array, free: Sphere, scatter: Scatter | None, r
 def _plain(
     cell_mm: Array, best: Array, free: Sphere, radius_mm: float, length_mm: Array | float = 0.0
 ) -> dict[str, Array]:
-    """The figures (m,) of draws cell_mm (m, t, o) of the readings about those of the sphere, best (t, o); length_mm
-    (m,) is added to every distance. The sphere answers to what the draws differ by with its slopes."""
+    """Return the figures (m,) of draws cell_mm (m, t, o) of the readings around best (t, o), those of the sphere.
+
+    length_mm (m,): added to every distance. The sphere is updated linearly by its slopes.
+    """
     length = np.broadcast_to(length_mm, len(cell_mm))
     mean = _mean(cell_mm)
     moved = mean - _mean(best)
@@ -293,7 +313,7 @@ def _plain(
 
 
 def _cells(table: RadialTable, radius_mm: float, where: str) -> Cells:
-    """The readings by target and orientation. Raises FileError for a table that no radial test makes."""
+    """Return the readings by target and orientation. Raises FileError for a table impossible in a radial test."""
     if len(table.g_mm) == 0:
         raise FileError(where, "has no rows", "give a table with readings")
     hold_numbers(where, g1_mm=table.g_mm, polar=table.polar, azimuth=table.azimuth)
@@ -330,7 +350,7 @@ def _has_time(t_s: Array) -> bool:
 
 
 def _mean(x: Array) -> Array:
-    """Mean over the last axis of what is there; NaN, without a warning, where nothing is."""
+    """Return the mean over the last axis ignoring NaN; NaN without a warning if empty."""
     measured = np.isfinite(x)
     count = measured.sum(axis=-1)
     return np.where(count > 0, np.where(measured, x, 0.0).sum(axis=-1) / np.maximum(count, 1), np.nan)
@@ -339,7 +359,9 @@ def _mean(x: Array) -> Array:
 def _notes(
     cells: Cells, expected: Collection[int], orientations: int, far: NDArray[np.bool_], off_mm: Array, free: Sphere
 ) -> tuple[str, ...]:
-    """What was not measured, what is left out, off_mm (t, o) from the sphere, and what is not determined."""
+    """Return notes: unmeasured targets, targets left out with off_mm (t, o) mm from the sphere, and undetermined
+    parameters.
+    """
     notes = []
     targets, have = len(cells.target), cells.g_mm.shape[1]
     numbers = set(expected) or set(range(1, int(cells.target.max()) + 1))
@@ -370,7 +392,7 @@ class Radial(TargetKind[RadialTable]):
     along = "target"
 
     def directions(self, table: RadialTable, hemisphere: Hemisphere) -> tuple[Array, Array]:
-        """The angles (n,) rad of the table."""
+        """Return the angles (n,) rad of the table."""
         return table.polar, table.azimuth
 
     def layout(self, axes: int = 6, *, rail: bool = False) -> Layout:
@@ -392,7 +414,7 @@ class Radial(TargetKind[RadialTable]):
     def recorded(
         self, data: Aligned, rig: Rig, direction: Direction | None, where: str
     ) -> tuple[RadialTable, list[str]]:
-        """The stands at targets, with what the link is longer than the radius by its certificate."""
+        """Return the table of stops at targets, with the certified difference between link length and radius."""
         stands, program = stands_of(data.t_s, data.q, data.g_mm), radial_program(rig)
         at = at_targets(stands, program, rig)
         order = list(zip(program.target.tolist(), program.orientation.tolist(), strict=True))

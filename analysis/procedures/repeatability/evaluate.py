@@ -1,10 +1,14 @@
-"""Repeatability test: how the distance scatters where a target is approached again, from one side and from both.
+"""Repeatability test: scatter of the distance in repeated approaches to a target, from one side and from both.
 
-After Oh 2019, section 2.3 and figure 15 (ranges), ISO 9283 (RP) and ISO 230-2 (R, B). The scatter is what is
-measured, and a few readings a side show it badly: the uncertainty of a figure is how far it may lie from its
-expectation, were the whole test done again and again on the same robot. Each target scatters in its own way, with tails
-(`analysis.runs.noise.target_scatter`); 2 u holds 95 % of such tests. So a figure is compared with its expectation for
-this number of readings and targets. The largest of ranges grows with both; 4 s does not.
+After Oh 2019, section 2.3 and figure 15 (ranges), ISO 9283 (RP) and ISO 230-2 (R, B). Scatter is the measurand, and a
+few
+readings per side determine it poorly: the uncertainty of a figure is its deviation from the expectation in repeated
+tests on
+the same robot. Targets scatter differently, with heavy tails (`analysis.runs.noise.target_scatter`); 2 u contains 95 %
+of such
+tests. So a figure should be compared with its expectation for the same number of readings and targets: the largest
+range
+grows with both; 4 s does not.
 """
 
 from __future__ import annotations
@@ -55,7 +59,7 @@ SIDES = ("out", "in")
 
 @dataclass(frozen=True)
 class RepeatabilityResult:
-    """targets (t,); readings_mm (t, 2, n) of the sides out and in, in order of time, NaN where one is missing."""
+    """targets (t,); readings_mm (t, 2, n): sides out and in, in order of time, NaN if missing."""
 
     targets: Integers
     readings_mm: Array
@@ -65,19 +69,22 @@ class RepeatabilityResult:
 
     @property
     def as_curve(self) -> RepeatabilityCurve:
-        """The readings by target, approach and time."""
+        """Return the readings by target, approach and time."""
         target, side, visit = np.nonzero(np.isfinite(self.readings_mm))
         readings_mm = self.readings_mm[target, side, visit]
         return RepeatabilityCurve(self.targets[target], np.array(SIDES)[side], visit + 1, readings_mm)
 
 
 def evaluate(table: RepeatabilityTable, u_mm: float, where: str = "the repeatability run") -> RepeatabilityResult:
-    """u_mm: standard uncertainty of one gauge reading beside the step that the readings show, 0 for readings that are
-    exact (simulated ones).
+    """Return the figures of repeated approaches.
 
-    figures: uni_mm and bi_mm, the largest range within one side and over both; uni_mean_mm, bi_mean_mm over the
-    targets; rp_mm and rp_mean_mm (ISO 9283, within one side); r_out_mm (↓), r_in_mm (↑), r_mm, reversal_mm (largest
-    |B|) and reversal_mean_mm (mean B = mean from inside less mean from outside), ISO 230-2. Raises FileError.
+    u_mm: standard uncertainty of a gauge reading without its step, 0 for exact (simulated) readings.
+
+    figures: uni_mm and bi_mm, largest range within one side and over both; uni_mean_mm, bi_mean_mm over the targets;
+    rp_mm and
+    rp_mean_mm (ISO 9283, within one side); r_out_mm (↓), r_in_mm (↑), r_mm, reversal_mm (largest |B|) and
+    reversal_mean_mm (mean
+    B = mean from inside less mean from outside), ISO 230-2. Raises FileError.
     """
     if len(table.g_mm) == 0:
         raise FileError(where, "has no rows", "give a table with readings")
@@ -89,7 +96,7 @@ def evaluate(table: RepeatabilityTable, u_mm: float, where: str = "the repeatabi
     targets, x, notes = _sides(table, where)
     scatter = scatter_of(x, u_mm, step_mm=step_of_stops(table.g_mm)) if u_mm > 0 else None
     figures = of_scatter(plain_figures, x, scatter) if scatter else exact(plain_figures, x)
-    # A reading that is far from its like stays in the figures, since the standards leave none out.
+    # Outliers are kept, because the standards remove none.
     away = np.abs(x - np.nanmedian(x, axis=-1, keepdims=True))
     spreads = np.zeros(x.shape)
     spreads[np.isfinite(away)] = spreads_of(away[np.isfinite(away)], TARGET_MM.high)
@@ -109,7 +116,7 @@ def evaluate(table: RepeatabilityTable, u_mm: float, where: str = "the repeatabi
 
 
 def plain_figures(x: Array) -> dict[str, Array]:
-    """The figures (...,) of readings x (..., targets, 2, n) mm, sides out and in, NaN where one is missing."""
+    """Return the figures (...,) of readings x (..., targets, 2, n) mm, sides out and in, NaN if missing."""
     uni, bi, repeat = _range(x), _range(x.reshape(*x.shape[:-2], -1)), rp(x[..., None])
     return {
         "uni_mm": uni.max(axis=(-2, -1)),
@@ -127,7 +134,7 @@ def _range(x: Array) -> Array:
 
 
 def _sides(table: RepeatabilityTable, where: str) -> tuple[Integers, Array, tuple[str, ...]]:
-    """Targets with at least two readings from each side, and those readings padded with NaN: (t, 2, n)."""
+    """Return targets with at least two readings from each side, and these readings padded with NaN: (t, 2, n) mm."""
     every = np.unique(table.target)
     cells = {
         int(target): [table.g_mm[(table.target == target) & (table.approach == side)] for side in SIDES]
@@ -157,7 +164,7 @@ class Repeatability(TargetKind[RepeatabilityTable]):
     further = ("repeatability", "the same places from both sides")
 
     def directions(self, table: RepeatabilityTable, hemisphere: Hemisphere) -> tuple[Array, Array] | None:
-        """The angles (n,) rad of the targets of its numbers."""
+        """Return the angles (n,) rad of the numbered targets."""
         polar, azimuth = target_angles(hemisphere)
         if table.target.min() < 1 or table.target.max() > len(polar):
             return None
@@ -181,14 +188,14 @@ class Repeatability(TargetKind[RepeatabilityTable]):
     def recorded(
         self, data: Aligned, rig: Rig, direction: Direction | None, where: str
     ) -> tuple[RepeatabilityTable, list[str]]:
-        """The stands at targets, each with the side that it was approached from."""
+        """Return the table of stops at targets, each with its side of approach."""
         stands, program = stands_of(data.t_s, data.q, data.g_mm), repeatability_program(rig)
         frame, arm = hemisphere_frame(hemisphere_of(rig)), arm_of(rig.robot)
         limit_mm = repeatability_of(rig).approach_mm / 2
         outwards_mm = np.linalg.norm(forward(arm, data.q)[:, :3, 3] - frame.centre, axis=1) - frame.radius
         at = at_targets(stands, program, rig, np.pi)
         at = [(stand, row) for stand, row in at if abs(outwards_mm[stand.begin : stand.end].mean()) < limit_mm]
-        sides = ["none"]  # where the tool was, beyond the limit, since the last stand at the same row
+        sides = ["none"]  # tool positions beyond the limit since the last stop at the same row
         for (before, last), (now, row) in pairwise(at):
             way = outwards_mm[before.end : now.begin]
             furthest = way[np.argmax(np.abs(way))] if len(way) else 0.0
@@ -207,7 +214,7 @@ class Repeatability(TargetKind[RepeatabilityTable]):
         return RepeatabilityTable(target, came_from, number, visits.t_s, visits.q, visits.g_mm), visits.doubts
 
     def path(self, model: Model, table: RepeatabilityTable) -> Path:
-        """The stops at targets, each from outside, from inside, or from the target itself where that is unknown."""
+        """Return stops at targets, from outside, from inside, or from the target itself if unknown."""
         hemisphere = hemisphere_of(model.rig)
         polar, azimuth = (angles[table.target - 1] for angles in target_angles(hemisphere))
         side = np.select([table.approach == "out", table.approach == "in"], [1.0, -1.0], 0.0)
@@ -216,7 +223,7 @@ class Repeatability(TargetKind[RepeatabilityTable]):
         return stops(table.q, table.t_s, came_from)
 
     def driven(self, rig: Rig) -> RepeatabilityTable:
-        """One reading at each target, then rounds of one approach from outside and one from inside."""
+        """Return one reading at each target, then rounds with one approach from outside and one from inside."""
         at, rounds = repeatability_program(rig), repeatability_of(rig).rounds
         approach = np.array(["none", *["out", "in"] * rounds])
         number = np.array([1, *np.repeat(np.arange(1, rounds + 1), 2)])

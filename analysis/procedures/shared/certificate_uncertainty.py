@@ -1,9 +1,12 @@
-"""What calibration certificates leave uncertain, in every figure.
+"""Uncertainty of all figures from calibration certificates.
 
-A gauge's error is taken as a smooth unknown curve over its readings, of standard deviation u. Of a wave as long as a
-gauge travels nearly all reaches a figure, of longer ones less: the worst is stated. A trial draws such errors over laps
-and targets of the shipped rigs (tests/analysis/procedures/shared/test_certificate_uncertainty.py). What holds one run
-against another is left alone, since both have the same gauges.
+The error of a gauge is modelled as an unknown smooth function of the reading, with standard deviation u. A wave as long
+as
+the gauge's travel affects a figure almost fully, longer ones less: the worst case is used. A trial draws such errors
+for
+laps and targets of the shipped rigs (tests/analysis/procedures/shared/test_certificate_uncertainty.py). Comparisons
+between runs are
+not affected, because both have the same gauges.
 """
 
 from __future__ import annotations
@@ -18,13 +21,13 @@ from rigs.schema.vocabulary import CIRCLES, WITHOUT_GAUGES, TestName
 
 Figures = dict[str, Quantity]
 _SHORTEST_MM = 0.3
-"""Readings further apart than this may be wrong by independent amounts; the error of closer ones is shared in part."""
+"""Correlation length: errors of readings further apart are independent."""
 _LENGTHS = ("radius_mm", "held_radius_mm", "ap_mm", "ap_mean_mm")
-"""Figures that an error common to all readings moves by as much."""
+"""Figures shifted fully by an error common to all readings."""
 
 
 def with_certificates(figures: Figures, systematic: Systematic, rig: Rig, test: TestName) -> Figures:
-    """Figures of a run with what its certificates leave uncertain added in quadrature."""
+    """Return the figures of a run with the uncertainty of certificates added in quadrature."""
     if systematic == NO_CERTIFICATE or test in WITHOUT_GAUGES:
         return figures
     u = _u_of_circle if test in CIRCLES else _u_of_targets
@@ -35,16 +38,16 @@ def with_certificates(figures: Figures, systematic: Systematic, rig: Rig, test: 
 
 
 def _u_of_circle(name: str, figures: Figures, systematic: Systematic, rig: Rig) -> float:
-    """Standard uncertainty of a figure of a circle, in its unit."""
+    """Return the standard uncertainty of a circle figure, in its unit."""
     if name.endswith(PLACE):
-        return 0.0  # a place on the circle, which follows from the shape of the curve and not its size
+        return 0.0  # a position on the circle depends on the shape of the curve, not its size
     gauges_mm = math.hypot(*systematic.gauge_mm)
     angle_rad, distance_mm = gauges_mm / rig.gauges.baseline_mm, gauges_mm / 2
     if name == "shift_deg":
         amplitude_rad = math.radians(abs(figures["amplitude_deg"].value))
         return math.degrees(angle_rad / amplitude_rad) if amplitude_rad else 0.0
     if figures[name].unit == "deg":
-        ends = 2 if name.startswith("range") else 1  # of the whole curve, whose two ends may be wrong oppositely
+        ends = 2 if name.startswith("range") else 1  # the two ends of a range can be wrong in opposite directions
         return ends * math.degrees(angle_rad)
     if "eccentricity" in name:
         radius_mm = rig.tests.circle.radius_mm if rig.tests.circle else 0.0
@@ -53,11 +56,11 @@ def _u_of_circle(name: str, figures: Figures, systematic: Systematic, rig: Rig) 
 
 
 def _u_of_targets(name: str, figures: Figures, systematic: Systematic, rig: Rig) -> float:
-    """Standard uncertainty of a figure of a radial or repeatability test, mm."""
+    """Return the standard uncertainty of a figure of a radial or repeatability test, mm."""
     gauge_mm, ball_mm = systematic.gauge_mm[0], systematic.ball_mm
     if name in _LENGTHS:
         return math.hypot(gauge_mm, ball_mm, systematic.link_mm)
     apart = figures.get("held_band_mm", figures[name]) if name.startswith("centre_") else figures[name]
     difference_mm = math.sqrt(2) * gauge_mm * min(1.0, abs(apart.value) / _SHORTEST_MM)
-    about_ball = name.startswith(("centre_", "band", "held_band"))  # from targets that touch it elsewhere
+    about_ball = name.startswith(("centre_", "band", "held_band"))  # from targets with different contact points
     return math.hypot(difference_mm, math.sqrt(2) * ball_mm if about_ball else 0.0)

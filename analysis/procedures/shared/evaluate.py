@@ -1,5 +1,5 @@
-"""From a table to the figures of its test: one function for measured and simulated tables alike; and what every
-evaluation refuses, each in one line with its remedy.
+"""Evaluate a table of any test, measured or simulated; with the common checks, each with a one-line error and
+remedy.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 class Evaluated(Protocol):
-    """What a test found: figures by name, of so many samples, notes in words, and the curve or points behind them."""
+    """Result of a test: figures by name, number of samples, notes, and the underlying curve or points."""
 
     @property
     def figures(self) -> Mapping[str, Quantity]: ...
@@ -38,10 +38,14 @@ class Evaluated(Protocol):
 
 @dataclass(frozen=True)
 class Instruments:
-    """What is known of the instruments beside a table. u_lag_s: standard uncertainty of the gauges' time against the
-    joints'; u_gauge_mm: of one reading, the rig file's where None; like: noise of the angle and of the distance in
-    another run, for a circle of a single lap; reduced: the readings of a circle, where its table has but some of its
-    rows."""
+    """Information about the instruments outside the table.
+
+    u_lag_s: standard uncertainty of the gauges' time relative to the joints'. u_gauge_mm: of one reading, from the rig
+    file if
+    None. like: noise of angle and distance in a different run, for a circle of a single lap. reduced: all readings of a
+    circle
+    whose table is thinned.
+    """
 
     u_lag_s: float = 0.0
     u_gauge_mm: float | None = None
@@ -49,7 +53,7 @@ class Instruments:
     reduced: Reduced | None = None
 
     def u_mm(self, rig: Rig) -> float:
-        """The standard uncertainty of one reading of a gauge."""
+        """Return the standard uncertainty of one gauge reading."""
         return rig.gauges.g1.accuracy_mm if self.u_gauge_mm is None else self.u_gauge_mm
 
 
@@ -62,15 +66,15 @@ def evaluate(
     like: tuple[LapNoise, LapNoise] | None = None,
     reduced: Reduced | None = None,
 ) -> Evaluated:
-    """The figures of a table, with what is known of its instruments (`Instruments`).
+    """Return the figures of a table, with information about its instruments (`Instruments`).
 
-    Raises FileError where it is not a valid measurement of its test.
+    Raises FileError if the table is not a valid measurement of its test.
     """
     return table.kind.evaluate(table, rig, where, Instruments(u_lag_s, u_gauge_mm, like, reduced))
 
 
 def hold_joints(where: str, q: Array, remedy: str) -> None:
-    """Raise FileError for joints q (n, axes) rad that never moved, with what to do then, or are of another unit."""
+    """Raise FileError with the remedy if joints q (n, axes) rad never moved, or have a different unit."""
     if np.ptp(q, axis=0).max() < 1e-6:
         raise FileError(where, "the robot stood still in all rows", remedy)
     if most := impossible_rad(q):
@@ -79,7 +83,7 @@ def hold_joints(where: str, q: Array, remedy: str) -> None:
 
 
 def hold_numbers(where: str, **columns: Array) -> None:
-    """Raises FileError where a column (n, …) has a value that is not a number."""
+    """Raise FileError if a column (n, …) contains a value that is not a number."""
     for name, values in columns.items():
         if np.isfinite(values).all():
             continue
@@ -92,7 +96,7 @@ def hold_numbers(where: str, **columns: Array) -> None:
 
 
 def hold_alive(where: str, **readings: Array) -> None:
-    """Raises FileError where a gauge read the same all along: nothing real stands so still."""
+    """Raise FileError if a gauge has constant readings: real gauges never do."""
     for name, values in readings.items():
         if len(values) > 1 and np.ptp(values) == 0:
             remedy = "check that the gauge touches and sends (a simulation needs noise), and measure again"
@@ -100,6 +104,6 @@ def hold_alive(where: str, **readings: Array) -> None:
 
 
 def hold_radius(where: str, radius_mm: float) -> None:
-    """Raises FileError for a radius that is not a positive number."""
+    """Raise FileError for a radius that is not a positive number."""
     if not (np.isfinite(radius_mm) and radius_mm > 0):
         raise FileError(where, f"a radius of {radius_mm:g} mm is impossible", "correct radius_mm in the rig file")

@@ -1,8 +1,10 @@
-"""A closed curve over circle angle: the mean of the laps that were driven, with what noise may have added to it.
+"""Closed curve over the circle angle: mean of the laps, with possible noise.
 
-Every figure and every Monte Carlo draw (JCGM 101) is of 720 numbers. Figures are those of the curve at a stated angular
-resolution, as in the roundness of ISO 12181-2: a Gaussian filter that passes half of 80 undulations per revolution (a
-wavelength of 4.5°). The range of a noisy curve without one has no true value.
+Every figure and every Monte Carlo draw (JCGM 101) consists of 720 numbers. Figures refer to a stated angular
+resolution, as
+for the roundness of ISO 12181-2: a Gaussian filter with 50 % transmission at 80 undulations per revolution (a
+wavelength of
+4.5°). Without one, the range of a noisy curve has no true value.
 """
 
 from __future__ import annotations
@@ -24,35 +26,41 @@ from analysis.runs.noise.readings import rounding_error
 from analysis.runs.noise.spectrum import DRAWS, NODES, ORDERS, LapNoise, noise_of
 
 SEED = 0
-"""Fixed, so that the same run gives the same report."""
+"""Fixed, so that a run always gives the same report."""
 UNDULATIONS = 80.0
-"""Per revolution, of which half pass: ISO 12181-2 has 15, 50, 150 and 500 for roundness; robots' gears have orders up
-to some 60, and their reversals transits of a degree and more."""
+"""Undulations per revolution with 50 % transmission: ISO 12181-2 has 15, 50, 150 and 500 for roundness; robot gears
+have orders
+up to about 60, and reversals take a degree and more.
+"""
 _PASSES = 0.5 ** ((ORDERS / UNDULATIONS) ** 2)
 _COARSE = 0.5 ** ((ORDERS / 40.0) ** 2)
-"""Smooths away the stairs that rounding makes, so that other stairs can be tried."""
+"""Smooths the steps of quantisation, so that different steps can be tried."""
 _WINDOW = 21
-"""Nodes of the running median: 10°, less than lies between most reversals."""
+"""Width of the running median in nodes: 10°, less than the distance of most reversals."""
 _LOCAL, _SLOW = 19, 81
-"""Nodes within which laps are compared, twice the stated resolution, less what they differ by within 40°."""
+"""Widths for comparing laps in nodes: twice the stated resolution, relative to differences within 40°."""
 _ODD, _MOST = 2.0, 5.0
-"""Laps that differ by so many times the usual differ for another reason than noise; and how far Student's law with one
-degree of freedom is followed."""
+"""Laps differing by this multiple of the usual difference have a reason other than noise; and the limit for Student's
+distribution with one degree of freedom.
+"""
 _FEWEST = 8.0
-"""Readings of a lap, of a gauge that hardly moves by a step: it shows no jumps."""
+"""Minimum readings per lap of a gauge moving by hardly a step: it shows no jumps."""
 RANGE_U = 0.5
-"""Share of the correction for noise by which a range is uncertain: the curve without noise is itself an estimate."""
+"""Relative uncertainty of the noise correction of a range: the curve without noise is itself an estimate."""
 
 Plain = Callable[[Array], Mapping[str, Array]]
-"""The plain figures (...,) by name of curves (..., NODES)."""
+"""Figures (...,) by name of curves (..., NODES)."""
 
 
 @dataclass(frozen=True)
 class LapCurve:
-    """A curve y (NODES,) over PHI, and errors (DRAWS, NODES) that noise may have put into it; power (NODES // 2 + 1,):
-    likely mean square of these in each order; laps (L, NODES) that y is the mean of; drift: of a lap; rate: rad/s of
-    phi; blur: of a row's place, rad; slips: steps of the level between laps, taken out; again: the same curve made
-    again, which draws the same errors."""
+    """Curve y (NODES,) over PHI, and possible noise errors (DRAWS, NODES).
+
+    power (NODES // 2 + 1,): likely mean square noise per order. laps (L, NODES): averaged in y. drift: of a lap. rate:
+    rad/s of
+    phi. blur: of a row's position, rad. slips: removed level steps between laps. again: recreates the curve with equal
+    draws.
+    """
 
     y: Array
     again: Callable[[], LapCurve]
@@ -66,12 +74,12 @@ class LapCurve:
 
     @cached_property
     def errors(self) -> Array:
-        """The errors (DRAWS, NODES): 2.3 MB, which are neither sent from process to process nor kept with a result."""
+        """Errors (DRAWS, NODES): 2.3 MB, neither sent between processes nor stored with a result."""
         return self.again().errors
 
     @property
     def without_draws(self) -> LapCurve:
-        """The same curve, which draws its errors again where they are asked for."""
+        """Return the curve without its draws, which are recreated on demand."""
         return replace(self)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -79,26 +87,30 @@ class LapCurve:
 
     @property
     def calm(self) -> Array:
-        """y (NODES,) with its noise reduced."""
+        """y (NODES,) with reduced noise."""
         return calmed(self.y, self.power)
 
     def turned(self, lag_s: Array) -> NDArray[np.complex128]:
-        """What lag_s (DRAWS,) of the gauges makes of each order, (DRAWS, NODES // 2 + 1)."""
+        """Return the factors of each order, (DRAWS, NODES // 2 + 1), for lags lag_s (DRAWS,) s of the gauges."""
         factors: NDArray[np.complex128] = np.exp(-1j * ORDERS * self.rate * lag_s[:, None])
         return factors
 
     def drawn(self, curve: Array, turned: NDArray[np.complex128], scale: Array) -> Array:
-        """A curve (NODES,), this one or its calm, as runs with other noise, lag (`turned`) and relative scale (DRAWS,)
-        might have shown it: (DRAWS, NODES)."""
+        """Return a curve (NODES,), this one or its calm version, with different noise, lag (`turned`) and relative
+        scale (DRAWS,):
+        (DRAWS, NODES).
+        """
         return np.fft.irfft(np.fft.rfft(curve) * turned, NODES, axis=1) / scale[:, None] + self.errors
 
 
 def curve_of(
     run: Reduced, values: Callable[[Array], Array], per_mm: float, channel: int = 0, like: LapNoise | None = None
 ) -> LapCurve:
-    """The curve of `values`, which makes (...,) of readings (..., k) mm, and per_mm of a gauge's noise; like: the noise
-    of another run of the cell, where this one has a single lap."""
-    # The draws of two directions, and of angle and distance, have nothing to do with each other.
+    """Return the curve of `values`, a function (...,) of readings (..., k) mm, with sensitivity per_mm to gauge noise.
+
+    like: noise of a different run of the cell, for a single lap.
+    """
+    # Draws of two directions, and of angle and distance, are independent.
     rng = np.random.default_rng((SEED, channel, int(run.rate > 0)))
     laps = values(run.g_mm)
     borrowed = like is not None and len(laps) == 1
@@ -110,9 +122,9 @@ def curve_of(
     level = float(levels.mean())
     laps, drift, variance = without_drift(laps, level, (run.lap_s, run.apart_s), per_mm)
     power = noise.power(len(laps), run.rows, run.lap_s) + power_of_ramp(variance)
-    # It is unknown which of two levels is the right one.
+    # It is unknown which of two levels is correct.
     power[:, 0] += float(np.square(slips).sum()) / 4
-    # The level is that of the run's middle; when it began, with the gauges at zero, it was half the drift away.
+    # The level is that of the middle of the run; at its start, with zeroed gauges, it was half the drift away.
     power[:, 0] += (drift**2 + variance) * (len(laps) * run.apart_s / run.lap_s) ** 2 / 4
     parts = rng.standard_normal((2, *power.shape)) * np.sqrt(power / 2)
     spectra = parts[0] + 1j * parts[1]
@@ -142,7 +154,7 @@ def curve_of(
 
 
 def at_resolution(y: Array) -> Array:
-    """Curves (..., NODES), in any unit, at the stated angular resolution."""
+    """Return curves (..., NODES), in any unit, at the stated angular resolution."""
     return np.asarray(np.fft.irfft(np.fft.rfft(y) * _PASSES, NODES))
 
 
@@ -154,41 +166,41 @@ def figures(
     ranges: frozenset[str],
     calm: Sequence[Array] | None = None,
 ) -> dict[str, Quantity]:
-    """Figures by name of some curves together: `plain` takes them stacked, (curves, ..., NODES).
+    """Return figures by name of several curves; `plain` takes them stacked, (curves, ..., NODES).
 
-    drawn: the draws (DRAWS, NODES) of each about the curves that it is given. A range is lowered by the
-    median of what noise adds to that of the calm curve, never below zero; calm (NODES,): of each curve, its own where
-    not given.
+    drawn: returns draws (DRAWS, NODES) of each around the given curves. A range is lowered by the median noise
+    contribution to
+    that of the calm curve, at least zero; calm (NODES,): per curve, by default its own.
     """
     values = plain(np.stack([curve.y for curve in curves]))
     calm = [curve.calm for curve in curves] if calm is None else calm
     still, moved = plain(np.stack(calm)), plain(np.stack(drawn(calm)))
     excess = {name: max(float(np.median(moved[name]) - still[name]), 0.0) for name in ranges & values.keys()}
     draws = plain(np.stack(drawn([curve.y for curve in curves])))
-    # The place of an extreme was chosen by the noise that is there: about the noisy curve it would be chosen again.
+    # The position of an extreme depends on the present noise; around the noisy curve it would be selected twice.
     draws = {name: moved[name] if name.endswith(PLACE) else draw for name, draw in draws.items()}
     dulled = plain(np.stack([blurred(curve.y, curve.blur) for curve in curves]))
-    # Rows whose places are uncertain have blurred the curve: what as much again takes off a range, they took off, too.
+    # Position errors have blurred the curve: blurring it again estimates the loss of a range.
     lost = {name: max(float(values[name] - dulled[name]), 0.0) for name in excess}
     source = least_known(curve.noise.source for curve in curves)
     of_curves = figures_of(values, draws, samples, excess, RANGE_U, source)
-    for name, off in lost.items():  # which is known no better than to itself
+    for name, off in lost.items():  # this correction has 100 % uncertainty
         figure = of_curves[name]
         of_curves[name] = replace(figure, value=figure.value + off, u=float(np.hypot(figure.u, off)))
     return of_curves
 
 
 def blurred(y: Array, blur: float) -> Array:
-    """A curve (NODES,) whose rows fell anywhere about their places, with a standard deviation of `blur` rad."""
+    """Return a curve (NODES,) with row positions blurred by a standard deviation of `blur` rad."""
     return np.asarray(np.fft.irfft(np.fft.rfft(y) * np.exp(-0.5 * (blur * ORDERS) ** 2), NODES))
 
 
 def _where_laps_differ(laps: Array, rng: np.random.Generator) -> Array:
-    """Errors (DRAWS, NODES) by what laps (L, NODES) differ by at some places and not at others.
+    """Return errors (DRAWS, NODES) for local differences between laps (L, NODES).
 
-    Noise of one spectrum is the same all around. A slow gauge that meets a jump of the curve at another moment in each
-    lap is not, nor is a burst of wild readings: there any mixture of the laps may be true, by Student's law for so few
-    of them.
+    Stationary noise is equal all around. A slow gauge sampling a jump at different times is not, nor is a burst of
+    outliers:
+    there any mixture of the laps is possible, by Student's distribution for so few laps.
     """
     count = len(laps)
     if count < 2:
@@ -202,17 +214,19 @@ def _where_laps_differ(laps: Array, rng: np.random.Generator) -> Array:
 
 
 def _smeared(values: Array, width: int) -> Array:
-    """Means (..., NODES) of `width` nodes about each, an odd number, around the lap."""
+    """Return means (..., NODES) of `width` nodes around each, an odd number, cyclic."""
     half = width // 2
     summed = np.cumsum(np.concatenate([values[..., -half - 1 :], values, values[..., :half]], axis=-1), axis=-1)
     return np.asarray((summed[..., width:] - summed[..., :-width]) / width)
 
 
 def _misplaced(run: Reduced, rng: np.random.Generator) -> Array:
-    """Errors (DRAWS, NODES, k) mm of rows that lie off their circle angle by their own times, where the curve jumps.
+    """Return errors (DRAWS, NODES, k) mm of rows whose circle angles are wrong because of their times, at jumps of the
+    curve.
 
-    The rows of a gauge that holds its value are off together, and in the next lap perhaps alike; in the middle of such
-    a cell they are right, so that a steady slope averages out over it.
+    The rows of a holding gauge are wrong together, possibly equally in the next lap; in the middle of a holding period
+    they are
+    correct, so a steady slope averages out.
     """
     readings = max(run.readings, _FEWEST)
     cells = int(min(NODES, readings))
@@ -231,9 +245,9 @@ def _misplaced(run: Reduced, rng: np.random.Generator) -> Array:
 
 
 def _stairs(run: Reduced, rng: np.random.Generator) -> Array:
-    """Errors (DRAWS, NODES, k) mm that rounding may have made, wherever the steps lie.
+    """Return possible quantisation errors (DRAWS, NODES, k) mm, for any position of the steps.
 
-    Laps share them: rows of one lap may lie where those of the next do.
+    Laps share them: the rows of different laps may coincide.
     """
     mean = np.fft.irfft(np.fft.rfft(run.g_mm.mean(axis=0), axis=0) * _COARSE[:, None], NODES, axis=0)
     errors = np.zeros((DRAWS, NODES, mean.shape[1]))
@@ -245,10 +259,12 @@ def _stairs(run: Reduced, rng: np.random.Generator) -> Array:
 
 
 def calmed(y: Array, power: Array) -> Array:
-    """A curve (NODES,) with its noise, of this power (NODES // 2 + 1,), reduced.
+    """Return a curve (NODES,) with reduced noise, of power (NODES // 2 + 1,).
 
-    A running median keeps the jumps of plays, whose many orders would carry their noise along. Of what is left beside
-    it each order is shrunk by the share that noise is likely to have in it (Wiener)."""
+    A running median preserves the jumps of backlash, whose many orders would preserve noise. Each order of the
+    remainder is
+    reduced by its likely share of noise (Wiener filter).
+    """
     half = _WINDOW // 2
     jumps = np.median(np.lib.stride_tricks.sliding_window_view(np.pad(y, half, mode="wrap"), _WINDOW), axis=1)
     spectrum = np.fft.rfft(y - jumps)

@@ -1,4 +1,4 @@
-"""What several tests at stops have in common: one gauge at the targets of a hemisphere, or places of postures."""
+"""Common parts of tests with stops: one gauge at hemisphere targets, or positions of postures."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ H = TypeVar("H", bound=TargetTable)
 
 
 class TargetKind(Kind[H]):
-    """A test at targets."""
+    """Test at targets."""
 
     gauges = ("g1",)
     part = "hemisphere"
@@ -42,14 +42,14 @@ class TargetKind(Kind[H]):
 
     @abstractmethod
     def directions(self, table: H, hemisphere: Hemisphere) -> tuple[Array, Array] | None:
-        """Return polar and azimuth (n,) rad of each row's target; None where the hemisphere has no such target."""
+        """Return polar angle and azimuth (n,) rad of each row's target; None if the hemisphere lacks a target."""
 
     def readings(self, table: H) -> Array:
         return table.g_mm[:, None]
 
     @abstractmethod
     def driven(self, rig: Rig) -> H:
-        """Return the table of the program, its readings still missing."""
+        """Return the table of the program, without readings."""
 
     def with_readings(self, table: H, values: Array) -> H:
         return replace(table, g_mm=values[:, 0])
@@ -66,7 +66,7 @@ class TargetKind(Kind[H]):
         return stops(table.q, table.t_s)
 
     def read(self, model: Model, table: H, path: Path, scene: Scene, setup: SetUp) -> Array:
-        """The reading of the gauge (m, 1) mm: the distance of ball and tool less the radius."""
+        """Return the reading of the gauge (m, 1) mm: distance between ball and tool less the radius."""
         to_tool = scene.T[:, :3, 3] - setup.ball
         sphere = hemisphere_frame(hemisphere_of(model.rig))
         contact = np.arctan2(to_tool @ sphere.v, to_tool @ sphere.u)
@@ -108,7 +108,7 @@ class TargetKind(Kind[H]):
 
 
 def hold_targets(table: TargetTable, rig: Rig, where: str) -> None:
-    """Raises FileError for a target number that the rig's hemisphere does not have."""
+    """Raise FileError for a target number outside the rig's hemisphere."""
     if rig.tests.hemisphere is None:
         return
     count = target_count(rig.tests.hemisphere)
@@ -120,23 +120,25 @@ def hold_targets(table: TargetTable, rig: Rig, where: str) -> None:
 
 
 def target_count(hemisphere: Hemisphere) -> int:
-    """How many targets a hemisphere has."""
+    """Return the number of targets of a hemisphere."""
     return len(target_angles(hemisphere)[0])
 
 
 def another_visit(table: TargetTable, labels: Array) -> Mask:
-    """A mask (n - 1,) of the rows with other labels (n, k) than the row before, or another reading."""
+    """Return a mask (n - 1,) of rows whose labels (n, k) or reading differ from the previous row."""
     return np.asarray((np.diff(labels, axis=0) != 0).any(axis=1) | (np.abs(np.diff(table.g_mm)) > STANDS_MM))
 
 
 def timed(t_s: Array) -> dict[str, Array]:
-    """The column of times t_s (n,) s, which is left out where it is zero throughout."""
+    """Return the column of times t_s (n,) s, empty if all are zero."""
     return {"t_s": t_s} if t_s.any() else {}
 
 
 def came_from_of(rows: Rows) -> Array | None:
-    """Return from where joints came (n, axes) rad by the columns of a file, None where it does not say it; a rail of
-    which it is not said comes from where it stands."""
+    """Return the previous joint positions (n, axes) rad from the columns of a file, None if absent; a rail defaults to
+    its present
+    position.
+    """
     names = came_from_columns(rows.axes)
     if not rows.has(names):
         return None
@@ -144,7 +146,7 @@ def came_from_of(rows: Rows) -> Array | None:
 
 
 def came_from_cells(table: PlaceTable) -> dict[str, Array]:
-    """Return the columns (n,) that say from where joints came, in degrees and mm, none where that is not known."""
+    """Return the columns (n,) with the previous joint positions, in degrees and mm, empty if unknown."""
     if table.came_from is None:
         return {}
     return joint_cells(table.came_from, rail=table.rail, names=came_from_columns, rail_name=RAIL_FROM)
@@ -154,7 +156,7 @@ P = TypeVar("P", bound=PlaceTable)
 
 
 class PlaceKind(Kind[P]):
-    """A test of places."""
+    """Test of positions."""
 
     of_places = True
     example = ("rms_mm", 0.5, 1.0)
@@ -182,6 +184,6 @@ class PlaceKind(Kind[P]):
         return np.where(np.abs(way) > SAME_RAD, np.sign(way), 0).astype(np.int64)
 
     def read(self, model: Model, table: P, path: Path, scene: Scene, setup: SetUp) -> Array:
-        """The target's T_instrument_target, (m, 16) row by row."""
+        """Return T_instrument_target of the target, (m, 16) row by row."""
         T = setup.T_instrument_world @ path.at_readings(scene.T) @ setup.T_tool_target
         return T.reshape(-1, 16)

@@ -1,4 +1,4 @@
-"""A figure, or a parameter of an effect, and how well it is known."""
+"""A value with its uncertainty: a figure, or a parameter of an effect."""
 
 from __future__ import annotations
 
@@ -14,18 +14,20 @@ from rigs.effects import Effect
 from rigs.schema.effect import SEATS, label_of, size_field
 
 _TWO_SIGMA = 0.9545
-"""Probability within two standard deviations of the normal law."""
+"""Probability within two standard deviations of a normal distribution."""
 _EXACT = 1e-9
 """Above the rounding error of a logarithm, so that 0.1 counts as 10⁻¹."""
 _FINEST_MM = 4
-"""Decimals of a length that a reader uses: 0.1 um, the finest step of the gauges that rig knows (docs/rig-file.md)."""
+"""Decimals of a displayed length: 0.1 um, the finest gauge step known to rig (docs/rig-file.md)."""
 _FINEST_DEG = 5
-"""Decimals of an angle that a reader uses, and digits of one above 1 degree: 0.00001 degrees are 0.2 um at 1 m, and no
-place on the circle is looked for more closely than 0.01 degrees."""
+"""Decimals of a displayed angle, and digits above 1 degree: 0.00001 degrees are 0.2 um at 1 m, and positions on the
+circle are
+relevant to 0.01 degrees.
+"""
 _WITHOUT_U = 4
-"""Decimals of a figure whose uncertainty is not known."""
+"""Decimals of a figure with unknown uncertainty."""
 PLACE = "_at_deg"
-"""Ending of the names of places on the circle."""
+"""Suffix of the names of circle positions."""
 _SIGNS = {"a": "A", "c": "°C", "deg": "°", "deg/Nm": "°/Nm", "hz": "Hz"}
 
 
@@ -33,7 +35,7 @@ _SIGNS = {"a": "A", "c": "°C", "deg": "°", "deg/Nm": "°/Nm", "hz": "Hz"}
 class Quantity:
     """value ± u, u the standard uncertainty (JCGM 100); unit as in the names of files and flags: mm, deg.
 
-    samples: how many readings are behind it, 0 where they were not counted; noise: where the noise in u comes from.
+    samples: number of readings, 0 if not counted. noise: source of the noise in u.
     """
 
     value: float
@@ -43,38 +45,40 @@ class Quantity:
     noise: NoiseSource = "measured"
 
     def __str__(self) -> str:
-        """Rounded to two digits of the uncertainty: `0.33022 ± 0.00092 °`; to fewer where no reader uses them, and
-        without one that is not known."""
+        """Return the value rounded to two digits of the uncertainty: `0.33022 ± 0.00092 °`; fewer digits if irrelevant,
+        and no
+        uncertainty if unknown.
+        """
         if not np.isfinite(self.u):
             return f"{self.rounded(self.value)} {self.sign}".rstrip()
         return f"{self.rounded(self.value)} ± {self.rounded_u} {self.sign}".rstrip()
 
     @property
     def sign(self) -> str:
-        """The unit as people write it."""
+        """Unit for display."""
         return _SIGNS.get(self.unit, self.unit)
 
     def rounded(self, value: float) -> str:
-        """A value to the digits that this figure's uncertainty, and its reader, leave."""
+        """Round a value to the digits of this figure."""
         digits = self._digits
         return f"{round(value, digits) + 0.0:.{max(0, digits)}f}"  # adding 0 turns −0 into 0
 
     @property
     def rounded_u(self) -> str:
-        """The uncertainty to the same digits; upwards where these are too few for it (JCGM 100, 7.2.6)."""
+        """Return the uncertainty with the same digits, rounded up if these are too few (JCGM 100, 7.2.6)."""
         digits = self._digits
         if 0 < self.u < np.inf and digits < self._digits_of_u:
             return self.rounded(float(np.ceil(self.u * 10**digits - _EXACT)) / 10**digits)
         return self.rounded(self.u)
 
     def rounded_size(self, size: float) -> str:
-        """A size that is not zero to the same digits: `< 0.0001` where these do not show it."""
+        """Return a non-zero size with the same digits: `< 0.0001` if they do not show it."""
         digits = max(0, self._digits)
         return f"< {10.0**-digits:.{digits}f}" if 0 < abs(size) < 0.5 * 10.0**-digits else self.rounded(size)
 
     @property
     def _digits(self) -> int:
-        """Decimals with which this figure is written, negative for tens and hundreds."""
+        """Decimals of this figure, negative for tens and hundreds."""
         if not 0 < self.u < np.inf:
             return _WITHOUT_U
         if self.unit == "mm":
@@ -86,16 +90,15 @@ class Quantity:
 
     @property
     def _digits_of_u(self) -> int:
-        """Decimals that show two digits of the uncertainty."""
+        """Decimals showing two digits of the uncertainty."""
         two_digits = float(f"{self.u:.1e}")  # 0.0998 is 0.10, with its last digit one place further up
         return 1 - int(np.floor(np.log10(two_digits) + _EXACT))
 
 
 def from_draws(value: float, draws: Array, unit: str, samples: int = 0, noise: NoiseSource = "measured") -> Quantity:
-    """A figure whose uncertainty is the spread of Monte Carlo draws (m,) of it (JCGM 101).
+    """Return a figure with an uncertainty from Monte Carlo draws (m,) (JCGM 101).
 
-    It is half of what reaches 95.45 % of them to either side, so that 2 u does what it says for tails heavier than the
-    normal law's too.
+    u is half of the symmetric interval containing 95.45 % of the draws, so that 2 u is correct for heavy tails too.
     """
     low, high = np.quantile(draws, ((1 - _TWO_SIGMA) / 2, (1 + _TWO_SIGMA) / 2))
     u = float(high - low) / 4
@@ -103,20 +106,22 @@ def from_draws(value: float, draws: Array, unit: str, samples: int = 0, noise: N
 
 
 def student_factor(freedom: float) -> float:
-    """Return how many standard deviations of a mean its standard uncertainty is, for degrees of freedom: half of what
-    reaches 95.45 % of Student's law to either side, so that 2 u does what it says of few runs."""
+    """Return the ratio of the standard uncertainty of a mean to its standard deviation, for degrees of freedom.
+
+    It is half of the 95.45 % quantile of Student's distribution, so that 2 u is correct for few runs.
+    """
     from scipy.special import stdtrit  # noqa: PLC0415 - slow to import
 
     return float(stdtrit(freedom, (1 + _TWO_SIGMA) / 2)) / 2
 
 
 def is_around_circle(name: str) -> bool:
-    """Return whether a figure is an angle around the circle, where 359° lies 2° from 1°: a place or a phase."""
+    """Return whether a figure is an angle around the circle, where 359° is 2° from 1°: a position or a phase."""
     return name.endswith((PLACE, "shift_deg"))
 
 
 def half_turns(angles_deg: Array) -> Array:
-    """Return angles (...,) in degrees as the same angles between -180 and 180."""
+    """Return angles (...,) in degrees wrapped to -180 to 180."""
     return np.asarray((angles_deg + 180.0) % 360.0 - 180.0)
 
 
@@ -128,10 +133,11 @@ def figures_of(
     excess_u: float = 0.0,
     noise: NoiseSource = "measured",
 ) -> dict[str, Quantity]:
-    """Figures by name, which ends in the unit, from their values and Monte Carlo draws (m,).
+    """Return figures by name, ending in the unit, from values and Monte Carlo draws (m,).
 
-    excess: by how much noise makes a range or a maximum too large on average; the value is lowered by it, never below
-    zero, and the correction counts as known to excess_u of itself.
+    excess: mean noise bias of a range or maximum; the value is lowered by it, to zero at least, and the correction has
+    the
+    relative uncertainty excess_u.
     """
     figures = {}
     for name, plain in values.items():
@@ -151,15 +157,15 @@ def figures_of(
 
 
 def quantity_of(effect: Effect, field: str, sd: Mapping[str, float]) -> Quantity:
-    """A parameter of an effect; its standard uncertainty is 0 where it is unknown."""
+    """Return a parameter of an effect; the standard uncertainty is 0 if unknown."""
     return Quantity(float(getattr(effect, field)), sd.get(field, 0.0), effect.unit(field))
 
 
 def parameters_of(effect: Effect) -> dict[str, float]:
-    """Its numbers: sizes and shapes, and what it needs to be given, such as the order of a gear."""
+    """Return the parameters of an effect: sizes, shapes, and required numbers such as the order of a gear."""
     return {key: value for key, value in effect if key not in SEATS and isinstance(value, int | float)}
 
 
 def parameter_label(effect: Effect, field: str) -> str:
-    """The label of an effect, with the field where it is not its size."""
+    """Return the label of an effect, with the parameter unless it is the size."""
     return label_of(effect) if field == size_field(effect) else f"{label_of(effect)} {field}"

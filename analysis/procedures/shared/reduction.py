@@ -1,8 +1,8 @@
-"""A run's readings reduced to 720 circle angles, lap by lap, without what is wild and without slips of a clamp.
+"""Reduce a run to readings at 720 circle angles per lap, without outliers and mounting slips.
 
-    rows of a run  →  wild readings and bursts left out  →  least-squares broken line of each lap  →  slips taken out
+rows of a run  →  outliers and bursts removed  →  least-squares polyline of each lap  →  slips removed
 
-Cost grows with the rows once, here; all that follows is of 720 numbers a lap.
+The cost here is linear in the rows; all later steps use 720 numbers per lap.
 """
 
 from __future__ import annotations
@@ -19,26 +19,30 @@ from analysis.runs.noise.readings import Mask, beyond_neighbours, is_wild, noise
 from analysis.runs.noise.spectrum import NODES, Integers, node_response
 
 PHI = 2 * np.pi * np.arange(NODES) / NODES
-"""The circle angles (NODES,) rad of a curve."""
+"""Circle angles (NODES,) rad of a curve."""
 _STIFF = 1e-3
-"""Weight of second differences, a share of the rows at a node, which bridge nodes without rows."""
+"""Weight of second differences relative to the rows per node, which bridges nodes without rows."""
 _SOLVED = 1e-9
-"""Relative: a picometre in a millimetre."""
+"""Relative tolerance: a picometre in a millimetre."""
 _COARSEST = 10.0
-"""Steps that a gauge must move by: with fewer the curve lies between two or three values."""
+"""Minimum travel in steps: with fewer the curve consists of two or three values."""
 _BASE_ROWS = 20_000
 _JUMPS = 2.0
-"""A wild reading is further off than so many times the change of the line within two nodes."""
+"""Limit of an outlier in multiples of the line's change within two nodes."""
 _BLOCK = 1 << 17
-"""Rows at a time, so that a long run needs no memory for all of them."""
+"""Rows per block, to limit the memory of a long run."""
 
 
 @dataclass(frozen=True)
 class Reduced:
-    """A run's laps at NODES circle angles. g_mm (L, NODES, k) in order of time; order (NODES,): which circle angle each
-    is; samples: rows of all laps; rows: in a lap, without wild ones; readings: in a lap, of the gauge that repeats
-    itself most, that differ from the one before; rate: rad/s of phi; step_mm, noise_mm (k,): rounding of each gauge and
-    the noise beneath it; blur: standard deviation, rad, of where rows fell by their own times."""
+    """Laps of a run at NODES circle angles.
+
+    g_mm (L, NODES, k): in order of time. order (NODES,): circle angle of each. samples: rows of all laps. rows: per
+    lap, without
+    outliers. readings: per lap, changed readings of the gauge with most repetitions. rate: rad/s of phi. step_mm,
+    noise_mm (k,):
+    quantisation of each gauge and the noise below it. blur: standard deviation, rad, of row positions from their times.
+    """
 
     g_mm: Array
     order: Integers
@@ -56,8 +60,12 @@ class Reduced:
 
 @dataclass(frozen=True)
 class HatSums:
-    """Sums over the rows of each lap beside each node, (L, NODES): before, between and beyond of the products of both
-    hat functions; near, far (k, L, NODES): of the readings of each gauge by the one and the other."""
+    """Sums over the rows between nodes per lap, (L, NODES).
+
+    before, between, beyond: products of both hat functions. near, far (k, L, NODES): readings of each gauge times each
+    hat
+    function.
+    """
 
     before: Array
     between: Array
@@ -67,18 +75,21 @@ class HatSums:
 
     @property
     def rows(self) -> Array:
-        """The number of rows (L, NODES)."""
+        """Number of rows (L, NODES)."""
         return self.before + 2 * self.between + self.beyond
 
     def without(self, odd: Mask) -> HatSums:
-        """The same sums without the rows behind the nodes of a mask (L, NODES)."""
+        """Return the sums without the rows behind the nodes of a mask (L, NODES)."""
         return HatSums(*(np.where(odd, 0.0, values) for values in vars(self).values()))
 
     def lines(self, rounds: int = 2 * NODES) -> Array:
-        """The closed broken lines (L, NODES, k), in the unit of the readings, that fit these best lap by lap, as smooth
-        curves; some thirty rounds find them where every node has rows."""
-        # Cyclic normal equations, a little stiff, so that a node without rows is bridged, by conjugate gradients
-        # (Hestenes and Stiefel 1952).
+        """Return the closed least-squares polylines (L, NODES, k), in the unit of the readings, smoothed.
+
+        About thirty rounds are sufficient if every node has rows.
+        """
+        # Cyclic normal equations, slightly stiff to bridge nodes without rows, solved by conjugate gradients (Hestenes
+        # and Stiefel
+        # 1952).
         pull, diagonal = self.near + np.roll(self.far, 1, axis=2), self.before + np.roll(self.beyond, 1, axis=1)
         stiff = _STIFF * diagonal.mean(axis=1, keepdims=True)
         scale = 1 / (diagonal + 6 * stiff)
@@ -108,9 +119,12 @@ class HatSums:
 
 @dataclass(frozen=True)
 class LapRows:
-    """What all rows of a run's laps come to. hats: of the rows that are not wild, less the waves `base` (5, k); count:
-    of all rows; wild, changed (k): rows of each gauge that are wild, and that differ from the one before; range_mm,
-    step_mm, noise_mm (k): of each gauge."""
+    """Combined rows of a run's laps.
+
+    hats: of the rows without outliers, less the waves `base` (5, k). count: of all rows. wild, changed (k): outliers
+    and changed
+    readings per gauge. range_mm, step_mm, noise_mm (k): per gauge.
+    """
 
     hats: HatSums
     base: Array
@@ -123,7 +137,7 @@ class LapRows:
 
 
 def reduced(laps: Laps) -> Reduced:
-    """The readings of a run at NODES circle angles, lap by lap; wild readings are left out and counted."""
+    """Return the readings of a run at NODES circle angles per lap, with outliers removed and counted."""
     base = base_of(laps)
     lap = np.minimum(np.abs(laps.phi - laps.start) // (2 * np.pi), laps.count - 1).astype(np.int64)
     rough = np.empty(laps.g_mm.shape)
@@ -141,14 +155,15 @@ def reduced(laps: Laps) -> Reduced:
 
 
 def base_of(laps: Laps) -> Array:
-    """Level and the first two orders (5, k) of the readings, which the broken lines need not follow."""
+    """Return level and first two orders (5, k) of the readings, removed before fitting polylines."""
     rows = slice(None, None, max(1, len(laps.phi) // _BASE_ROWS))
     return np.asarray(np.linalg.lstsq(_waves(laps.phi[rows]), laps.g_mm[rows], rcond=None)[0], dtype=np.float64)
 
 
 def slopes_of(base: Array) -> list[Array]:
-    """The Taylor coefficients (NODES, k), up to the third order, of waves (5, k) behind each node, by the share of the
-    way to the next."""
+    """Return the Taylor coefficients (NODES, k), up to the third order, of waves (5, k) behind each node, by
+    relative position.
+    """
     step, slopes = 2 * np.pi / NODES, [_waves(PHI) @ base]
     derived = np.zeros((5, 5))
     derived[1, 2], derived[2, 1], derived[3, 4], derived[4, 3] = -1, 1, -2, 2
@@ -159,13 +174,16 @@ def slopes_of(base: Array) -> list[Array]:
 
 
 def wild_of(phi: Array, rough: Array, lap: Integers, rounds: int = 2 * NODES) -> Mask:
-    """Which of readings rough (n, k) at phi (n,) rad of laps counted from 0 are wild, (k, n). rounds: of finding lines;
-    of a part of a lap few are enough, since between its nodes no others matter."""
+    """Return a mask (k, n) of outliers in readings rough (n, k) at phi (n,) rad of laps counted from 0.
+
+    rounds: of the solver; for a part of a lap few are sufficient, because other nodes do not matter.
+    """
     wild = np.array([is_wild(column) for column in rough.T])
     if not wild.any():
         return wild
-    # Where there are some, others may have come too many in a row to leave their neighbours: these leave the broken
-    # lines through all, and by more than a line changes there, as where a play is crossed.
+    # After a first outlier, further ones may be too dense for comparison with neighbours: they deviate from the
+    # polyline through
+    # all readings by more than its local change, such as at a crossing of backlash.
     lines = _hat_sums(phi, rough, lap, ~np.any(wild, axis=0)).lines(rounds)
     node, share = place_of(phi)
     for k, of_gauge in enumerate(np.moveaxis(lines, 2, 0)):
@@ -177,7 +195,7 @@ def wild_of(phi: Array, rough: Array, lap: Integers, rounds: int = 2 * NODES) ->
 
 
 def of_rows(laps: Laps, rows: LapRows) -> Reduced:
-    """The readings at NODES circle angles of laps whose rows came to this."""
+    """Return the readings at NODES circle angles of laps with these combined rows."""
     added = _waves(PHI) @ rows.base
     hats, nodes = rows.hats, rows.hats.lines() + added
     odd: Mask = np.any([bursts(of_gauge) for of_gauge in np.moveaxis(nodes, 2, 0)], axis=0)
@@ -186,7 +204,7 @@ def of_rows(laps: Laps, rows: LapRows) -> Reduced:
         nodes = np.stack([following(of_gauge, odd) for of_gauge in np.moveaxis(nodes, 2, 0)], axis=2)
     sense = int(SENSE[laps.direction])
     first = int(np.ceil(sense * laps.start / (2 * np.pi) * NODES - 1e-6)) * sense
-    order: Integers = (first + sense * np.arange(NODES)) % NODES  # in which a lap comes to the circle angles
+    order: Integers = (first + sense * np.arange(NODES)) % NODES  # order of the circle angles in a lap
     nodes, notes = _steady(nodes[:, order])
     if odd.any():
         burst = round(float(hats.rows[odd].sum()))
@@ -218,7 +236,7 @@ def of_rows(laps: Laps, rows: LapRows) -> Reduced:
 
 
 def nodes_of(phi: Array, y: Array) -> Array:
-    """A noise-free curve y (n,) over phi (n,) rad, of one lap, at PHI (NODES,)."""
+    """Return a noise-free curve y (n,) over phi (n,) rad, of one lap, at PHI (NODES,)."""
     once, all_rows = np.zeros(len(phi), dtype=np.int64), np.ones(len(phi), dtype=bool)
     base = np.asarray(np.linalg.lstsq(_waves(phi), y[:, None], rcond=None)[0], dtype=np.float64)
     rough = y[:, None] - _waves(phi) @ base
@@ -226,12 +244,12 @@ def nodes_of(phi: Array, y: Array) -> Array:
 
 
 def _waves(phi: Array) -> Array:
-    """Level and the first two orders (n, 5) at phi (n,)."""
+    """Return level and first two orders (n, 5) at phi (n,) rad."""
     return np.stack([np.ones_like(phi), np.sin(phi), np.cos(phi), np.sin(2 * phi), np.cos(2 * phi)], axis=1)
 
 
 def _hat_sums(phi: Array, values: Array, lap: Integers, keep: Mask) -> HatSums:
-    """The sums of those of values (n, k) at phi (n,) rad that are kept, lap by lap; over blocks of rows."""
+    """Return the sums of the kept values (n, k) at phi (n,) rad per lap, in blocks of rows."""
     count = int(lap.max()) + 1
     beyond, between, before = (np.zeros(count * NODES) for _ in range(3))
     pull_left, pull_right = (np.zeros((values.shape[1], count * NODES)) for _ in range(2))
@@ -251,14 +269,14 @@ def _hat_sums(phi: Array, values: Array, lap: Integers, keep: Mask) -> HatSums:
 
 
 def place_of(phi: Array) -> tuple[Integers, Array]:
-    """The node (n,) behind which each circle angle (n,) rad is, and its share (n,) of the way to the next."""
+    """Return the node (n,) behind each circle angle (n,) rad, and the relative position (n,) to the next."""
     place = phi % (2 * np.pi) * (NODES / (2 * np.pi))
     node = np.floor(place)
     return node.astype(np.int64) % NODES, place - node
 
 
 def _steady(nodes: Array) -> tuple[Array, tuple[str, ...]]:
-    """Laps (L, NODES, k) mm of the gauges without slips, and what was found, in words."""
+    """Return laps (L, NODES, k) mm of the gauges without slips, and notes."""
     steady, notes = [], []
     for name, laps in zip(("g1", "g2"), np.moveaxis(nodes, 2, 0), strict=False):
         whole, slips = without_slips(laps)

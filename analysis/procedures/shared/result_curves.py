@@ -1,4 +1,4 @@
-"""The curve or the points behind the figures of a result, in degrees and mm, for plots and scripts."""
+"""Curves or points of a result, in degrees and mm, for plots and scripts."""
 
 from __future__ import annotations
 
@@ -18,13 +18,15 @@ from rigs.rig import Rig
 
 @dataclass(frozen=True)
 class CircleCurve(Tabular):
-    """A yaw or roll run over the circle angle, all laps together, n = 720 nodes.
+    """Yaw or roll run over the circle angle, mean of all laps, n = 720 nodes.
 
     phi_deg (n,): circle angle, 0 to 360. angle_deg (n,): angle between link and tool. error_deg (n,): orientation
-    error, the angle less its least-squares sine, at the stated angular resolution (docs/figures.md). error_u_deg (n,):
-    standard uncertainty of the error by the noise within the run; the scatter from run to run, and the uncertainty of
-    the gauges' time and baseline, are not in it. deviation_mm (n,): radial deviation of the distance from its
-    least-squares circle, positive outwards.
+    error, the
+    angle less its least-squares sine, at the stated angular resolution (docs/figures.md). error_u_deg (n,): standard
+    uncertainty
+    of the error from noise within the run; scatter between runs, and uncertainties of the gauges' time and baseline,
+    are not
+    included. deviation_mm (n,): radial deviation of the distance from its least-squares circle, positive outwards.
     """
 
     phi_deg: Array
@@ -34,17 +36,19 @@ class CircleCurve(Tabular):
     deviation_mm: Array
 
     def to_table(self) -> pa.Table:
-        """One row for each node, one column for each field."""
+        """Return a row per node and a column per field."""
         return pa.table(vars(self))
 
 
 @dataclass(frozen=True)
 class RadialCurve(Tabular):
-    """The targets of a radial run, in order of their numbers.
+    """Targets of a radial run, in order of their numbers.
 
-    target (t,); polar_deg, azimuth_deg (t,): direction of each in the hemisphere's frame. deviation_mm (t,): distance
-    of the mean over orientations from the least-squares sphere. spread_mm (t,): range over orientations. used (t,):
-    False where a target was left out of the sphere.
+    target (t,); polar_deg, azimuth_deg (t,): directions in the hemisphere's frame. deviation_mm (t,): distance of the
+    mean over
+    orientations from the least-squares sphere. spread_mm (t,): range over orientations. used (t,): False if left out of
+    the
+    sphere.
     """
 
     target: Integers
@@ -55,15 +59,15 @@ class RadialCurve(Tabular):
     used: NDArray[np.bool_]
 
     def to_table(self) -> pa.Table:
-        """One row for each target, one column for each field."""
+        """Return a row per target and a column per field."""
         return pa.table(vars(self))
 
 
 @dataclass(frozen=True)
 class RepeatabilityCurve(Tabular):
-    """The readings of a repeatability run, by target, approach and time.
+    """Readings of a repeatability run, by target, approach and time.
 
-    target (n,); approach (n,): `out` or `in`; visit (n,): counts from 1 for each target and approach; reading_mm (n,).
+    target (n,); approach (n,): `out` or `in`; visit (n,): from 1 for each target and approach; reading_mm (n,).
     """
 
     target: Integers
@@ -72,16 +76,17 @@ class RepeatabilityCurve(Tabular):
     reading_mm: Array
 
     def to_table(self) -> pa.Table:
-        """One row for each reading, one column for each field."""
+        """Return a row per reading and a column per field."""
         return pa.table(vars(self) | {"approach": self.approach.tolist()})
 
 
 @dataclass(frozen=True)
 class PoseCurve(Tabular):
-    """The poses of a tracker, or touches, in the order of their table, measured less fitted, in the robot's base.
+    """Tracker poses or touches in table order, measured less fitted, in the robot's base.
 
-    error_mm (n, 3): position error along x, y, z. rotation_deg (n, 3): orientation error about x, y, z, None where
-    only positions were measured. axes: the curves of the joints that were driven one at a time.
+    error_mm (n, 3): position error along x, y, z. rotation_deg (n, 3): orientation error about x, y, z, None if only
+    positions
+    were measured. axes: curves of joints driven one at a time.
     """
 
     error_mm: Array
@@ -90,11 +95,11 @@ class PoseCurve(Tabular):
 
     @property
     def distance_mm(self) -> Array:
-        """Size (n,) of the position error."""
+        """Absolute position error (n,)."""
         return np.asarray(np.linalg.norm(self.error_mm, axis=1))
 
     def to_table(self) -> pa.Table:
-        """One row for each pose: row, x_mm, y_mm, z_mm, distance_mm, and rx_deg, ry_deg, rz_deg where measured."""
+        """Return a row per pose: row, x_mm, y_mm, z_mm, distance_mm, and rx_deg, ry_deg, rz_deg if measured."""
         row = {"row": np.arange(1, len(self.error_mm) + 1)}
         place = dict(zip(("x_mm", "y_mm", "z_mm"), self.error_mm.T, strict=True))
         turned = () if self.rotation_deg is None else self.rotation_deg.T
@@ -104,11 +109,13 @@ class PoseCurve(Tabular):
 
 @dataclass(frozen=True)
 class PathCurve(Tabular):
-    """The paths of ISO 9283, station by station (m,), all paths one after the other.
+    """Paths of ISO 9283, station by station (m,), one path after the other.
 
-    path (m,): its name; s_mm (m,): the way from its beginning, share (m,) of all of it. place_mm (m, 3): the command,
-    off_mm (m, 3): the mean of all cycles less the command, both along the cube's plane, level and rising, and across
-    it. at_mm, rt_mm (m,): AT and RT at the station, RT nan of fewer than three cycles.
+    path (m,): name. s_mm (m,): length from its start, share (m,) of the total. place_mm (m, 3): command, off_mm (m, 3):
+    mean of
+    all cycles less the command, both along the cube's plane, horizontally and rising, and across it. at_mm, rt_mm (m,):
+    AT and
+    RT at the station, RT nan below three cycles.
     """
 
     path: NDArray[np.str_]
@@ -120,7 +127,7 @@ class PathCurve(Tabular):
     rt_mm: Array
 
     def to_table(self) -> pa.Table:
-        """One row for each station: path, s_mm, x_mm … of the command, dx_mm … of the deviation, at_mm, rt_mm."""
+        """Return a row per station: path, s_mm, x_mm … of the command, dx_mm … of the deviation, at_mm, rt_mm."""
         place = dict(zip(("x_mm", "y_mm", "z_mm"), self.place_mm.T, strict=True))
         off = dict(zip(("dx_mm", "dy_mm", "dz_mm"), self.off_mm.T, strict=True))
         along = {"path": self.path.tolist(), "s_mm": self.s_mm}
@@ -132,8 +139,10 @@ ResultCurve = CircleCurve | RadialCurve | RepeatabilityCurve | PoseCurve | PathC
 
 @dataclass(frozen=True)
 class JointReversal:
-    """A joint turns back on the nominal circle: its number (1 to 6), its name in the rig file, and the circle angle;
-    upper: from rising to falling as the circle angle grows."""
+    """Joint reversal on the nominal circle: joint number (1 to 6), name in the rig file, and circle angle; upper: from
+    rising to
+    falling with increasing circle angle.
+    """
 
     joint: int
     name: str
@@ -142,9 +151,9 @@ class JointReversal:
 
 
 def reversals_of_rig(rig: Rig) -> tuple[JointReversal, ...]:
-    """Where the joints turn back on the nominal circle of a rig file, by circle angle.
+    """Return the joint reversals on the nominal circle of a rig file, by circle angle.
 
-    Raises FileError where the rig file has no circle or the robot cannot drive it.
+    Raises FileError if the rig file has no circle, or the robot cannot drive it.
     """
     circle = circle_of(rig)
     turns = reversals(circle, arm_of(rig.robot), rig.name)

@@ -1,11 +1,13 @@
-"""Figures that are made of scatter: the standards' own (ISO 9283:1998 clause 7, ISO 230-2:2014 clause 3), and what they
-would be, were all visits made again.
+"""Figures of scatter defined by standards (ISO 9283:1998 clause 7, ISO 230-2:2014 clause 3), and their uncertainty in
+repeated
+tests.
 
-Of the cube's poses: ISO 9283:1998, 7.2.1 AP and 7.2.2 RP of each of P1 … P5; 7.3.2 distance accuracy AD = mean D - D_c
-and 7.3.3 distance repeatability RD = 3 S of the distances D of each cycle from P2 to P4, S with n - 1, D_c the
-commanded. AD and RD do not depend on where the instrument stands. u of AP and RP as of all poses
-(`analysis.procedures.pose.evaluate`); u of AD is the scatter's, S / √n by Student's law, and of RD that of a standard
-deviation. The instrument's own errors are in neither.
+Cube poses: ISO 9283:1998, 7.2.1 AP and 7.2.2 RP of each of P1 … P5; 7.3.2 distance accuracy AD = mean D - D_c and 7.3.3
+distance repeatability RD = 3 S of the distances D of each cycle from P2 to P4, S with n - 1, D_c the command. AD and RD
+are
+independent of the instrument's position. u of AP and RP as for all poses (`analysis.procedures.pose.evaluate`); u of AD
+is S / √n by
+Student's distribution, and u of RD that of a standard deviation. The instrument's errors are included in neither.
 """
 
 from __future__ import annotations
@@ -22,26 +24,31 @@ from analysis.robot.kinematics.joint_limits import wrapped
 from analysis.runs.noise.target_scatter import Scatter
 
 _SEED = 1
-"""It differs from the sampler's, and is fixed, so that the same run gives the same report."""
+"""Different from the sampler's, and fixed, so that a run always gives the same report."""
 _SHARE = 0.95
 _TESTS = 4
-"""Tests made of every other draw of the scatter: some five hundred in all."""
+"""Repeated tests per every other draw of the scatter: about five hundred in total."""
 Plain = Callable[[Array], dict[str, Array]]
-"""Figures (...,) by name, which ends in the unit, of readings (..., t, k, n) mm, NaN where one is missing."""
+"""Figures (...,) by name, ending in the unit, of readings (..., t, k, n) mm, NaN if missing."""
 
 
 def half_width(off: Array) -> float:
-    """Standard uncertainty such that 2 u holds 95 % of errors (m,), in the unit of these: for tails that are not those
-    of a normal law."""
+    """Return the standard uncertainty with 2 u containing 95 % of errors (m,), in their unit, also for non-normal
+    tails.
+    """
     return float(np.quantile(np.abs(off), _SHARE)) / 2
 
 
 def of_scatter(plain: Plain, readings: Array, scatter: Scatter, drift_mm: Array | float = 0.0) -> dict[str, Quantity]:
-    """Figures of readings (t, k, n) mm, NaN where one is missing. value: as the standard has it; u: of its distance
-    from its expectation, were the test made again and again with the same scatter about each cell's mean. Of each draw
-    of the scatter a few such tests are made; they lie too near to their own mean, by a known factor. The expectation is
-    that of a gauge without steps, and it is unknown where between two steps a cell lies. drift_mm like the readings:
-    what of them drifted, which is not scatter and happens in each of these tests.
+    """Return figures of readings (t, k, n) mm, NaN if missing.
+
+    value: by the standard. u: of its distance from the expectation, in repeated tests with the same scatter about each
+    cell's
+    mean. Each draw of the scatter gives several such tests, whose scatter is too small by a known factor. The
+    expectation is
+    that of a gauge without quantisation, and the cell means are uniform within a step. drift_mm: drift of the readings,
+    not
+    counted as scatter and present in each test.
     """
     rng = np.random.default_rng(_SEED)
     measured = np.isfinite(readings)
@@ -66,21 +73,21 @@ def of_scatter(plain: Plain, readings: Array, scatter: Scatter, drift_mm: Array 
 
 
 def exact(plain: Plain, readings: Array) -> dict[str, Quantity]:
-    """Figures of readings (t, k, n) mm without noise."""
+    """Return figures of noise-free readings (t, k, n) mm."""
     samples = int(np.isfinite(readings).sum())
     values = plain(readings)
     return {name: Quantity(float(value), 0.0, name.rsplit("_", 1)[1], samples) for name, value in values.items()}
 
 
 def assumed(scatter: Scatter | None) -> tuple[str, ...]:
-    """The note that the scatter was not measured, where it was not."""
+    """Return the note that the scatter was not measured, if so."""
     if scatter is None or scatter.noise != "assumed":
         return ()
     return ("too few targets were visited again to show their scatter, which is assumed; visit each twice or more",)
 
 
 def coarse(scatter: Scatter | None) -> tuple[str, ...]:
-    """The note that readings step by more than they scatter, where they do."""
+    """Return the note that quantisation exceeds the scatter, if so."""
     if scatter is None or scatter.step_mm <= float(np.median(scatter.sd_mm)):
         return ()
     step = f"readings step by {1e3 * scatter.step_mm:.3g} µm, more than they scatter"
@@ -88,23 +95,28 @@ def coarse(scatter: Scatter | None) -> tuple[str, ...]:
 
 
 RP_VISITS = 30
-"""Cycles that ISO 9283 asks for."""
+"""Cycles required by ISO 9283."""
 FEWEST_CYCLES = 3
-"""Cycles that a standard deviation is taken of."""
+"""Minimum cycles for a standard deviation."""
 RANGE_VISITS = 5
-"""Approaches a side that ISO 230-2 asks for."""
+"""Approaches per side required by ISO 230-2."""
 
 
 def rp(x: Array) -> Array:
-    """ISO 9283, 7.2.2, position repeatability (...,) mm of attained points x (..., n, d) mm, NaN where one is missing:
-    mean + 3 S of their distances from their barycentre, S with n - 1."""
+    """Return ISO 9283, 7.2.2, position repeatability (...,) mm of attained points x (..., n, d) mm, NaN if missing.
+
+    Mean + 3 S of the distances from their barycentre, S with n - 1.
+    """
     away = np.linalg.norm(x - np.nanmean(x, axis=-2, keepdims=True), axis=-1)
     return np.asarray(np.nanmean(away, axis=-1) + 3.0 * np.nanstd(away, axis=-1, ddof=1))
 
 
 def reversal(x: Array) -> dict[str, Array]:
-    """ISO 230-2 figures (...,) of readings x (..., targets, 2, n), the sides ↓ (from outside) and ↑ (from inside),
-    NaN where one is missing: R↓, R↑, R, largest B without sign, mean B = mean of x̄↑ - x̄↓."""
+    """Return ISO 230-2 figures (...,) of readings x (..., targets, 2, n) mm, sides ↓ (from outside) and ↑ (from
+    inside).
+
+    NaN if missing. R↓, R↑, R, largest |B|, mean B = mean of x̄↑ - x̄↓.
+    """
     mean, s = np.nanmean(x, axis=-1), np.nanstd(x, axis=-1, ddof=1)
     B = mean[..., 1] - mean[..., 0]
     both = 2 * s.sum(axis=-1) + np.abs(B)
@@ -118,12 +130,11 @@ def reversal(x: Array) -> dict[str, Array]:
 
 
 _SAME_RAD = float(np.radians(0.5))
-"""A group of poses is one of the cube whose joints it has within this, modulo a turn: what a robot reports lies beside
-the command."""
+"""Joint tolerance for identifying a cube pose, modulo a turn: reported angles differ from the command."""
 
 
 def poses_of_cube(q: Array, cube: Cube | None) -> Integers:
-    """The number 1 … 5 of the cube's pose that each row of joints q (n, axes) rad is, 0 for another."""
+    """Return the pose number 1 … 5 of each row of joints q (n, axes) rad, 0 for other poses."""
     if cube is None or q.shape[1] != cube.q.shape[1]:
         return np.zeros(len(q), dtype=np.int64)
     away = np.abs(wrapped(q[:, None] - cube.q)).max(axis=2)
@@ -131,7 +142,7 @@ def poses_of_cube(q: Array, cube: Cube | None) -> Integers:
 
 
 def by_pose(pose: Integers, plain: Callable[[Array], dict[str, Array]]) -> Callable[[Array], dict[str, Array]]:
-    """Figures of each of the cube's poses beside those of all groups: pose (g,) says which each group is."""
+    """Return a function for the figures of each cube pose and of all groups; pose (g,): number of each group."""
 
     def figures(x: Array) -> dict[str, Array]:
         by_name = plain(x)
@@ -146,11 +157,13 @@ def by_pose(pose: Integers, plain: Callable[[Array], dict[str, Array]]) -> Calla
 
 
 def distance_figures(pose: Integers, xyz_mm: Array, cube: Cube | None) -> dict[str, Quantity]:
-    """AD and RD, from places xyz_mm (n, 3) of rows in order of time, pose (n,) of the cube; none below three cycles."""
+    """Return AD and RD from positions xyz_mm (n, 3) in order of time, pose (n,) of the cube; empty below three
+    cycles.
+    """
     second, fourth = np.flatnonzero(pose == 2), np.flatnonzero(pose == 4)
     if cube is None or not len(second) or len(fourth) < FEWEST_CYCLES:
         return {}
-    # Of each P4 from the P2 that was measured nearest to it in time, in its own cycle.
+    # Distance of each P4 from the closest P2 in time, in its own cycle.
     nearest = second[np.abs(fourth[:, None] - second).argmin(axis=1)]
     distances, n = np.linalg.norm(xyz_mm[fourth] - xyz_mm[nearest], axis=1), len(fourth)
     s = float(distances.std(ddof=1))

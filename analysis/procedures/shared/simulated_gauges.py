@@ -1,7 +1,7 @@
-"""What gauges read while a robot with effects drives a program, with the noise of a good cell.
+"""Simulated gauge readings of a robot with effects driving a program, with the noise of a good cell.
 
-The noise is white in each reading, a slow wander of tool and link, and from run to run a little scatter of every joint
-and of the ball.
+White noise of each reading, a slow wander of tool and link, and a small scatter of every joint and the ball between
+runs.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from rigs.effects import Effect, turned
 from rigs.rig import Rig
 
 _DWELL_S = 4.0
-"""The time from one target to the next."""
+"""Time between targets."""
 
 
 @dataclass(frozen=True)
 class Noise:
-    """Standard deviations. White noise is the gauges' own, from the rig file."""
+    """Standard deviations. White gauge noise comes from the rig file."""
 
     wander_mm: float = 0.001
     wander_s: float = 0.5
@@ -35,8 +35,10 @@ class Noise:
 
 @dataclass(frozen=True)
 class Simulation:
-    """What one simulated run is of. seed: None for no noise at all; effects: instead of those of the rig file; noise:
-    beside that of gauges."""
+    """Options of a simulated run. seed: None for no noise. effects: in place of those of the rig file. noise: in
+    addition to that
+    of the gauges.
+    """
 
     seed: int | None
     effects: Sequence[Effect] | None = None
@@ -44,13 +46,13 @@ class Simulation:
 
 
 def read_by_gauges(rig: Rig, program: GaugeTable, setup: SetUp, run: Simulation) -> Array:
-    """Return the readings (n, k) mm along a program, whose table has none yet."""
+    """Return the readings (n, k) mm along a program, given as a table without readings."""
     model = model_of(rig, run.effects)
     if run.seed is None:
         return predict(model, program, path_of(model, program), setup)
     noise = run.noise or Noise()
     rng = np.random.default_rng(run.seed)
-    # Joints and ball a little off, differently in each run.
+    # Joints and ball displaced slightly, differently in each run.
     off = rng.normal(0.0, noise.scatter_deg, 6)
     scatter = tuple(turned(axis, float(deg)) for axis, deg in enumerate(off, start=1))
     ball = setup.ball + rng.normal(0.0, noise.scatter_mm, 3)
@@ -58,7 +60,7 @@ def read_by_gauges(rig: Rig, program: GaugeTable, setup: SetUp, run: Simulation)
     values = predict(model, program, path_of(model, program), setup)
     white = np.array([gauge.accuracy_mm for _, gauge in rig.gauges])[: values.shape[1]]
     values = values + rng.normal(0.0, 1.0, values.shape) * white
-    # Correlated noise (m,) mm common to all gauges, of an Ornstein-Uhlenbeck process.
+    # Correlated noise (m,) mm common to all gauges, an Ornstein-Uhlenbeck process.
     kept = np.exp(-np.diff(program.t_s, prepend=program.t_s[0] - 1e9) / noise.wander_s)
     kicks = rng.normal(0.0, noise.wander_mm, len(program.t_s)) * np.sqrt(1 - kept**2)
     steps = zip(kept.tolist(), kicks.tolist(), strict=True)

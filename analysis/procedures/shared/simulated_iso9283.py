@@ -1,7 +1,6 @@
-"""The poses and paths of ISO 9283 as a tracker would see them, of the arm of a rig with its effects.
+"""Simulated tracker recordings of the poses and paths of ISO 9283, for the arm of a rig with its effects.
 
-The robot stops with a scatter of real ones, the tracker adds its own noise and stands somewhere, unless the rig file
-says where.
+The robot stops with realistic scatter; the tracker adds noise and has a random position, unless given in the rig file.
 """
 
 from __future__ import annotations
@@ -31,13 +30,13 @@ from rigs.errors import RigPlace
 from rigs.rig import Rig
 
 _FAR_MM = 3000.0
-"""How far the tracker stands from the base."""
+"""Distance of the tracker from the base."""
 _RATE_HZ = 100.0
-"""Places a second; trackers record ten times as many, which says no more of a simulated arm."""
+"""Positions per second; trackers record ten times as many, without more information about a simulated arm."""
 _ACCELERATION_MM_S2 = 200.0
-"""The acceleration of the programs (analysis/apps/makers/programs/motion_plan.py)."""
+"""Acceleration of the programs (analysis/apps/makers/programs/motion_plan.py)."""
 _STEPS = 2000
-"""Steps along each path, between which joints turn evenly: on the circles that is off by less than 1 µm."""
+"""Steps along each path with linear joint interpolation: on the circles the deviation is below 1 µm."""
 
 
 def simulated_cube(rig: Rig, seed: int | None, effects: Sequence[Effect] | None = None) -> tuple[Array, Array, Array]:
@@ -52,8 +51,10 @@ def simulated_cube(rig: Rig, seed: int | None, effects: Sequence[Effect] | None 
 
 
 def simulated_path(rig: Rig, seed: int | None, effects: Sequence[Effect] | None = None) -> tuple[Array, Array]:
-    """Return times (n,) s and places (n, 3) mm that a tracker records while the program drives the paths at full speed;
-    see `simulated_cube`."""
+    """Return times (n,) s and positions (n, 3) mm recorded by a tracker while the program drives the paths at full
+    speed; see
+    `simulated_cube`.
+    """
     rng = np.random.default_rng(seed or 0)
     test, cube, arm = iso9283_of(rig), cube_of(rig), arm_of(rig.robot)
     where, legs = RigPlace.of(rig.name, "tests.iso9283"), dict[str, Array]()
@@ -65,7 +66,7 @@ def simulated_path(rig: Rig, seed: int | None, effects: Sequence[Effect] | None 
     parts.insert(0, np.tile(parts[0][:1], (int(STAND_S * _RATE_HZ), 1)))
     q = np.concatenate(parts)
     t_s = np.arange(len(q)) / _RATE_HZ
-    # The number of the path that is driven, with the stand after it; 0 is the stand before the first.
+    # Index of the present path including the standstill after it; 0 is the standstill before the first.
     leg = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
     model = model_of(rig, effects)
     places = moved(model, Path(Motion(t_s, q), np.arange(len(q)))).T[:, :3, 3]
@@ -76,7 +77,7 @@ def simulated_path(rig: Rig, seed: int | None, effects: Sequence[Effect] | None 
 
 
 def _leg(arm: Arm, cube: Cube, path: CommandPath, speed_mm_s: float, where: str) -> Array:
-    """The joints (n, 6) rad along a path from rest to rest, and the stand after it."""
+    """Return the joints (n, 6) rad along a path from rest to rest, with the standstill after it."""
     s = np.linspace(0.0, path.length_mm, _STEPS)
     s = np.unique(np.concatenate([s, path.along])) if isinstance(path, Polygon) else s
     q = joints_along(arm, cube, path, s, where)
@@ -90,13 +91,13 @@ def _leg(arm: Arm, cube: Cube, path: CommandPath, speed_mm_s: float, where: str)
 
 
 def tool_places(model: Model, q: Array) -> Array:
-    """Where the tool is (n, 3) mm in the world at joints q (n, 6) rad, one after the other."""
+    """Return tool positions (n, 3) mm in the world at joints q (n, 6) rad in sequence."""
     path = stops(q)
     return np.asarray(moved(model, path).T[path.rows, :3, 3])
 
 
 def seen_by_tracker(rig: Rig, places_mm: Array, rng: np.random.Generator) -> Array:
-    """Places (n, 3) mm of the world in the frame of the tracker, of the rig file or drawn."""
+    """Return positions (n, 3) mm of the world in the frame of the tracker, from the rig file or random."""
     instrument = iso9283_of(rig).instrument
     if instrument is not None:
         T = transform(instrument)

@@ -1,7 +1,8 @@
-"""Touches as a person makes them: postures in which the ball is in a socket, and what the joints then read.
+"""Simulated touches: postures with the ball in a socket, and the joint readings.
 
-A rig file does not say where its sockets stand, since a person puts them where there is room. For a plan and for
-simulations they are put within reach, around the base, each where the arm has many postures.
+A rig file contains no socket positions, because users choose them. For plans and simulations they are placed within
+reach,
+around the base, where the arm has many postures.
 """
 
 from __future__ import annotations
@@ -23,32 +24,36 @@ from rigs.rig import Rig
 from rigs.schema.declared_tests import Touch
 
 STOPS_MM = 0.02
-"""Scatter of a coordinate where a guided arm comes to rest: half of what programmed ones show at a target."""
+"""Scatter of a coordinate for a guided arm at rest: half of that of programmed stops."""
 _CAME_RAD = (0.1, 0.4)
-"""How far each joint came to a touch, in one direction: a person swings the elbow or the wrist to the next posture."""
+"""Joint motion before a touch, in one direction: the user swings elbow or wrist to the next posture."""
 _POSTURES, _TRIES, _STEPS, _LARGEST_RAD = 300, 20, 25, 0.3
-"""Postures tried at a time, how often, steps from each to the socket, and the longest step of a joint."""
+"""Postures tried together, number of attempts, steps to the socket, and largest joint step."""
 _THERE_MM = 1e-6
 _OFF_LIMIT = 0.05
-"""Share of a joint's range that stays free at either end."""
+"""Margin to the joint limits, relative to the range."""
 _REACHED = (0.35, 0.7)
-"""Where sockets stand, in shares of the reach: near the base and at the end of the reach postures are few."""
+"""Socket distances relative to the reach: close to the base and at the end of the reach there are few postures."""
 
 
 def touch_of(rig: Rig) -> Touch:
-    """Return the touch test of a rig. Raises FileError where the rig file has none."""
+    """Return the touch test of a rig. Raises FileError if the rig file has none."""
     return require_part(rig, rig.tests.touch, "touch")
 
 
 def planned_touches(rig: Rig, seed: int = 0) -> TouchTable:
-    """Return touches of the nominal arm, shared out over the sockets of the rig file. Raises FileError where it has
-    none, or where the arm finds no postures."""
+    """Return touches of the nominal arm, distributed over the sockets of the rig file. Raises FileError without a touch
+    test, or
+    without postures.
+    """
     return _standing(rig, _planned(rig, np.random.default_rng(seed))[0])
 
 
 def simulated_touches(rig: Rig, seed: int | None, effects: Sequence[Effect] | None = None) -> TouchTable:
-    """Return touches as an arm with effects makes them, `seed` None for touches without scatter; effects: instead of
-    those of the rig file. Raises FileError as `planned_touches` does."""
+    """Return touches of an arm with effects, `seed` None for no scatter.
+
+    effects: in place of those of the rig file. Raises FileError like `planned_touches`.
+    """
     rng = np.random.default_rng(seed or 0)
     table, sockets = _planned(rig, rng)
     model = model_of(rig, effects)
@@ -56,7 +61,7 @@ def simulated_touches(rig: Rig, seed: int | None, effects: Sequence[Effect] | No
     places = sockets + rng.normal(0.0, 1.0, sockets.shape) * scatter
     arm = _with_ball(model.arm, touch_of(rig))
     for _ in range(_STEPS):
-        # Where a model has the ball (n, 3) mm of each touch, on the tool of an arm.
+        # ball position (n, 3) mm of each touch in a model, on the tool
         with_ball = replace(model, arm=arm)
         path = visits(table.q, table.came_from)
         away = places - np.asarray(moved(with_ball, path).T[:, :3, 3])
@@ -68,7 +73,7 @@ def simulated_touches(rig: Rig, seed: int | None, effects: Sequence[Effect] | No
 
 
 def _standing(rig: Rig, table: TouchTable) -> TouchTable:
-    """Touches of an arm on a rail that stands at 0; other ones as they are."""
+    """Return touches with the rail at 0; others unchanged."""
     if rig.robot.rail is None:
         return table
     assert table.came_from is not None  # noqa: S101 - planned touches say it
@@ -78,13 +83,13 @@ def _standing(rig: Rig, table: TouchTable) -> TouchTable:
 
 
 def _planned(rig: Rig, rng: np.random.Generator) -> tuple[TouchTable, Array]:
-    """Touches of the nominal arm, and where the socket of each is (n, 3) mm."""
+    """Return touches of the nominal arm, and the socket position (n, 3) mm of each."""
     touch, q, places, names = touch_of(rig), [], [], []
     arm = _with_ball(arm_of(rig.robot), touch)
     count = -(-touch.touches // len(touch.sockets))
     where: dict[str, Array] = {}
     for socket in touch.sockets:
-        # The sockets that have a place (3,) mm and a distance in mm from this one that is known.
+        # Sockets with a position (3,) mm and a known distance in mm from this one.
         pairs = {frozenset(stated.between): stated.distance_mm for stated in touch.distances}
         distances = [
             (place, pairs[pair]) for placed, place in where.items() if (pair := frozenset((socket, placed))) in pairs
@@ -102,13 +107,14 @@ def _planned(rig: Rig, rng: np.random.Generator) -> tuple[TouchTable, Array]:
 def _somewhere(
     arm: Arm, count: int, rng: np.random.Generator, where: str, distances: Sequence[tuple[Array, float]]
 ) -> tuple[Array, Array]:
-    """A place (3,) mm for a socket with these distances from others, and postures (count, axes) rad in which the ball
-    is there."""
+    """Return a socket position (3,) mm with these distances from others, and postures (count, axes) rad with the
+    ball there.
+    """
     low, high = arm.limits.T
     free = forward(arm, rng.uniform(low, high, (_POSTURES, arm.axes)))[:, :3, 3]
     base = arm.T_world_base[:3, 3]
     at = free
-    if distances:  # moved to where they have the distances that are known, those that can
+    if distances:  # moved to satisfy the known distances, as far as possible
         others, apart_mm = np.array([place for place, _ in distances]), np.array([mm for _, mm in distances])
         for _ in range(_STEPS):
             away = at[:, None] - others
@@ -126,7 +132,7 @@ def _somewhere(
 
 
 def _postures_at(arm: Arm, place: Array, count: int, rng: np.random.Generator) -> Array:
-    """Postures (at most count, axes) rad in which the tool is at a place (3,) mm, whichever way it points."""
+    """Return postures (at most count, axes) rad with the tool at a position (3,) mm in any orientation."""
     low, high = arm.limits.T
     free = _OFF_LIMIT * (high - low)
     postures = np.empty((0, arm.axes))

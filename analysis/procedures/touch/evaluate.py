@@ -1,12 +1,17 @@
-"""Touch test: the ball on the tool seated in sockets, in many postures; how far the arm says it was from one place.
+"""Touch test: the ball on the tool seated in sockets in many postures; deviation of the computed ball position from one
+point.
 
-The ball's place on the tool (3) and each socket's place (3) are least squares over all touches, linear in both.
-What is left is the arm's error at one point, and needs no instrument. ASME B89.4.22-2004 (single-point articulation):
-of each socket the largest distance from the mean, and 2 s of the distances, s² = Σ δ² / (n - 1).
+Ball position on the tool (3) and socket positions (3 each) are least-squares estimates from all touches, linear in
+both. The
+residual is the arm's error at one point, measured without an instrument. ASME B89.4.22-2004 (single-point
+articulation): per
+socket the largest distance from the mean, and 2 s of the distances, s² = Σ δ² / (n - 1).
 
-Uncertainties: the scatter of a seated ball and of a robot that stops as real ones do, through the fit. They hold the
-noise alone, since the arm's own errors are what is measured. The distance of two sockets takes part in these errors, so
-that what is left of the touches counts as noise for it.
+Uncertainties: scatter of a seated ball and of robot stops, propagated through the fit. They contain noise only, because
+the
+arm's errors are the measurand. The distance between sockets is affected by these errors, so the residual counts as
+noise for
+it.
 """
 
 from __future__ import annotations
@@ -42,14 +47,14 @@ from rigs.rig import Rig
 from rigs.schema.vocabulary import Direction
 
 _FEWEST = 6
-"""Touches of two sockets, or of one, that are more than the unknowns."""
+"""Minimum touches of two sockets, or of one, to exceed the unknowns."""
 _BLIND = 1e-3
-"""Share of the largest singular value below which the ball's place on the tool is not determined along a direction."""
+"""Relative singular value below which the ball position on the tool is undetermined along a direction."""
 
 
 @dataclass(frozen=True)
 class SocketDistance:
-    """The distance of two sockets, as the arm has it, and as the rig file knows it, None where it does not."""
+    """Distance between two sockets according to the arm, and to the rig file, None if not stated."""
 
     between: tuple[str, str]
     distance: Quantity
@@ -58,9 +63,10 @@ class SocketDistance:
 
 @dataclass(frozen=True)
 class TouchResult:
-    """position_mm (n, 3): of the ball from its socket, in the world; ball_mm (3,): the ball's place on the tool;
-    sockets by name, (3,) mm in the world; distances of pairs that the rig file knows, or of all of up to four
-    sockets."""
+    """position_mm (n, 3): ball relative to its socket, in the world. ball_mm (3,): ball position on the tool. sockets:
+    by name,
+    (3,) mm in the world. distances: of pairs in the rig file, or of all pairs of up to four sockets.
+    """
 
     position_mm: Array
     ball_mm: Array
@@ -73,13 +79,17 @@ class TouchResult:
 
     @property
     def as_curve(self) -> PoseCurve:
-        """The errors in the order of the table."""
+        """Return the errors in table order."""
         return PoseCurve(self.position_mm, None)
 
 
 def evaluate(table: TouchTable, model: Model, where: str = "the touch table") -> TouchResult:
-    """Return the figures of touches by a model of the arm: rms_mm and max_mm of the ball from its socket, spat_mm, and
-    socket_distance_mm where there are two sockets. Raises FileError for too few touches, and where the robot stood."""
+    """Return the figures of touches with a model of the arm: rms_mm and max_mm of the ball relative to its socket,
+    spat_mm, and
+    socket_distance_mm for two sockets.
+
+    Raises FileError for too few touches, and for a robot that did not move.
+    """
     hold_numbers(where, q=table.q)
     count = len(np.unique(table.socket))
     if 3 * len(table.q) <= 3 + 3 * count or len(table.q) < _FEWEST:
@@ -122,7 +132,7 @@ def evaluate(table: TouchTable, model: Model, where: str = "the touch table") ->
 
 
 def _plain(off: Array, socket: Integers, sockets: int) -> dict[str, Array]:
-    """Figures (...,) in mm of the ball's places from their sockets (..., n, 3) mm."""
+    """Return figures (...,) in mm of ball positions relative to their sockets (..., n, 3) mm."""
     distance = np.linalg.norm(off, axis=-1)
     worst = np.zeros(distance.shape[:-1])
     for number in range(sockets):
@@ -136,7 +146,7 @@ def _plain(off: Array, socket: Integers, sockets: int) -> dict[str, Array]:
 def _distances(
     model: Model, names: Sequence[str], terms: Array, drawn: Array, samples: int
 ) -> tuple[SocketDistance, ...]:
-    """The distances of sockets whose places are among the terms (3 + 3 s,) mm, and in draws (m, 3 + 3 s) of them."""
+    """Return socket distances for positions among the terms (3 + 3 s,) mm, and their draws (m, 3 + 3 s) mm."""
     declared = model.rig.tests.touch.distances if model.rig.tests.touch else ()
     stated = {frozenset(pair.between): Quantity(pair.distance_mm, pair.u_mm, "mm") for pair in declared}
     distances = []
@@ -152,11 +162,11 @@ def _distances(
 
 
 _ALL_PAIRS = 4
-"""Sockets up to which the distance of each pair is a figure; more have too many pairs to read."""
+"""Number of sockets up to which each pair has a figure."""
 
 
 def known_otherwise(distances: Sequence[SocketDistance]) -> tuple[str, ...]:
-    """Return what to say of distances that the arm has otherwise than they are known."""
+    """Return notes about distances that differ from the known ones."""
     return tuple(
         f"sockets {pair.between[0]} and {pair.between[1]} are {pair.known} apart, and by the arm {pair.distance}: its "
         "constants are wrong by a part of that, or the distance is not right"
@@ -187,9 +197,10 @@ class Touch(PlaceKind[TouchTable]):
     setup_terms, frame_terms = 6, 3
     setup_words = "the places of the sockets and of the ball on the tool"
     assumed_sd_mm = 0.1
-    """A ball is seated by hand: a model of constants, gravity and curves leaves 0.1 to 0.2 mm of two Pandas and
-    an iiwa (Franzese et al., MUKCa, 2024). The readings say how much less or more it is; a search that begins with too
-    little explains scatter by the arm."""
+    """For a ball seated by hand: a model of constants, gravity and curves leaves 0.1 to 0.2 mm for two Pandas and an
+    iiwa (Franzese
+    et al., MUKCa, 2024). The readings adjust it; a search starting too low explains scatter by the arm.
+    """
     never_twice = (
         "no posture was touched twice: how much a seated ball scatters is judged by what the model leaves of it; "
         "touch some postures again to measure it"
@@ -232,7 +243,7 @@ class Touch(PlaceKind[TouchTable]):
         return far_touches(table, forward(arm, table.q))
 
     def doubts(self, table: TouchTable, model: Model, where: str) -> tuple[str, ...]:
-        """Distances of sockets that are known otherwise; of a few touches they have no places."""
+        """Return notes about socket distances that differ from the known ones; a few touches determine no positions."""
         declared = model.rig.tests.touch
         if declared is None or not declared.distances:
             return ()

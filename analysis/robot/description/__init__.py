@@ -1,1 +1,1 @@
-"""Arms from elsewhere, as the `robot:` section of a rig file: a URDF, or a UR's own calibration."""
+"""Import of arms into the `robot:` section of a rig file, and export: URDF, MJCF, and a UR's calibration."""

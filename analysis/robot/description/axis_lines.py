@@ -1,9 +1,11 @@
-"""Modified Denavit-Hartenberg constants of joint axes that are known as lines in space.
+"""Modified Denavit-Hartenberg constants from joint axes given as lines in space.
 
-What a source writes as frames and turns, its axes say without: each joint turns about a line. Two lines have a common
-normal, which is Craig's a and alpha; where they are parallel or nearly so, that normal runs away, and the next axis is
-met in the plane through the origin of the one before, turned by Hayati's beta (S. Hayati, M. Mirmirani, Improving the
-Absolute Positioning Accuracy of Robot Manipulators, 1985). Both are exact: no axis is moved.
+The axes contain the complete kinematics, independent of the frames of a source. Two lines have a common normal, Craig's
+a
+and alpha. For parallel or nearly parallel lines the common normal is ill-conditioned, and the next axis is intersected
+with
+the plane through the previous origin instead, rotated by Hayati's beta (S. Hayati, M. Mirmirani, Improving the Absolute
+Positioning Accuracy of Robot Manipulators, 1985). Both are exact: no axis is moved.
 """
 
 from __future__ import annotations
@@ -17,17 +19,20 @@ from rigs.schema.robot import Rail
 
 _PARALLEL = 0.1
 """Sine of the angle between axes below which beta is used: 6 degrees. A common normal further than ten times the
-distance of two axes is no length of a robot; between nominal angles of 0 and 90 degrees it decides nothing."""
+distance of
+two axes is not a length of a robot; nominal angles of 0 and 90 degrees are not affected.
+"""
 _MEET_MM = 1e-6
-"""Distance of axes below which they meet; sources round to a micrometre or finer."""
+"""Distance below which axes intersect; sources round to a micrometre or finer."""
 
 
 @dataclass(frozen=True)
 class AxisLines:
-    """The axes of an arm in the base frame, all joints at zero.
+    """Axes of an arm in the base frame with all joints at zero.
 
-    points (axes, 3) mm: a point of each; directions (axes, 3): unit vectors about which positive angles turn;
-    T_base_flange (4, 4), lengths in mm. rail: what carries them.
+    points (axes, 3) mm: a point on each. directions (axes, 3): unit vectors of positive rotation. T_base_flange (4, 4),
+    in mm.
+    rail: of the base, if any.
     """
 
     points: Array
@@ -40,8 +45,10 @@ class AxisLines:
 class DenavitHartenberg:
     """a, d (axes,) mm, alpha, beta, offset (axes,) rad, senses (axes,) of 1 and -1: theta = senses · q + offset.
 
-    base_mm (3,): where the first axis begins in the base frame. T_base_link (axes, 4, 4): each joint's frame with all
-    joints at zero. T_last_flange (4, 4): what lies beyond the last joint and is no turn about it, nor a way along it.
+    base_mm (3,): start of the first axis in the base frame. T_base_link (axes, 4, 4): joint frames with all joints at
+    zero.
+    T_last_flange (4, 4): remaining transformation after the last joint, other than a rotation about or translation
+    along it.
     """
 
     a: Array
@@ -57,7 +64,7 @@ class DenavitHartenberg:
 
 @dataclass(frozen=True)
 class _Step:
-    """One link: alpha, beta (rad), a (mm), and the frame in which the next joint turns, before it does."""
+    """One link: alpha, beta (rad), a (mm), and the frame before the rotation of the next joint."""
 
     alpha: float
     a: float
@@ -69,8 +76,9 @@ class _Step:
 def denavit_hartenberg(axes: AxisLines) -> DenavitHartenberg:
     """Return the constants of an arm's axes, joint by joint from the base.
 
-    The first axis is taken to point as the base's z and the last as the flange's, with the joint's sense in `senses`;
-    x axes are chosen so that the offsets are the smallest.
+    The first axis points like the base's z axis and the last like the flange's, with the joint direction in `senses`;
+    the x
+    axes are chosen for the smallest offsets.
     """
     senses = np.ones(len(axes.directions))
     senses[0] = -1.0 if axes.directions[0, 2] < 0 else 1.0
@@ -85,7 +93,7 @@ def denavit_hartenberg(axes: AxisLines) -> DenavitHartenberg:
         offsets.append(_angle(steps[-1].x, x, z[axis]))
         frames.append(_frame(x, z[axis], origin))
         steps.append(step)
-    # On the last axis origin and x are as the flange has them, or as near as the axis allows.
+    # On the last axis, origin and x axis are those of the flange, as far as the axis permits.
     flange_x, flange = axes.T_base_flange[:3, 0], axes.T_base_flange[:3, 3]
     x = flange_x - (flange_x @ z[-1]) * z[-1]
     length = float(np.linalg.norm(x))
@@ -107,7 +115,7 @@ def denavit_hartenberg(axes: AxisLines) -> DenavitHartenberg:
 
 
 def _linked(before: _Step, z: Array, point: Array, z_next: Array, point_next: Array) -> tuple[Array, Array, _Step]:
-    """Origin (3,) mm and x axis (3,) on a joint's axis z through point, and the step from there to the next axis."""
+    """Return origin (3,) mm and x axis (3,) on a joint axis z through point, and the step to the next axis."""
     normal = np.cross(z, z_next)
     sine = float(np.linalg.norm(normal))
     if sine < _PARALLEL:
@@ -126,7 +134,7 @@ def _linked(before: _Step, z: Array, point: Array, z_next: Array, point_next: Ar
 
 
 def _turned(origin: Array, R: Array, z_next: Array, a: float) -> _Step:
-    """The step by a along x of a frame (3, 3) at origin (3,) mm, to an axis z_next (3,) that it meets there."""
+    """Return the step by a along x of a frame (3, 3) at origin (3,) mm, to an axis z_next (3,) intersected there."""
     x, y, z = R.T @ z_next
     beta, alpha = float(np.arcsin(np.clip(x, -1.0, 1.0))), float(np.arctan2(-y, z))
     x_next = R @ [np.cos(beta), np.sin(alpha) * np.sin(beta), -np.cos(alpha) * np.sin(beta)]
@@ -134,12 +142,12 @@ def _turned(origin: Array, R: Array, z_next: Array, a: float) -> _Step:
 
 
 def _towards(before: Array, x: Array) -> Array:
-    """Whichever of x and -x (3,) asks for the smaller turn from the direction before."""
+    """Return x or -x (3,), whichever is closer to the previous direction."""
     return -x if before @ x < -_MEET_MM else x
 
 
 def _angle(start: Array, end: Array, z: Array) -> float:
-    """Angle (rad) from start to end, directions (3,), about z."""
+    """Return the angle (rad) from start to end, directions (3,), about z."""
     return float(np.arctan2(np.cross(start, end) @ z, start @ end))
 
 

@@ -1,9 +1,9 @@
-"""An arm as a model of MuJoCo (MJCF), with the play, the friction and the compliance that were measured of each joint.
+"""Export an arm as a MuJoCo model (MJCF) with measured backlash, friction and compliance per joint.
 
-A play is a hinge beside the joint's own, on the same axis and body, that turns freely within half the play to either
-side, and a compliance is a hinge that a spring holds: the position of the joint's own hinge is what the controller
-reports. Friction is that hinge's `frictionloss`. Source of the format: MuJoCo's XML reference, joint (range,
-stiffness, frictionloss, armature) and body/inertial.
+Backlash is an additional hinge on the same axis and body, turning freely within half the width in both directions, and
+compliance is a hinge with a spring: the position of the joint's main hinge is the angle reported by the controller.
+Friction is the `frictionloss` of that hinge. Source of the format: MuJoCo's XML reference, joint (range, stiffness,
+frictionloss, armature) and body/inertial.
 """
 
 from __future__ import annotations
@@ -29,12 +29,14 @@ from analysis.robot.kinematics.arm import RAIL_MM, Arm, Array
 from rigs.schema.robot import Robot
 
 _DENSITY = 2700.0
-"""kg/m³ of aluminium. Moments of inertia are not known: those of a ball of the link's mass are written."""
+"""kg/m³ of aluminium. Moments of inertia are unknown and written as those of a ball with the link's mass."""
 _LEAST_KG = 1e-3
-"""MuJoCo simulates no body without a mass. Chosen: a gram, where the rig file has none."""
+"""MuJoCo does not simulate massless bodies. Chosen: a gram, if the rig file contains no mass."""
 _ARMATURE = 1e-3
-"""kg m² that several hinges of one axis need beside the body's, without which their motion is not determined. Chosen:
-a rotor behind a gear has some tenths (MuJoCo Menagerie, universal_robots_ur10e: 0.1)."""
+"""kg m² required by additional hinges of an axis; without it their motion is undetermined. Chosen: a rotor behind a
+gear has
+some tenths (MuJoCo Menagerie, universal_robots_ur10e: 0.1).
+"""
 _HEAD = (
     "Lengths are in metres and angles in radians. The hinge with a joint's name turns by the angle that the controller "
     "reports. Moments of inertia are not known: each link is a ball of aluminium of its mass."
@@ -43,8 +45,9 @@ _HEAD = (
 
 @dataclass(frozen=True)
 class JointTraits:
-    """What was measured of the joints, by axis from 1: play_deg, the whole width; compliance_deg_per_nm;
-    friction_nm, Coulomb's."""
+    """Measured joint properties, by axis from 1: play_deg, full width; compliance_deg_per_nm; friction_nm, Coulomb
+    friction.
+    """
 
     play_deg: Mapping[int, float] = field(default_factory=dict)
     compliance_deg_per_nm: Mapping[int, float] = field(default_factory=dict)
@@ -54,8 +57,7 @@ class JointTraits:
 def mjcf_text(robot: Robot, arm: Arm, traits: JointTraits, where: str, remarks: Sequence[str] = ()) -> str:
     """Return the MJCF of an arm, with the names, limits and masses of a robot; the site `tool` is its tool.
 
-    where: the rig file, for errors. remarks: sentences at the head. Raises FileError for a coupling, or for names that
-    no model can have.
+    where: rig file, for errors. remarks: sentences at the top. Raises FileError for a coupling, or for invalid names.
     """
     senses = joint_senses(arm, where, "MJCF")
     require_names(robot, where)
@@ -73,7 +75,7 @@ def mjcf_text(robot: Robot, arm: Arm, traits: JointTraits, where: str, remarks: 
         payload_kg = robot.payload_kg if number == len(robot.axes) else 0.0
         kg = max(axis.mass_kg + payload_kg, _LEAST_KG)
         _inertia(body, kg, np.array(axis.centre_mm) / 1000.0 * axis.mass_kg / kg)
-        # The hinge of the joint, and those of its play and its compliance where they were measured.
+        # hinge of the joint, and those of measured backlash and compliance
         friction = {"frictionloss": repr(float(nm))} if (nm := traits.friction_nm.get(number)) else {}
         limits = numbers_text([float(np.radians(limit)) for limit in axis.limits_deg])
         hinges = {axis.name: {"limited": "true", "range": limits} | friction}
@@ -95,13 +97,13 @@ def _body(parent: ElementTree.Element, name: str, T: Array) -> ElementTree.Eleme
 
 
 def _place(T: Array) -> dict[str, str]:
-    """Position in m and quaternion, the real part first, of a frame (4, 4) mm."""
+    """Return position in m and quaternion, real part first, of a frame (4, 4) mm."""
     quaternion = Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True)
     return {"pos": numbers_text(T[:3, 3] / 1000.0), "quat": numbers_text(quaternion)}
 
 
 def _inertia(body: ElementTree.Element, kg: float, centre_m: Array | Sequence[float] = (0.0, 0.0, 0.0)) -> None:
-    """Add the mass of a link, with a payload at its origin, as a ball."""
+    """Add the mass of a link as a ball, with a payload at its origin."""
     radius_m = (3.0 * kg / (4.0 * np.pi * _DENSITY)) ** (1.0 / 3.0)
     moment = repr(float(0.4 * kg * radius_m**2))
     ElementTree.SubElement(

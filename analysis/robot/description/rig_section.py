@@ -1,4 +1,4 @@
-"""The `robot:` section of a rig file from computed constants, and as text."""
+"""Create the `robot:` section of a rig file from computed constants, as an object and as text."""
 
 from __future__ import annotations
 
@@ -19,21 +19,23 @@ from rigs.text import plain
 from rigs.yaml_text import flow
 
 _DECIMALS = 13
-"""Decimals of mm and degrees as written: rounding by 1e-13 degrees moves a flange 3 m away by less than 1e-11 mm."""
+"""Decimals of mm and degrees: rounding by 1e-13 degrees moves a flange 3 m away by less than 1e-11 mm."""
 _CENTRE_DECIMALS = 3
-"""Decimals of a centre of mass in mm: no source knows it to a micrometre."""
+"""Decimals of a centre of mass in mm: no source is accurate to a micrometre."""
 TOLERANCE = 1e-9
-"""mm and rad that a section as written may differ from its source."""
+"""Permitted difference between the written section and its source, in mm and rad."""
 _POSTURES = 200
-"""Enough to move each joint through its range; the URDF library takes a millisecond for each."""
+"""Sufficient to move each joint through its range; the URDF library takes a millisecond each."""
 _ZERO = 1e-11
-"""mm and degrees below which a constant is the rounding of zero: doubles of some metres hold 1e-12 mm."""
+"""mm and degrees below which a constant is rounded zero: doubles of some metres resolve 1e-12 mm."""
 
 
 @dataclass(frozen=True)
 class Joint:
-    """What a source says of a joint beside its axis: limits (degrees) in its own sense, degrees/s, kg, and the centre
-    of that mass (3,) mm in the base frame with all joints at zero."""
+    """Properties of a joint in a source other than its axis: limits (degrees) in its own direction, degrees/s, kg, and
+    centre of
+    mass (3,) mm in the base frame with all joints at zero.
+    """
 
     name: str
     limits_deg: tuple[float, float]
@@ -44,9 +46,9 @@ class Joint:
 
 @dataclass(frozen=True)
 class Section:
-    """A robot and the text of its section.
+    """Robot and the text of its section.
 
-    largest_mm, largest_rad: between its poses, as written, and those of its source, on random postures.
+    largest_mm, largest_rad: largest differences between the written poses and the source, for random postures.
     """
 
     robot: Robot
@@ -63,7 +65,7 @@ class Section:
 def robot_of(name: str, constants: DenavitHartenberg, joints: Sequence[Joint], rail: Rail | None = None) -> Robot:
     """Return the robot with these constants and joints.
 
-    What lies beyond the last joint is its `tool`: a flange that stands on axis 6 leaves none.
+    The transformation after the last joint becomes the `tool`; a flange on axis 6 needs none.
     """
     dh, axes = constants, list[JointAxis]()
     columns = zip(dh.a, dh.alpha, dh.beta, dh.d, dh.offset, dh.T_base_link, joints, strict=True)
@@ -91,7 +93,7 @@ def robot_of(name: str, constants: DenavitHartenberg, joints: Sequence[Joint], r
 
 
 def robot_text(robot: Robot) -> str:
-    """Return the section as YAML: one line an axis, defaults left out."""
+    """Return the section as YAML: one line per axis, without defaults."""
     fields = robot.model_dump(mode="json", exclude_defaults=True)
     if robot.coupling == identity(len(robot.axes)):
         fields.pop("coupling", None)
@@ -112,11 +114,11 @@ def checked_section(
     path: Path,
     tolerance_mm: float = TOLERANCE,
 ) -> Section:
-    """Return the section of axes and joints, under lines of comment, after a comparison with its source.
+    """Return the section of axes and joints, below comment lines, after a comparison with its source.
 
-    source: poses (n, 4, 4) mm of the flange at joint angles (n, axes) rad, and where a rail stands in m, computed
-    without the axes. Raises FileError that names path where the section cannot be written, or differs by more than
-    the tolerance.
+    source: flange poses (n, 4, 4) mm at joint angles q (n, axes) rad and rail position in m, computed independently.
+    Raises
+    FileError naming path if the section cannot be written, or differs by more than the tolerance.
     """
     try:
         section = robot_text(robot_of(name, denavit_hartenberg(axes), joints, axes.rail))
@@ -135,13 +137,14 @@ def checked_section(
 
 
 def parsed(text: str) -> Robot:
-    """Return the robot that a text of the section stands for."""
+    """Parse the text of a section."""
     return Robot.model_validate(yaml.safe_load(text)["robot"])
 
 
 def random_postures(robot: Robot) -> Array:
-    """Return joint angles (200, axes) rad within the limits, the same at each call; of an arm on a rail a column more,
-    where it stands in m."""
+    """Return joint angles (200, axes) rad within the limits, equal in each call, with a rail position in m if
+    applicable.
+    """
     limits = np.radians([axis.limits_deg for axis in robot.axes])
     if robot.rail:
         limits = np.vstack([limits, np.array(robot.rail.limits_mm) / RAIL_MM])
@@ -150,24 +153,24 @@ def random_postures(robot: Robot) -> Array:
 
 
 def flange_poses(robot: Robot, q: Array) -> Array:
-    """Return the poses (n, 4, 4) of the flange in the base frame, lengths in mm, at joint angles q (n, axes) rad."""
+    """Return flange poses (n, 4, 4) in the base frame, in mm, at joint angles q (n, axes) rad."""
     return forward(arm_of(robot), q)
 
 
 def largest_difference(T: Array, its_T: Array) -> tuple[float, float]:
-    """Return how far apart two stacks of poses (n, 4, 4) are at most: mm, and rad."""
-    # The chord of the turn between, since the arc cosine of its trace has no digits near zero.
+    """Return the largest differences between two stacks of poses (n, 4, 4): mm, and rad."""
+    # The chord of the rotation, because the arc cosine of its trace loses all digits near zero.
     chord = np.linalg.norm(T[:, :3, :3] - its_T[:, :3, :3], axis=(1, 2)) / np.sqrt(2)
     return float(np.linalg.norm(T[:, :3, 3] - its_T[:, :3, 3], axis=1).max()), float(chord.max())
 
 
 def _written(value: float) -> float:
-    """A number as it is written: to 13 decimals, and the rounding of zero as zero."""
+    """Return a number rounded to 13 decimals, with rounded zero as zero."""
     return 0.0 if abs(value) < _ZERO else round(float(value), _DECIMALS)
 
 
 def _degrees(angle: float) -> float:
-    """An angle (rad) in degrees as it is written; -180 degrees are 180."""
+    """Return an angle (rad) in degrees as written; -180 degrees become 180."""
     degrees = _written(float(np.degrees(angle)))
     return -degrees if degrees == -180.0 else degrees
 

@@ -1,9 +1,10 @@
-"""A UR's own calibration: the differences of its calibration.conf, in the `robot:` section of its kind.
+"""Read the calibration of a UR: the differences in its calibration.conf, applied to the `robot:` section of its model.
 
-The file holds what the maker measured on this one arm, as differences to the classic Denavit-Hartenberg constants of
-its kind (metres and radians): T(i-1,i) = RotZ(theta) TransZ(d) TransX(a) RotX(alpha). Axes 2, 3 and 4 are nearly
-parallel, and the file describes them by lengths of hundreds of metres that almost cancel, as common normals of such
-axes have. The axes that this says are written with Hayati's beta instead: the same lines in space, and no such lengths.
+The file contains the maker's measurements of this arm as differences to the classic Denavit-Hartenberg constants of the
+model (metres and radians): T(i-1,i) = RotZ(theta) TransZ(d) TransX(a) RotX(alpha). Axes 2, 3 and 4 are nearly parallel,
+so
+their common normals have offsets of hundreds of metres that almost cancel. The resulting axes are written with Hayati's
+beta instead: the same lines in space, without such lengths.
 """
 
 from __future__ import annotations
@@ -32,23 +33,23 @@ from rigs.files import read_text
 
 MAKER = "Universal Robots"
 _ROUNDING = 1e-14
-"""Share of the largest length in the file: its lengths are doubles, some ten times rounded where they cancel."""
+"""Share of the largest length in the file: lengths are doubles, rounded about ten times where they cancel."""
 _LARGEST = 1e6
-"""No file has so many metres or radians; common normals of nearly parallel axes have some hundred."""
+"""Limit in metres or radians; common normals of nearly parallel axes reach some hundred."""
 _MOST_BYTES = 100_000
-"""A calibration.conf has some 2000."""
+"""Size limit; a calibration.conf has about 2000 bytes."""
 _REMEDY = "give calibration.conf of the controller, unchanged"
 ROS_KINEMATICS = "kinematics:"
-"""The first key of the YAML that ur_calibration of ROS writes: frames of its URDF, not differences of constants."""
+"""First key of the YAML written by ur_calibration of ROS: frames of its URDF instead of differences."""
 _NOT_CALIBRATED = "0"
-"""calibration_status; 1 and 2 are an arm that was measured."""
+"""calibration_status; 1 and 2 mean a measured arm."""
 _LARGE_MM = 50.0
-"""No arm is bent so far: the file is of another model."""
+"""Larger than any deformation: the file belongs to a different model."""
 
 
 @dataclass(frozen=True)
 class Differences:
-    """What calibration.conf adds to the classic constants: theta, alpha (6,) rad, a, d (6,) mm."""
+    """Differences to the classic constants: theta, alpha (6,) rad, a, d (6,) mm."""
 
     theta: Array
     a: Array
@@ -59,9 +60,9 @@ class Differences:
 
 @dataclass(frozen=True)
 class CalibratedArm:
-    """An arm with its own calibration. doubts: what a person should look at.
+    """Calibrated arm. doubts: to be checked by the user.
 
-    moved_mm: how far the flange is from that of the published arm at most, on random postures.
+    moved_mm: largest flange displacement relative to the published arm, for random postures.
     """
 
     section: Section
@@ -74,10 +75,10 @@ def calibrated(arm: Arm, path: Path) -> CalibratedArm:
     if arm.maker != MAKER:
         raise FileError(arm.name, "has no calibration.conf: only the arms of Universal Robots do", "leave it out")
     by, nominal = read_calibration(path), arm_of(arm.robot)
-    # The classic constants are the modified ones of the link before each joint.
+    # Classic constants are the modified ones of the link before each joint.
     a, alpha = np.append(nominal.a[1:], 0.0), np.append(nominal.alpha[1:], 0.0)
     classic = _Classic(nominal.offset + by.theta, a + by.a, nominal.d + by.d, alpha + by.alpha)
-    # Names, limits and masses are as published; the centres of mass stay where they are with all joints at zero.
+    # Names, limits and masses are as published; centres of mass keep their positions with all joints at zero.
     links = link_frames(nominal, np.zeros((1, 6)))[0]
     centres = [T[:3, 3] + T[:3, :3] @ np.array(axis.centre_mm) for axis, T in zip(arm.robot.axes, links, strict=True)]
     section = checked_section(
@@ -101,7 +102,7 @@ def calibrated(arm: Arm, path: Path) -> CalibratedArm:
 
 
 def read_calibration(path: Path) -> Differences:
-    """Return the differences that a calibration.conf holds. Raises FileError."""
+    """Read the differences in a calibration.conf. Raises FileError."""
     parser = configparser.ConfigParser(interpolation=None, inline_comment_prefixes=("#",))
     try:
         text = read_text(path, _MOST_BYTES)
@@ -141,7 +142,7 @@ class _Classic:
     alpha: Array
 
     def frames(self, q: Array) -> Array:
-        """The base frame and the frames that follow each joint, (n, 7, 4, 4) mm, at q (n, 6) rad."""
+        """Return the base frame and the frames after each joint, (n, 7, 4, 4) mm, at q (n, 6) rad."""
         frames = [np.broadcast_to(np.eye(4), (len(q), 4, 4))]
         for theta, a, d, alpha in zip((q + self.theta).T, self.a, self.d, self.alpha, strict=True):
             c, s, ca, sa = np.cos(theta), np.sin(theta), np.cos(alpha), np.sin(alpha)
@@ -154,6 +155,6 @@ class _Classic:
         return np.stack(frames, axis=1)
 
     def axes(self) -> AxisLines:
-        """The axes that the joints turn about: each the z axis of the frame before it."""
+        """Return the joint axes, each the z axis of the previous frame."""
         T = self.frames(np.zeros((1, 6)))[0]
         return AxisLines(T[:6, :3, 3], T[:6, :3, 2], T[6])

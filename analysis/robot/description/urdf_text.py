@@ -1,12 +1,15 @@
-"""An arm as a URDF, `world` → `base_link` → `link_1` … `link_n` → `flange` → `tool`, and as a macro of xacro.
+"""Export an arm as a URDF, `world` → `base_link` → `link_1` … `link_n` → `flange` → `tool`, and as a xacro macro.
 
-Joints have the names, senses and limits of the rig file and turn by the angles that the controller reports: each about
-z of a frame that stands fixed in the frame before, as in the files of ROS drivers (`driver_kinematics`). A rail is a
-prismatic joint between `rail_base`, which stands in the world, and `base_link`. A rig file knows masses and their
-centres, and no moments of inertia or torques: these are written as zero, and say so.
+Joints have the names, directions and limits of the rig file and turn by the controller's angles: each about z of a
+frame
+fixed in the previous one, as in ROS drivers (`driver_kinematics`). A rail is a prismatic joint between `rail_base`,
+fixed
+in the world, and `base_link`. A rig file contains masses and their centres, but no moments of inertia or torques: they
+are
+written as zero, with a comment.
 
-By the macro another description includes the arm under a prefix and on a parent of its own. It is the same URDF without
-its world: an empty description that includes and calls it has the same joints.
+With the macro a second description can include the arm under a prefix and on a parent. It is the same URDF without its
+world: an otherwise empty description that calls it has the same joints.
 """
 
 from __future__ import annotations
@@ -23,15 +26,15 @@ from rigs.errors import FileError
 from rigs.schema.robot import Robot
 
 RAIL_JOINT = "rail"
-"""The name of the joint that is a rail."""
+"""Name of the rail joint."""
 _ZERO = 1e-15
-"""Metres and rad below which a number is the rounding of zero; a thousandth of what a file may differ from its arm."""
+"""Smaller numbers in m and rad are rounded zero; a thousandth of the permitted difference between file and arm."""
 
 
 def joint_senses(arm: Arm, where: str, kind: str) -> list[int]:
-    """Return 1 or -1 for each joint (6): the sense in which its axis turns with the controller's angle.
+    """Return 1 or -1 for each joint (6): the direction of its axis relative to the controller's angle.
 
-    Raises FileError where an axis turns with the angle of another joint, or by another ratio. kind: of file.
+    Raises FileError if an axis depends on the angle of a different joint, or turns by a different ratio. kind: of file.
     """
     senses = np.sign(np.diag(arm.coupling))
     if not np.array_equal(arm.coupling, np.diag(senses)) or not senses.all():
@@ -46,8 +49,7 @@ def joint_senses(arm: Arm, where: str, kind: str) -> list[int]:
 
 
 def joint_origins(arm: Arm) -> Array:
-    """Return the frames (6, 4, 4) of the joints, in mm, each in the frame that the joint before it moves; all joint
-    angles zero."""
+    """Return the joint frames (6, 4, 4) in mm, each in the frame moved by the previous joint, with all angles zero."""
     c, s = np.cos(arm.offset), np.sin(arm.offset)
     turned = np.tile(np.eye(4), (len(arm.a), 1, 1))
     turned[:, 0, 0], turned[:, 0, 1], turned[:, 1, 0], turned[:, 1, 1] = c, -s, s, c
@@ -55,7 +57,7 @@ def joint_origins(arm: Arm) -> Array:
 
 
 def rail_way(arm: Arm) -> Array:
-    """Return the direction (3,) of an arm's rail in the frame of its base."""
+    """Return the rail direction (3,) in the base frame."""
     assert arm.rail is not None  # noqa: S101 - asked for rails alone
     way: Array = arm.T_world_base[:3, :3].T @ arm.rail
     return way / np.linalg.norm(way)
@@ -72,9 +74,9 @@ def _written(value: float) -> float:
 
 
 _RAIL_M_S = 1.0
-"""What is written as the rail's speed, which a rig file does not know and a URDF must have."""
+"""Rail speed in the file: mandatory in a URDF, but not part of a rig file."""
 _HYPHENS = re.compile("-(?=-)")
-"""Two in a row end a comment of XML."""
+"""Two hyphens in a row end an XML comment."""
 _HEAD = (
     "Lengths are in metres and angles in radians. Joints turn by the angles that the controller reports. Moments of "
     "inertia and torques are not known: they are written as 0."
@@ -85,8 +87,7 @@ _RAIL_HEAD = f"The joint {RAIL_JOINT} moves the arm in metres. Its speed is not 
 def urdf_text(robot: Robot, arm: Arm, where: str, remarks: Sequence[str] = ()) -> str:
     """Return the URDF of an arm, with the names, limits and masses of a robot.
 
-    where: the rig file, for errors. remarks: sentences at the head. Raises FileError for a coupling or for names that
-    no URDF can have.
+    where: rig file, for errors. remarks: sentences at the top. Raises FileError for a coupling or invalid names.
     """
     senses = joint_senses(arm, where, "a URDF")
     require_names(robot, where)
@@ -116,7 +117,7 @@ def urdf_text(robot: Robot, arm: Arm, where: str, remarks: Sequence[str] = ()) -
 
 
 def require_names(robot: Robot, where: str) -> None:
-    """Raise FileError for names that XML cannot hold, or that would be those of two joints. where: the rig file."""
+    """Raise FileError for names invalid in XML, or shared by two joints. where: rig file."""
     names = [axis.name for axis in robot.axes]
     for k, name in enumerate(names, start=1):
         if not name.strip() or not name.isprintable():
@@ -130,12 +131,12 @@ def require_names(robot: Robot, where: str) -> None:
 
 
 def _fixed_joints(robot: Robot) -> tuple[str, str, str]:
-    """The names of the joints that do not turn."""
+    """Return the names of the fixed joints."""
     return "world-base_link", f"link_{len(robot.axes)}-flange", "flange-tool"
 
 
 def _link(root: ElementTree.Element, name: str, kg: float = 0.0, centre_mm: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
-    """Add a link, with its mass where it has one."""
+    """Add a link, with its mass if any."""
     link = ElementTree.SubElement(root, "link", name=name)
     if kg > 0:
         inertial = ElementTree.SubElement(link, "inertial")
@@ -158,44 +159,44 @@ def _joint(
 
 
 def _limited(joint: ElementTree.Element, way: Sequence[float], lower: float, upper: float, speed: float) -> None:
-    """Add the axis (3,) and the limits of a joint that moves."""
+    """Add the axis (3,) and the limits of a movable joint."""
     ElementTree.SubElement(joint, "axis", xyz=" ".join(map(repr, way)))
     limit = {"lower": repr(lower), "upper": repr(upper), "velocity": repr(speed), "effort": "0.0"}
     ElementTree.SubElement(joint, "limit", limit)
 
 
 def numbers_text(values: Sequence[float] | Array) -> str:
-    """Return numbers (n,) with all their digits."""
+    """Format numbers (n,) with all digits."""
     return " ".join(repr(float(value)) for value in values)
 
 
 def xml_text(root: ElementTree.Element) -> str:
-    """Return an element as a file, a line for each element in it."""
+    """Format an element as a file, one line per child element."""
     ElementTree.indent(root)
     return f'<?xml version="1.0" encoding="utf-8"?>\n{ElementTree.tostring(root, encoding="unicode")}\n'
 
 
 def add_remarks(root: ElementTree.Element, remarks: Iterable[str]) -> None:
-    """Add comments to an element; two hyphens in a row would end one."""
+    """Add comments to an element, without double hyphens."""
     for remark in remarks:
         root.append(ElementTree.Comment(f" {_HYPHENS.sub('- ', remark)} "))
 
 
 _XACRO = "http://www.ros.org/wiki/xacro"
 _EXPANDS = re.compile(r"\$+[{(]")
-"""What xacro takes for an expression to be computed."""
+"""Start of an expression in xacro."""
 
 
 def macro_name(robot: Robot) -> str:
-    """Return the name of the macro: the robot's, with what xacro knows as a name."""
+    """Return the macro name: the robot's name in xacro's alphabet."""
     letters = re.sub(r"\W+", "_", robot.name.casefold(), flags=re.ASCII).strip("_")
     return letters if letters and not letters[0].isdigit() else f"arm_{letters}".rstrip("_")
 
 
 def xacro_text(robot: Robot, arm: Arm, where: str, remarks: Sequence[str] = ()) -> str:
-    """Return a file of xacro with a macro of an arm, with parameters prefix (of all names) and parent (a link).
+    """Return a xacro file with a macro of an arm, with parameters prefix (of all names) and parent (a link).
 
-    where: the rig file, for errors. Raises FileError as `urdf_text` does, and for names that xacro would compute.
+    where: rig file, for errors. Raises FileError like `urdf_text`, and for names that xacro would evaluate.
     """
     for name in (robot.name, *(axis.name for axis in robot.axes)):
         if _EXPANDS.search(name):
@@ -210,7 +211,7 @@ def xacro_text(robot: Robot, arm: Arm, where: str, remarks: Sequence[str] = ()) 
     for part in urdf:
         if part.get("name") == "world" and part.tag == "link":
             continue
-        # The prefix before the names of links and joints, and the parent in the place of the world.
+        # prefix of link and joint names, and the parent in place of the world
         for element, key in product(part.iter(), ("name", "link")):
             if called := element.get(key):
                 element.set(key, "${parent}" if called == "world" else "${prefix}" + called)

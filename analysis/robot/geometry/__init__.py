@@ -1,1 +1,1 @@
-"""What the tests drive: the circle, the hemisphere, the ball link, and the robot programs along them."""
+"""Geometry of the tests: circle, hemisphere, ball link, ISO cube, and the robot programs along them."""

@@ -1,16 +1,19 @@
-"""Circles: the one of the yaw and roll tests, with its frame, the tool's nominal poses on it, the angle of a point and
-what the gauges on the ball link read there; and those through three points each or nearest to many, and how points
-deviate from one.
+"""Circles: the frame of the yaw and roll tests, nominal tool poses, circle angles, gauge readings of the ball link,
+fitted
+circles, and deviations from a circle.
 
 docs/conventions.md, "Circle test": P = C + R r(phi), z_T = -r, x_T = n, y_T = z_T × x_T (the acw tangent). The link's
-disk stays perpendicular to the line from the tool P to the ball B. A gauge at offset w along e reads along z_T to the
-disk's plane: g = (s - w (l·e)) / (l·z_T), l the unit vector from P to B.
+disk
+is perpendicular to the line from the tool P to the ball B. A gauge at offset w along e reads along z_T to the plane of
+the
+disk: g = (s - w (l·e)) / (l·z_T), with l the unit vector from P to B.
 
-Peaks of a curve that stand out are those of `scipy.signal.find_peaks`: importing that takes half a second, more than a
-diagnosis of a small run.
+Peaks are those of `scipy.signal.find_peaks`, reimplemented because the import takes half a second, more than a
+diagnosis
+of a small run.
 
-About a circle near the truth the radial deviations are dR + dC·r(phi), the axial ones dC·n - R dn·r(phi), dC, dn and
-dR being what the circle is off by: two regressions on the same three columns 1, cos(phi), sin(phi).
+For a circle close to the true one the radial deviations are dR + dC·r(phi), the axial ones dC·n - R dn·r(phi), with the
+errors dC, dn and dR of the circle: two regressions on the same columns 1, cos(phi), sin(phi).
 """
 
 from __future__ import annotations
@@ -28,9 +31,11 @@ from rigs.schema.vocabulary import CircleTest, Direction
 
 
 def peaks(x: Array, prominence: float) -> Integers:
-    """Return the rows at which x (n,) has a peak that stands out by more than `prominence`, in the unit of x, on both
-    sides. Of a flat top it is the middle, and of tops of one height the first."""
-    # A follower in a gap moves down again only after a fall by the whole gap.
+    """Return the rows of peaks of x (n,) with a prominence above `prominence` on both sides, in the unit of x.
+
+    The middle of a flat top counts, and the first of several equal tops.
+    """
+    # A follower in a gap moves down only after a fall by the whole gap.
     follower = np.diff(play(x, prominence / 2))
     moving = np.flatnonzero(follower)
     way = np.sign(follower[moving])
@@ -40,7 +45,7 @@ def peaks(x: Array, prominence: float) -> Integers:
         first = int(np.argmax(between))
         flat = int(np.argmax(np.append(between[first:] != between[first], True)))
         row = int(moving[k]) + first + (flat - 1) // 2
-        # The gap begins in the middle, so the first rise may be half of it.
+        # The gap starts in the middle, so half of it is sufficient for the first rise.
         if x[row] - x[:row].min() > prominence:
             rows.append(row)
     return np.array(rows, dtype=np.int64)
@@ -60,11 +65,11 @@ class CircleFrame:
     radius: float
 
     def radial(self, phi: Array) -> Array:
-        """r(phi) (k, 3) for circle angles phi (k,) rad."""
+        """Return r(phi) (k, 3) for circle angles phi (k,) rad."""
         return np.cos(phi)[:, None] * self.u + np.sin(phi)[:, None] * self.v
 
     def poses(self, phi: Array) -> Array:
-        """Nominal T_world_tool (k, 4, 4) at circle angles phi (k,) rad."""
+        """Return nominal T_world_tool (k, 4, 4) at circle angles phi (k,) rad."""
         r = self.radial(phi)
         T = np.zeros((len(phi), 4, 4))
         T[:, :3, 0] = self.n
@@ -75,13 +80,15 @@ class CircleFrame:
         return T
 
     def angle(self, points: Array) -> Array:
-        """Unwrapped circle angle (k,) rad of points (k, 3) mm in the world."""
+        """Return unwrapped circle angles (k,) rad of points (k, 3) mm in the world."""
         from_centre = points - self.centre
         return np.unwrap(np.arctan2(from_centre @ self.v, from_centre @ self.u))
 
 
 def circle_frame(centre: Array, normal: Array, towards: Array, radius: float) -> CircleFrame:
-    """A circle about centre (3,) mm; normal (3,) of any length; phi = 0 in the direction towards (3,), projected."""
+    """Return a circle about centre (3,) mm with a normal (3,) of any length; phi = 0 is the projected direction
+    towards (3,).
+    """
     n = normal / np.linalg.norm(normal)
     u = towards - (towards @ n) * n
     u = u / np.linalg.norm(u)
@@ -90,13 +97,15 @@ def circle_frame(centre: Array, normal: Array, towards: Array, radius: float) ->
 
 @lru_cache(maxsize=16)
 def frame_of(circle: Circle) -> CircleFrame:
-    """The frame of a rig file's circle; a fit asks for that of the same few over and over."""
+    """Return the frame of a rig file's circle, cached because a fit requests the same few repeatedly."""
     return circle_frame(np.array(circle.centre_mm), np.array(circle.normal), np.array(circle.zero), circle.radius_mm)
 
 
 @dataclass(frozen=True)
 class Reversal:
-    """A joint (1 … 6) turns back at circle angle phi (rad, 0 … 2 pi); upper: from rising to falling as phi grows."""
+    """Reversal of a joint (1 … 6) at circle angle phi (rad, 0 … 2 pi); upper: from rising to falling with increasing
+    phi.
+    """
 
     axis: int
     phi: float
@@ -104,15 +113,16 @@ class Reversal:
 
 
 def reversals(circle: Circle, arm: Arm, where: str) -> list[Reversal]:
-    """Where the joints turn back on the nominal circle, by axis and phi (Table 1 of the paper).
+    """Return the joint reversals on the nominal circle, by axis and phi (Table 1 of the paper).
 
-    A joint that swings by less than 0.05° about the point is taken as standing. Raises FileError where the arm cannot
-    follow the circle; limits of joints are those of the programs, which drive less than this does.
+    A joint moving by less than 0.05° around the point counts as standing. Raises FileError if the arm cannot follow the
+    circle;
+    the joint limits are checked for programs, which move less than this function.
     """
     frame = frame_of(circle)
-    # Beyond one lap at both ends, so that a turn near the start has both its flanks.
+    # Beyond a lap at both ends, so that a reversal near the start has both flanks.
     step, first = np.radians(0.5), np.radians(circle.start_deg - circle.lead_deg)
-    # The posture in which the programs begin; from there on a joint may go a turn further than they may.
+    # Start posture of the programs; a joint may go a turn further here.
     posture = follow(arm, frame.poses(np.array([first])), np.radians(circle.posture_deg), where)[0]
     unlimited = replace(arm, limits=arm.limits + 2 * np.pi * np.array([-1.0, 1.0]))
     ahead, back = first + step * np.arange(800), first - step * np.arange(1, 80)
@@ -131,7 +141,7 @@ def reversals(circle: Circle, arm: Arm, where: str) -> list[Reversal]:
 
 
 _ROUNDS = 8
-"""Rounds of Gauss-Newton; points within a tenth of the radius take four to a nanometre."""
+"""Rounds of Gauss-Newton; points within a tenth of the radius need four to reach a nanometre."""
 
 
 @dataclass(frozen=True)
@@ -144,33 +154,35 @@ class Deviations:
 
     @property
     def design(self) -> Array:
-        """Columns (n, 3) as shares: 1, cos(phi), sin(phi)."""
+        """Return the columns (n, 3): 1, cos(phi), sin(phi)."""
         return np.stack([np.ones_like(self.phi), np.cos(self.phi), np.sin(self.phi)], axis=1)
 
     @property
     def largest(self) -> Array:
-        """The larger (n,) mm of both deviations, without sign."""
+        """Return the larger absolute value (n,) mm of both deviations."""
         return np.maximum(np.abs(self.radial), np.abs(self.axial))
 
 
 def deviations(circle: CircleFrame, points: Array) -> Deviations:
-    """How points (n, 3) mm deviate from a circle."""
+    """Return the deviations of points (n, 3) mm from a circle."""
     from_centre = points - circle.centre
     x, y = from_centre @ circle.u, from_centre @ circle.v
     return Deviations(np.arctan2(y, x), np.hypot(x, y) - circle.radius, from_centre @ circle.n)
 
 
 def moved(circle: CircleFrame, radial: Array, axial: Array) -> CircleFrame:
-    """The circle that its deviations ask for: coefficients (3,) mm of the radial and of the axial ones."""
+    """Return the circle corrected by the regression coefficients (3,) mm of the radial and axial deviations."""
     centre = circle.centre + axial[0] * circle.n + radial[1] * circle.u + radial[2] * circle.v
     n = circle.n - (axial[1] * circle.u + axial[2] * circle.v) / circle.radius
     return circle_frame(centre, n, circle.u, circle.radius + float(radial[0]))
 
 
 def circles_through(points: Array) -> tuple[Array, Array, Array]:
-    """Centre (k, 3) mm, unit normal (k, 3) and radius (k,) mm of the circles through points (k, 3, 3) mm, three each.
+    """Return centre (k, 3) mm, unit normal (k, 3) and radius (k,) mm of circles through points (k, 3, 3) mm, three
+    each.
 
-    Three points on a line give a circle of a radius beyond any arm."""
+    Collinear points give a radius beyond any arm.
+    """
     a, b = points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]
     aa, bb = (a**2).sum(axis=1), (b**2).sum(axis=1)
     normal = np.cross(a, b)
@@ -180,8 +192,10 @@ def circles_through(points: Array) -> tuple[Array, Array, Array]:
 
 
 def largest_deviations(points: Array, centre: Array, normal: Array, radius: Array) -> Array:
-    """The larger deviation (k, n) mm, radial or axial and without sign, of points (n, 3) mm from k circles: centre
-    (k, 3) mm, unit normal (k, 3), radius (k,) mm."""
+    """Return the larger absolute deviation (k, n) mm, radial or axial, of points (n, 3) mm from k circles.
+
+    centre (k, 3) mm, unit normal (k, 3), radius (k,) mm.
+    """
     away = points[None] - centre[:, None]
     height = np.einsum("kni,ki->kn", away, normal)
     level = np.sqrt(np.maximum((away**2).sum(axis=2) - height**2, 0.0)) - radius[:, None]
@@ -189,12 +203,12 @@ def largest_deviations(points: Array, centre: Array, normal: Array, radius: Arra
 
 
 def nearest_circle(points: Array) -> CircleFrame | None:
-    """The least-squares circle of points (n, 3) mm, three or more; None where they lie on a line or in one place."""
+    """Return the least-squares circle of points (n, 3) mm, three or more; None for collinear or equal points."""
     middle = points.mean(axis=0)
     _, extent, V = np.linalg.svd(points - middle, full_matrices=False)
     if extent[1] < 1e-6 * extent[0] + 1e-9:
         return None
-    # Kåsa's algebraic circle in the plane of the points to begin with.
+    # start value: Kåsa's algebraic circle in the plane of the points
     flat = (points - middle) @ V[:2].T
     square = (flat**2).sum(axis=1)
     x, y, c = np.linalg.lstsq(np.column_stack([2 * flat, np.ones(len(flat))]), square, rcond=None)[0]
@@ -209,16 +223,17 @@ def nearest_circle(points: Array) -> CircleFrame | None:
 
 
 BASELINE_AXIS: dict[str, int] = {"yaw": 1, "roll": 0}
-"""Column of the tool frame along which the gauges stand apart: y_T for yaw, x_T for roll."""
+"""Column of the tool frame along the gauge baseline: y_T for yaw, x_T for roll."""
 
 
 def link_readings(
     T: Array, ball: Array, offsets_mm: Array, test: CircleTest, link_mm: float, form_mm: Array | float = 0.0
 ) -> Array:
-    """Gauge readings (n, k) mm, before their zero setting, of k gauges at `offsets_mm` (k,) along the baseline.
+    """Return gauge readings (n, k) mm, before zero setting, of k gauges at `offsets_mm` (k,) along the baseline.
 
-    T (n, 4, 4): link-side tool poses; ball (3,) mm in the world; link_mm: the link's constant, taken from |B - P|;
-    form_mm (n,): what the ball's form adds to that.
+    T (n, 4, 4): link-side tool poses; ball (3,) mm in the world; link_mm: link constant, subtracted from |B - P|;
+    form_mm (n,):
+    form error of the ball, added to the distance.
     """
     to_ball = ball - T[:, :3, 3]
     distance = np.linalg.norm(to_ball, axis=1)
@@ -229,5 +244,5 @@ def link_readings(
 
 
 def link_angle(g1: Array, g2: Array, baseline_mm: float) -> Array:
-    """Angle (n,) rad between disk and tool from two readings (n,) mm: atan((g2 - g1) / b)."""
+    """Return the angle (n,) rad between disk and tool from two readings (n,) mm: atan((g2 - g1) / b)."""
     return np.arctan((g2 - g1) / baseline_mm)

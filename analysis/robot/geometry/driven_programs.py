@@ -1,8 +1,8 @@
-"""What a robot program of each test makes the controller do: nominal poses, turned into reported joint angles; and in
-words, which of the tests that a rig file names its robot can do.
+"""Robot programs of the tests: nominal poses converted to reported joint angles, and a check of the feasible tests of a
+rig.
 
-The controller moves along the nominal path, so the reported angles follow it exactly; effects are what the link
-side adds to that.
+The controller follows the nominal path, so the reported angles match it exactly; effects are deviations of the link
+side.
 """
 
 from __future__ import annotations
@@ -27,38 +27,40 @@ from rigs.schema.declared_tests import Circle, Hemisphere, Repeatability
 from rigs.schema.vocabulary import Direction
 
 _ACCELERATION_MM_S2 = 200.0
-"""Acceleration of a controller on a calibration circle, a gentle one."""
+"""Acceleration of a controller on a calibration circle, a moderate value."""
 _CONTROL_PERIOD_S = 0.004
 _BACK = 2.0
-"""A program drives back to the start of the next lap at so many times the speed of a lap."""
+"""Speed of the return to the next lap, relative to the lap."""
 PAUSE_S = 0.5
-"""Standing where a program turns back."""
+"""Standstill at the turning points of a program."""
 JOINT_SPEED = np.radians(30.0)
 """Speed of the fastest joint between targets, rad/s."""
 _SHORTEST_MOVE_S = 0.6
 
 
 def hold_six(rig: Rig) -> None:
-    """Raise FileError for an arm that cannot drive the tests of the ball link."""
+    """Raise FileError for an arm unable to drive the ball link tests."""
     for missing in missing_arm(rig):
         raise missing.error(rig)
 
 
 def circle_of(rig: Rig) -> Circle:
-    """The circle of a rig. Raises FileError for a rig without one."""
+    """Return the circle of a rig. Raises FileError if there is none."""
     hold_six(rig)
     return require_part(rig, rig.tests.circle, "circle")
 
 
 def hemisphere_of(rig: Rig) -> Hemisphere:
-    """The hemisphere of a rig. Raises FileError for a rig without one."""
+    """Return the hemisphere of a rig. Raises FileError if there is none."""
     return require_part(rig, rig.tests.hemisphere, "hemisphere")
 
 
 @dataclass(frozen=True)
 class CircleProgram:
-    """Laps with lead-in and lead-out, and the ways back between them, at the controller's period. t_s (n,); phi (n,)
-    rad; q (n, 6) rad."""
+    """Laps with lead-in and lead-out, and the returns between them, at the controller's period. t_s (n,); phi (n,) rad;
+    q (n, 6)
+    rad.
+    """
 
     t_s: Array
     phi: Array
@@ -67,9 +69,9 @@ class CircleProgram:
 
 @dataclass(frozen=True)
 class Laps:
-    """The laps of a circle from rest to rest, all alike, and the ways back between them at `back` times the speed.
+    """Equal laps of a circle from rest to rest, and the returns between them at `back` times the speed.
 
-    Of one lap with its lead-in and lead-out: t_s (n,); phi (n,) rad; q (n, 6) rad.
+    For one lap with lead-in and lead-out: t_s (n,); phi (n,) rad; q (n, 6) rad.
     """
 
     t_s: Array
@@ -80,16 +82,16 @@ class Laps:
 
     @property
     def round_s(self) -> float:
-        """From the start of a lap to that of the next, with a pause before and after the way back."""
+        """Time from the start of a lap to the next, with a pause before and after the return."""
         return float(self.t_s[-1] * (1 + 1 / self.back) + 2 * PAUSE_S)
 
     @property
     def end_s(self) -> float:
-        """The end of the last lap."""
+        """End of the last lap."""
         return float((self.count - 1) * self.round_s + self.t_s[-1])
 
     def at(self, t_s: Array) -> Array:
-        """Reported angles (m, 6) rad at moments t_s (m,) s of the program."""
+        """Return reported angles (m, 6) rad at program times t_s (m,) s."""
         lap_s = self.t_s[-1]
         since = t_s - self.round_s * np.clip(np.floor(t_s / self.round_s), 0, self.count - 1)
         driven_back = np.maximum(since - lap_s - PAUSE_S, 0.0) * self.back
@@ -102,7 +104,9 @@ class Laps:
 
 
 def circle_program(rig: Rig, direction: Direction) -> CircleProgram:
-    """The circle of a rig, all its laps, from rest to rest. Raises FileError where the robot cannot drive it."""
+    """Return the circle program of a rig, all laps, from rest to rest. Raises FileError if the robot cannot drive
+    it.
+    """
     laps = circle_laps(rig, direction)
     t_s, back_s = laps.t_s, laps.t_s / laps.back
     times, rows = [t_s], [np.arange(len(t_s))]
@@ -114,10 +118,12 @@ def circle_program(rig: Rig, direction: Direction) -> CircleProgram:
 
 
 def circle_laps(rig: Rig, direction: Direction) -> Laps:
-    """What a circle's program drives. Raises FileError where the robot cannot drive it.
+    """Return the laps of a circle program. Raises FileError if the robot cannot drive them.
 
-    Between two laps the robot drives back along the circle, since few arms have two turns of the wrist to give; twice
-    as fast where its joints can."""
+    Between laps the robot returns along the circle, because few arms have two spare turns of the wrist; twice as fast
+    if its
+    joints permit.
+    """
     circle = circle_of(rig)
     arm, frame = arm_of(rig.robot), frame_of(circle)
     t_s, phi = lap(circle, direction)
@@ -132,48 +138,49 @@ def circle_laps(rig: Rig, direction: Direction) -> Laps:
 
 
 def drive(arm: Arm, frame: CircleFrame, phi: Array, posture: Array, where: str) -> Array:
-    """Reported angles (n, 6) rad along monotone circle angles phi (n,), of either direction.
+    """Return reported angles (n, 6) rad along monotone circle angles phi (n,), in either direction.
 
-    The posture is that of the acw start. A cw program drives the same joint angles back: a joint that
-    makes the full turn begins where the acw lap ends, since most have no second turn to give.
+    The posture is that of the acw start. A cw program reverses the same joint angles: a joint with a full turn starts
+    at the
+    end of the acw lap, because most have no second turn.
     """
     order = slice(None) if phi[-1] > phi[0] else slice(None, None, -1)
     return follow(arm, frame.poses(phi[order]), posture, where)[order]
 
 
 def lap(circle: Circle, direction: Direction) -> tuple[Array, Array]:
-    """Time (n,) s and circle angle (n,) rad: lead-in, one lap at constant speed, lead-out, from rest to rest."""
+    """Return time (n,) s and circle angle (n,) rad: lead-in, one lap at constant speed, lead-out, from rest to rest."""
     arc = np.radians(360.0 + 2 * circle.lead_deg)
     speed = circle.speed_mm_s / circle.radius_mm
     acceleration = _ACCELERATION_MM_S2 / circle.radius_mm
     ramp_s = min(speed / acceleration, np.sqrt(arc / acceleration))
     cruise_s = max(0.0, arc / speed - ramp_s)
     t = np.arange(0.0, cruise_s + 2 * ramp_s + _CONTROL_PERIOD_S, _CONTROL_PERIOD_S)
-    # Distance of a trapezoid: the integral of a ramp up less that of a ramp down begun at its time.
+    # Distance of a trapezoid: integral of a ramp up less that of a later ramp down.
     driven = acceleration / 2 * (_ramp(t, 0, ramp_s) - _ramp(t, ramp_s + cruise_s, 2 * ramp_s + cruise_s))
     start = np.radians(circle.start_deg) - SENSE[direction] * np.radians(circle.lead_deg)
     return t, start + SENSE[direction] * np.minimum(driven, arc)
 
 
 def _ramp(t: Array, begin: float, end: float) -> Array:
-    """Twice the distance of a unit acceleration from begin to end, the speed held afterwards."""
+    """Return twice the distance for unit acceleration between begin and end, followed by constant speed."""
     inside = np.clip(t, begin, end) - begin
     return np.asarray(inside**2 + 2 * (end - begin) * np.maximum(t - end, 0.0))
 
 
 def way_back(arm: Arm, fastest: Array) -> float:
-    """How many times as fast as a lap, in which the joints reach `fastest` (6,) rad/s, the robot drives back."""
+    """Return the speed of the return relative to a lap with joint speeds `fastest` (6,) rad/s."""
     return _BACK if (_BACK * fastest < arm.speed).all() else 1.0
 
 
 def fastest_joints(t_s: Array, q: Array) -> Array:
-    """Greatest speed (6,) rad/s of each joint along angles q (n, 6) rad at times t_s (n,)."""
+    """Return the maximum speed (6,) rad/s of each joint along angles q (n, 6) rad at times t_s (n,)."""
     return np.asarray(np.abs(np.diff(q, axis=0) / np.diff(t_s)[:, None]).max(axis=0))
 
 
 @dataclass(frozen=True)
 class TargetProgram:
-    """Targets of the hemisphere in the order they are visited. All (n,) or (n, 6); angles in rad, numbers from 1."""
+    """Targets of the hemisphere in order of visits. All (n,) or (n, 6); angles in rad, numbers from 1."""
 
     target: Integers
     polar: Array
@@ -183,8 +190,9 @@ class TargetProgram:
 
 
 def radial_program(rig: Rig) -> TargetProgram:
-    """Every target of the rig's hemisphere in each of its orientations, and all of that `visits` times, so that the
-    visits of one target lie minutes apart. Raises FileError where one is out of reach.
+    """Return every target of the rig's hemisphere in each orientation, `visits` times.
+
+    The whole list is repeated, so visits to a target are minutes apart. Raises FileError if one is out of reach.
     """
     hemisphere = hemisphere_of(rig)
     polar, azimuth = target_angles(hemisphere)
@@ -200,7 +208,9 @@ def radial_program(rig: Rig) -> TargetProgram:
 
 
 def repeatability_program(rig: Rig) -> TargetProgram:
-    """The rig's repeatability targets in their middle orientation, one row each. Raises FileError as above."""
+    """Return the rig's repeatability targets in their middle orientation, one row each. Raises FileError like
+    `radial_program`.
+    """
     hemisphere, target = hemisphere_of(rig), repeatability_targets(rig)
     polar, azimuth = target_angles(hemisphere)
     polar, azimuth = polar[target - 1], azimuth[target - 1]
@@ -211,8 +221,9 @@ def repeatability_program(rig: Rig) -> TargetProgram:
 
 
 def repeatability_targets(rig: Rig) -> Integers:
-    """The numbers (n,) of the targets of the rig's repeatability test, from 1. Raises FileError for one that its
-    hemisphere does not have."""
+    """Return the target numbers (n,) of the rig's repeatability test, from 1. Raises FileError for a target outside
+    the hemisphere.
+    """
     target, count = np.array(repeatability_of(rig).targets, dtype=np.int64), len(target_angles(hemisphere_of(rig))[0])
     if (unknown := target[target > count]).size:
         problem = f"target {unknown[0]} is not one of the {count} targets of the hemisphere"
@@ -221,14 +232,14 @@ def repeatability_targets(rig: Rig) -> Integers:
 
 
 def repeatability_of(rig: Rig) -> Repeatability:
-    """The rig's repeatability test, or the paper's where the file says nothing of it."""
+    """Return the rig's repeatability test, or the paper's by default."""
     return rig.tests.repeatability or Repeatability()
 
 
 def stops(q: Array, *, dwell_s: float) -> tuple[Array, Array]:
-    """Time (n,) s and reported angles (n, 6) rad of a program that stops at each of q (m, 6) for `dwell_s`.
+    """Return times (n,) s and reported angles (n, 6) rad of a program stopping at each of q (m, 6) for `dwell_s`.
 
-    Between stops all joints move together, smoothly, from rest to rest; the slowest way decides the time.
+    Between stops all joints move together, smoothly, from rest to rest; the slowest joint determines the time.
     """
     t, path = [np.zeros(1)], [q[:1]]
     for begin, end in pairwise(q):
@@ -245,12 +256,14 @@ def stops(q: Array, *, dwell_s: float) -> tuple[Array, Array]:
 
 
 def radial_stops(rig: Rig) -> Array:
-    """Joint angles (m, 6) rad at which a radial program stops."""
+    """Return the joint angles (m, 6) rad of the stops in a radial program."""
     return radial_program(rig).q
 
 
 def repeatability_stops(rig: Rig) -> Array:
-    """Joint angles (m, 6) rad of a repeatability program: each target, then out and back, in and back, in rounds."""
+    """Return the joint angles (m, 6) rad of a repeatability program: each target, then out and back, in and back, in
+    rounds.
+    """
     program, plan = repeatability_program(rig), repeatability_of(rig)
     radius = hemisphere_frame(hemisphere_of(rig)).direction(program.polar, program.azimuth)
     arm = arm_of(rig.robot)
@@ -262,7 +275,9 @@ def repeatability_stops(rig: Rig) -> Array:
 
 
 def beside(arm: Arm, q: Array, offset_mm: Array) -> Array:
-    """Joint angles (n, 6) with the tool moved by offset (n, 3) mm from where q (n, 6) has it, its orientation kept."""
+    """Return joint angles (n, 6) rad with the tool displaced by offset_mm (n, 3) from its position at q (n, 6), same
+    orientation.
+    """
     from analysis.robot.kinematics.arm import forward  # noqa: PLC0415
 
     poses = forward(arm, q)
@@ -284,8 +299,10 @@ def _reach(rig: Rig, hemisphere: Hemisphere, poses: Array, names: list[str]) -> 
 
 
 def feasible_tests(rig: Rig, file: str | Path) -> tuple[list[str], list[FileError]]:
-    """A line for each test that the robot can drive, and for each that it cannot an error which names the file of the
-    rig; a repeatability test needs targets that the hemisphere has."""
+    """Return a line for each test that the robot can drive, and an error naming the rig file for each of the others.
+
+    A repeatability test requires targets of the hemisphere.
+    """
     lines, errors = [], []
     for test in (_circle_lines, _hemisphere_lines, _repeatability_lines, _iso9283_lines):
         try:

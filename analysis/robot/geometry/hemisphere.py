@@ -1,4 +1,4 @@
-"""The hemisphere of the radial and repeatability tests: its frame, its targets, the tool's poses at them."""
+"""Hemisphere of the radial and repeatability tests: frame, targets and tool poses."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from analysis.robot.kinematics.arm import Array, Integers
 from rigs.schema.declared_tests import Hemisphere
 
 _TILT_RAD = np.radians(20.0)
-"""Between neighbouring orientations at a target; the ball's socket allows it."""
+"""Angle between neighbouring orientations at a target, within the range of the ball's socket."""
 _LEAN = 0.5
-"""The tool leans half way from the hemisphere's axis to the radius: reachable where pointing at the ball is not."""
+"""Tilt of the tool halfway from the hemisphere's axis to the radius: reachable where pointing at the ball is not."""
 
 
 @dataclass(frozen=True)
@@ -26,13 +26,13 @@ class HemisphereFrame:
     radius: float
 
     def direction(self, polar: Array, azimuth: Array) -> Array:
-        """Unit vectors (k, 3) from the centre, for angles (k,) rad."""
+        """Return unit vectors (k, 3) from the centre, for angles (k,) rad."""
         around = np.cos(azimuth)[:, None] * self.u + np.sin(azimuth)[:, None] * self.v
         return np.cos(polar)[:, None] * self.n + np.sin(polar)[:, None] * around
 
 
 def hemisphere_frame(hemisphere: Hemisphere) -> HemisphereFrame:
-    """The frame of a rig file's hemisphere."""
+    """Return the frame of a rig file's hemisphere."""
     n = np.array(hemisphere.normal) / np.linalg.norm(hemisphere.normal)
     u = np.array(hemisphere.zero) - (np.array(hemisphere.zero) @ n) * n
     u /= np.linalg.norm(u)
@@ -40,7 +40,7 @@ def hemisphere_frame(hemisphere: Hemisphere) -> HemisphereFrame:
 
 
 def target_angles(hemisphere: Hemisphere) -> tuple[Array, Array]:
-    """Polar angle and azimuth (k,) rad of the targets, numbered from 1 in this order: the pole, then ring by ring."""
+    """Return polar angles and azimuths (k,) rad of the targets, numbered from 1: the pole, then ring by ring."""
     polar, azimuth = [0.0], [0.0]
     for ring in np.arange(hemisphere.step_deg, hemisphere.polar_max_deg + 1e-9, hemisphere.step_deg):
         around = np.arange(0.0, 360.0 - 1e-9, hemisphere.step_deg)
@@ -50,9 +50,9 @@ def target_angles(hemisphere: Hemisphere) -> tuple[Array, Array]:
 
 
 def target_poses(frame: HemisphereFrame, polar: Array, azimuth: Array, orientation: Integers, count: int) -> Array:
-    """T_world_tool (k, 4, 4) at targets: TCP on the sphere, the tool leaning inwards.
+    """Return T_world_tool (k, 4, 4) at targets: TCP on the sphere, the tool tilted inwards.
 
-    orientation (k,) from 1 to `count`: tilts about the tool's x axis, evenly about the middle one.
+    orientation (k,) from 1 to `count`: tilts about the tool's x axis, evenly around the middle one.
     """
     direction = frame.direction(polar, azimuth)
     lean = _about(np.cross(frame.n, direction), _LEAN * polar)
@@ -67,7 +67,7 @@ def target_poses(frame: HemisphereFrame, polar: Array, azimuth: Array, orientati
 
 
 def _about(axis: Array, angle: Array) -> Array:
-    """Rotations (k, 3, 3) about axes (k, 3), by angles (k,) rad; none about an axis of length zero."""
+    """Return rotations (k, 3, 3) about axes (k, 3) by angles (k,) rad; the identity for a zero axis."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
     length = np.linalg.norm(axis, axis=1, keepdims=True)

@@ -1,13 +1,16 @@
-"""The cube of ISO 9283:1998 in the working space of an arm: five poses on its inclined plane, 6.8, and where they fit.
+"""The cube of ISO 9283:1998 in the work space of an arm: five poses on its inclined plane, 6.8, and a search for its
+place.
 
-P1 is the centre; P2 … P5 lie on the cube's space diagonals, 10 % of a diagonal from their ends, on one of the four
-planes that hold two opposite edges: P2 and P3 low, P4 and P5 high, P2 opposite to P4. The tool keeps its orientation.
-The standard itself is for sale; clauses and numbers are those by which it is publicly quoted (docs/figures.md).
+P1 is the centre; P2 … P5 lie on the space diagonals, 10 % of a diagonal from their ends, on one of the four planes
+through
+two opposite edges: P2 and P3 low, P4 and P5 high, P2 opposite to P4. The tool orientation is constant. The standard is
+not
+public; clauses and numbers follow public quotations (docs/figures.md).
 
-The paths, 6.8.6, lie on that plane, by the length that was driven along each. The line from P2 to P4; a large circle
-about P1 of 80 % of the cube's side across and a small one of a tenth of that; the rectangle P2 P3 P4 P5, whose corners
-are P2 … P5. The large circle is driven in both directions, as ISO 230-4 asks. All places are in mm, in the frame in
-which the cube is given.
+The paths, 6.8.6, lie on the same plane, parametrised by their length: the line from P2 to P4; a large circle about P1
+with
+80 % of the cube's side as diameter and a small one of a tenth of that; the rectangle P2 P3 P4 P5. The large circle is
+driven in both directions, as required by ISO 230-4. All positions are in mm, in the frame of the cube.
 """
 
 from __future__ import annotations
@@ -34,34 +37,38 @@ from rigs.schema.robot import Robot
 from rigs.schema.vocabulary import DRIVEN_AXES
 
 ORDER = (5, 4, 3, 2, 1)
-"""The order of the poses in a cycle, 6.10 of the standard."""
+"""Order of the poses in a cycle, 6.10 of the standard."""
 FROM_CENTRE = 0.4
-"""How far P2 … P5 lie from the centre along each edge, in sides: half less 10 % of the diagonal."""
+"""Distance of P2 … P5 from the centre along each edge, relative to the side: half less 10 % of the diagonal."""
 _CORNERS = np.array([[0, 0], [-1, -1], [1, -1], [1, 1], [-1, 1]])
-"""P1 … P5 along the plane's level and its rising direction, in FROM_CENTRE of each."""
+"""P1 … P5 along the horizontal and rising directions of the plane, in units of FROM_CENTRE."""
 _REACHES = (0.25, 0.35, 0.45, 0.55, 0.65)
 _HEIGHTS = (0.15, 0.25, 0.35, 0.45, 0.55, 0.65)
-"""Where centres are tried, in the arm's reach."""
+"""Heights of the centres tried, relative to the reach."""
 _SIDES = (0.4, 0.35, 0.3, 0.25, 0.2, 0.15, 0.1)
-"""Sides that are tried, in the arm's reach; a cube of 0.4 fills the room in front of most arms."""
+"""Sides tried, relative to the reach; a cube of 0.4 fills the space in front of most arms."""
 _REGULAR = 0.03
-"""Least conditioning at and between the poses: the shipped circles have three to six times as much."""
+"""Minimum conditioning at and between the poses: the shipped circles have three to six times as much."""
 _ALONG = 9
-"""Poses along each side of the plane that must be reached as well."""
+"""Poses along each side of the plane that must also be reachable."""
 _SWING = np.radians(60.0)
-"""A joint turns less than that from the centre to anything on the plane."""
+"""Limit of joint motion from the centre to any point on the plane."""
 _MARGIN = np.radians(2.0)
-"""Every joint stays so far within its limits."""
+"""Margin of every joint to its limits."""
 _WHOLE_MM = 10.0
-"""Sides that are found are whole multiples of it, so that a person can write them."""
+"""Sides found by a search are multiples of this, for convenience."""
 _TRIED, _STEPS = 100, 12
-"""Postures that are tried in each direction, and steps of Newton from the centre to a pose."""
+"""Postures tried in each direction, and Newton steps from the centre to a pose."""
 
 
 @dataclass(frozen=True)
 class Cube:
-    """The poses of a cube. centre_mm (3,), level and rising (3,) unit vectors of the plane, in the world; R (3, 3): the
-    tool's orientation; q (5, axes) rad: the joints at P1 … P5; found: whether rig looked for the place."""
+    """Poses of a cube.
+
+    centre_mm (3,), level and rising (3,) unit vectors of the plane, in the world; R (3, 3): tool orientation; q (5,
+    axes) rad:
+    joints at P1 … P5; found: whether the place comes from a search.
+    """
 
     centre_mm: Array
     side_mm: float
@@ -73,11 +80,11 @@ class Cube:
 
     @property
     def half_mm(self) -> tuple[float, float]:
-        """Half of the sides of the rectangle P2 … P5, along level and rising."""
+        """Half sides of the rectangle P2 … P5, along level and rising."""
         return FROM_CENTRE * self.side_mm, FROM_CENTRE * self.side_mm * float(np.sqrt(2))
 
     def on_plane(self, along: Array) -> Array:
-        """Places (n, 3) mm in the world of places (n, 2) mm on the plane, along level and rising."""
+        """Return positions (n, 3) mm in the world for positions (n, 2) mm on the plane, along level and rising."""
         return np.asarray(self.centre_mm + along @ np.stack([self.level, self.rising]))
 
     @property
@@ -87,23 +94,23 @@ class Cube:
 
     @property
     def distance_mm(self) -> float:
-        """From P2 to P4, which lie opposite."""
+        """Distance between the opposite points P2 and P4."""
         return 2 * FROM_CENTRE * self.side_mm * float(np.sqrt(3))
 
     def poses(self, places_mm: Array) -> Array:
-        """The tool at places (n, 3) mm of the world, (n, 4, 4)."""
+        """Return tool poses (n, 4, 4) at positions (n, 3) mm in the world."""
         T = np.tile(np.eye(4), (len(places_mm), 1, 1))
         T[:, :3, :3], T[:, :3, 3] = self.R, places_mm
         return T
 
 
 def iso9283_of(rig: Rig) -> Iso9283:
-    """Return the ISO 9283 test of a rig. Raises FileError where the rig file has none."""
+    """Return the ISO 9283 test of a rig. Raises FileError if the rig file has none."""
     return require_part(rig, rig.tests.iso9283, "iso9283")
 
 
 def cube_of(rig: Rig) -> Cube:
-    """Return the cube of a rig, as its file states it or where the arm has room. Raises FileError where it has none."""
+    """Return the cube of a rig, as stated or from a search. Raises FileError if there is none."""
     test, where = iso9283_of(rig), RigPlace.of(rig.name, "tests.iso9283")
     if len(rig.robot.axes) != DRIVEN_AXES:
         problem = f"is of an arm of {len(rig.robot.axes)} axes, and the cube's programs are of {DRIVEN_AXES}"
@@ -145,7 +152,7 @@ def _cube(robot: Robot, test: Iso9283) -> Cube | None:
 
 @dataclass(frozen=True)
 class _Starts:
-    """Centres to try, the best first: centre_mm (n, 3) in the world, the tool's R (n, 3, 3), joints q (n, 6) rad."""
+    """Centres to try, best first: centre_mm (n, 3) in the world, tool R (n, 3, 3), joints q (n, 6) rad."""
 
     centre_mm: Array
     R: Array
@@ -153,7 +160,7 @@ class _Starts:
 
 
 def _starts(arm: Arm, test: Iso9283) -> Iterator[_Starts]:
-    """Yield the centre of a stated posture, or centres in each of four directions, the first ahead of the base."""
+    """Yield the centre of a stated posture, or centres in each of four directions, starting in front of the base."""
     if test.posture_deg is not None:
         posture = np.radians(test.posture_deg)
         T = forward(arm, posture[None])
@@ -174,9 +181,11 @@ def _starts(arm: Arm, test: Iso9283) -> Iterator[_Starts]:
 
 
 def _postures(arm: Arm, places: Array, ahead: Array) -> _Starts:
-    """The postures at places (n, 3) mm of the world with the tool pointing down or ahead (2,) of the base, in four
-    rolls: clear, regular, none further round than half a turn, the elbow on the side of the place; most regular
-    first."""
+    """Return postures at positions (n, 3) mm with the tool pointing down or ahead (2,), in four rolls, most regular
+    first.
+
+    Postures are collision-free, regular, within half a turn, and with the elbow on the side of the position.
+    """
     turns = []
     down, level, upwards = np.array([0.0, 0.0, -1.0]), np.array([*ahead, 0.0]), np.array([0.0, 0.0, 1.0])
     for z, x in ((down, level), (level, upwards)):
@@ -200,13 +209,14 @@ def _postures(arm: Arm, places: Array, ahead: Array) -> _Starts:
 
 
 def _reach_mm(arm: Arm) -> float:
-    """How far the arm reaches, mm: the lengths of its links."""
+    """Return the reach of the arm in mm: the sum of its link lengths."""
     return float(np.hypot(arm.a, arm.d).sum())
 
 
 def _reached(arm: Arm, starts: _Starts, rows: Integers, away: Array) -> tuple[Array, Mask]:
-    """The joints (m, k, 6) rad at places away (k, 3) mm from some centres, rows (m,), and from which (m,) all are
-    good."""
+    """Return joints (m, k, 6) rad at offsets away (k, 3) mm from centres rows (m,), and a mask (m,) of completely
+    valid centres.
+    """
     poses = np.tile(np.eye(4), (len(rows), len(away), 1, 1))
     poses[:, :, :3, :3] = starts.R[rows, None]
     poses[:, :, :3, 3] = starts.centre_mm[rows, None] + away
@@ -222,50 +232,51 @@ def _reached(arm: Arm, starts: _Starts, rows: Integers, away: Array) -> tuple[Ar
 
 
 def cycle_stops(rig: Rig) -> Array:
-    """The joints (n, 6) rad at which a tracker measures: P5 P4 P3 P2 P1 in each cycle. Raises FileError as `cube_of`
-    does."""
+    """Return the joints (n, 6) rad of tracker measurements: P5 P4 P3 P2 P1 in each cycle. Raises FileError like
+    `cube_of`.
+    """
     return np.asarray(cube_of(rig).q[np.tile(np.array(ORDER) - 1, iso9283_of(rig).cycles)])
 
 
 PathName = Literal["line", "back", "circle", "circle_cw", "small_circle", "rectangle", "way"]
 _SMALL = 0.1
-"""The small circle's share of the large one."""
+"""Size of the small circle relative to the large one."""
 _CYCLES: tuple[tuple[PathName, ...], ...] = (
     ("line", "back"),
     ("rectangle",),
     ("circle", "circle_cw"),
     ("small_circle",),
 )
-"""What each cycle drives, and in which order: all cycles of the first, then all of the next."""
+"""Paths per cycle, in order: all cycles of the first entry, then all of the next."""
 _SAME_MM = 1e-6
-"""The rounding of a place that two paths share."""
+"""Rounding of a position shared by two paths."""
 STAND_S = 2.0
-"""Standing before and after each path, by which the tracker's recording is divided."""
+"""Standstill before and after each path, by which the tracker's recording is split."""
 
 
 @dataclass(frozen=True)
 class Polygon:
-    """Straight from knot to knot, knots (k, 3) mm."""
+    """Straight lines between knots (k, 3) mm."""
 
     name: PathName
     knots: Array
 
     @property
     def along(self) -> Array:
-        """The length (k,) mm driven at each knot."""
+        """Length (k,) mm at each knot."""
         return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(self.knots, axis=0), axis=1))])
 
     @property
     def length_mm(self) -> float:
-        """The whole length."""
+        """Total length."""
         return float(self.along[-1])
 
     def at(self, s_mm: Array) -> Array:
-        """The places (n, 3) mm after lengths s_mm (n,)."""
+        """Return positions (n, 3) mm at lengths s_mm (n,)."""
         return np.stack([np.interp(s_mm, self.along, column) for column in self.knots.T], axis=1)
 
     def nearest(self, places: Array) -> Array:
-        """The lengths (n,) mm at which the path is nearest to places (n, 3) mm."""
+        """Return the lengths (n,) mm of the closest path points to positions (n, 3) mm."""
         best, lengths = np.full(len(places), np.inf), np.zeros(len(places))
         for begin, end, s in zip(self.knots[:-1], self.knots[1:], self.along[:-1], strict=True):
             length = float(np.linalg.norm(end - begin))
@@ -278,7 +289,7 @@ class Polygon:
 
 @dataclass(frozen=True)
 class Ring:
-    """Once around centre (3,) mm, from u towards v, unit vectors (3,)."""
+    """Full circle about centre (3,) mm, from u towards v, unit vectors (3,)."""
 
     name: PathName
     centre: Array
@@ -288,16 +299,16 @@ class Ring:
 
     @property
     def length_mm(self) -> float:
-        """The whole length."""
+        """Total length."""
         return 2 * float(np.pi) * self.radius_mm
 
     def at(self, s_mm: Array) -> Array:
-        """The places (n, 3) mm after lengths s_mm (n,)."""
+        """Return positions (n, 3) mm at lengths s_mm (n,)."""
         angle = np.asarray(s_mm)[:, None] / self.radius_mm
         return np.asarray(self.centre + self.radius_mm * (np.cos(angle) * self.u + np.sin(angle) * self.v))
 
     def nearest(self, places: Array) -> Array:
-        """The lengths (n,) mm at which the path is nearest to places (n, 3) mm."""
+        """Return the lengths (n,) mm of the closest path points to positions (n, 3) mm."""
         away = places - self.centre
         angle: Array = np.arctan2(away @ self.v, away @ self.u) % (2 * np.pi)
         return angle * self.radius_mm
@@ -307,8 +318,10 @@ CommandPath = Polygon | Ring
 
 
 def paths_of(cube: Cube) -> dict[PathName, CommandPath]:
-    """The paths of a cube, in the order in which each cycle drives them; `back` leads from the line's end to its
-    beginning over P3, and is not judged."""
+    """Return the paths of a cube in the order of each cycle; `back`, from the end of the line to its start over P3, is
+    not
+    evaluated.
+    """
     _, p2, p3, p4, p5 = cube.places_mm
     radius, level, rising = FROM_CENTRE * cube.side_mm, cube.level, cube.rising
     paths: tuple[CommandPath, ...] = (
@@ -323,8 +336,9 @@ def paths_of(cube: Cube) -> dict[PathName, CommandPath]:
 
 
 def in_order(cube: Cube, cycles: int) -> Iterator[CommandPath]:
-    """Yield the paths as a program drives them, each cycle so many times; `way` leads straight from where the cycles of
-    one end to where those of the next begin, and is not judged."""
+    """Yield the paths in program order, each cycle repeated; `way`, between the cycles of two paths, is not
+    evaluated.
+    """
     paths, at = paths_of(cube), cube.places_mm[1]
     for names in _CYCLES:
         start = paths[names[0]].at(np.zeros(1))[0]
@@ -336,6 +350,8 @@ def in_order(cube: Cube, cycles: int) -> Iterator[CommandPath]:
 
 
 def joints_along(arm: Arm, cube: Cube, path: CommandPath, s_mm: Array, where: str) -> Array:
-    """The joints (n, 6) rad with the tool at rising lengths s_mm (n,) of a path. Raises PathError where the arm cannot
-    follow; `where` names the cube."""
+    """Return joints (n, 6) rad with the tool at increasing lengths s_mm (n,) of a path.
+
+    Raises PathError if the arm cannot follow; `where` names the cube.
+    """
     return follow(arm, cube.poses(path.at(s_mm)), cube.q[0], where)

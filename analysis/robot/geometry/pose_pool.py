@@ -1,7 +1,8 @@
-"""Poses that an arm can take in front of a tracker: within limits, clear of floor and column, seen.
+"""Poses of an arm in front of a tracker: within limits, collision-free, and visible.
 
-The arm is a chain of lines between its joints' frames and the tool; its covers are not known. So distances are kept
-that covers of common arms fill, and a person watches the first run.
+The arm is a chain of lines between joint frames and tool; its covers are unknown. Safety distances include the covers
+of
+common arms, and the operator supervises the first run.
 """
 
 from __future__ import annotations
@@ -14,34 +15,38 @@ from analysis.robot.kinematics.arm import Arm, Array, Mask, forward, link_frames
 from analysis.robot.kinematics.newton import conditioning
 
 _FLOOR_MM = 100.0
-"""Height above the base's mounting plane that every joint from the elbow on keeps."""
+"""Height above the base's mounting plane kept by every joint from the elbow on."""
 _COLUMN_MM = 250.0
-"""Distance from axis 1 that wrist and tool keep below the shoulder's height and beside it."""
+"""Distance from axis 1 kept by wrist and tool below and at shoulder height."""
 _MARGIN_RAD = np.radians(5.0)
 _HALF_TURN = np.pi
-"""No joint goes further from zero than half a turn, whatever its limits: cables and hoses."""
+"""Limit of every joint, whatever its range: cables and hoses."""
 _LEAST_CONDITIONING = 0.01
 _BESIDE_MM = 120.0
-"""Distance that arm and line of sight keep."""
+"""Distance between arm and line of sight."""
 _AT_TOOL = 0.9
-"""Share of the line of sight, from the tracker on, that the arm must not cross: it holds the target at its end."""
+"""Share of the line of sight, from the tracker on, to be free of the arm, which carries the target at the end."""
 _FACING = float(np.cos(np.radians(30.0)))
-"""A corner cube in a ball is seen within 30° of its axis."""
+"""A corner cube in a ball is visible within 30° of its axis."""
 _STEP_RAD = np.radians(5.0)
 _DRAWS = 40
 
 
 @dataclass(frozen=True)
 class Sight:
-    """Where the tracker stands, tracker_mm (3,) in the robot's base, and the tool's axis (3,) along which its target
-    looks; None for a target that is seen from everywhere."""
+    """Tracker position tracker_mm (3,) in the robot's base, and viewing axis (3,) of the target in the tool frame; None
+    for a
+    target visible from everywhere.
+    """
 
     tracker_mm: Array
     faces: Array | None = None
 
 
 def drawn_poses(arm: Arm, count: int, sight: Sight | None, rng: np.random.Generator) -> Array:
-    """Joint angles (n, 6) rad of at most so many poses, drawn evenly in joint space, that are clear and seen."""
+    """Return joint angles (n, 6) rad of random collision-free and visible poses, up to `count`, uniform in joint
+    space.
+    """
     low, high = joint_ranges(arm)
     drawn = np.empty((0, len(low)))
     for _ in range(_DRAWS):
@@ -62,12 +67,14 @@ def joint_ranges(arm: Arm) -> tuple[Array, Array]:
 
 
 def axes_in_turn(arm: Arm, count: int, sight: Sight | None, rng: np.random.Generator) -> Array:
-    """Joint angles (n, axes) rad of at most so many poses in which each axis in its turn goes down, up and back through
-    its range while the others stand: from one posture, about which the ways are clear and seen furthest."""
+    """Return joint angles (n, axes) rad of a plan that moves one axis at a time down, up and back through its range.
+
+    The other axes stay at one posture, chosen for the largest collision-free and visible ranges. At most `count` poses.
+    """
     postures = drawn_poses(arm, _POSTURES, sight, rng)
     if not len(postures):
         return np.empty((0, arm.axes))
-    # The angles between which a joint may turn, the others standing at a posture, clear and seen.
+    # range of a joint with the others at a posture, collision-free and visible
     ways = np.empty((len(postures), arm.axes, 2))
     for row, joint in np.ndindex(len(postures), arm.axes):
         angle, ends = postures[row, joint], []
@@ -89,23 +96,22 @@ def axes_in_turn(arm: Arm, count: int, sight: Sight | None, rng: np.random.Gener
 
 
 _POSTURES, _FEWEST_STOPS = 30, 5
-"""Postures to choose from, and the fewest stops of an axis each way."""
+"""Candidate postures, and the fewest stops of an axis in each direction."""
 
 
 def is_clear(arm: Arm, q: Array) -> Mask:
-    """Whether the arm at joint angles q (n, 6) rad keeps clear of the floor, its column and singularities (n,)."""
+    """Return a mask (n,) of joint angles q (n, 6) rad free of the floor, the column and singularities."""
     return np.asarray(_is_off(arm, q) & (conditioning(arm, q) > _LEAST_CONDITIONING))
 
 
 def is_way_clear(arm: Arm, begin: Array, end: Array) -> bool:
-    """Whether a move of all joints together from one posture (6,) rad to another is clear; singularities are no matter
-    on it."""
+    """Return whether a joint move between two postures (6,) rad is collision-free; singularities are permitted."""
     count = 2 + int(np.abs(end - begin).max() / _STEP_RAD)
     return bool(_is_off(arm, begin + np.linspace(0, 1, count)[:, None] * (end - begin)).all())
 
 
 def _is_off(arm: Arm, q: Array) -> Mask:
-    """Whether the arm at joint angles q (n, axes) rad is off the floor and its column (n,)."""
+    """Return a mask (n,) of joint angles q (n, axes) rad free of the floor and the column."""
     points = _points(arm, q)
     outer, last = points[:, 2:], points[:, 4:]  # from the elbow on, and from the wrist on
     off_column = (np.hypot(last[..., 0], last[..., 1]) > _COLUMN_MM) | (last[..., 2] > points[:, 1:2, 2] + _COLUMN_MM)
@@ -113,8 +119,9 @@ def _is_off(arm: Arm, q: Array) -> Mask:
 
 
 def is_seen(arm: Arm, q: Array, sight: Sight) -> Mask:
-    """Whether the tracker sees its target at joint angles q (n, 6) rad, (n,): the arm does not stand in between, and
-    the target faces it."""
+    """Return a mask (n,) of joint angles q (n, 6) rad with a target visible to the tracker: facing it, and not
+    hidden by the arm.
+    """
     points = _points(arm, q)
     tool = points[:, -1]
     way = sight.tracker_mm + np.linspace(0, _AT_TOOL, 40)[:, None, None] * (tool - sight.tracker_mm)
@@ -122,7 +129,8 @@ def is_seen(arm: Arm, q: Array, sight: Sight) -> Mask:
     for begin, end in zip(points[:, :-2].transpose(1, 0, 2), points[:, 1:-1].transpose(1, 0, 2), strict=True):
         along = end - begin
         share = np.clip(((way - begin) * along).sum(axis=2) / np.maximum((along**2).sum(axis=1), 1e-9), 0, 1)
-        away = np.linalg.norm(way - begin - share[..., None] * along, axis=2)  # from the line between two joints
+        # distance from the line between two joints
+        away = np.linalg.norm(way - begin - share[..., None] * along, axis=2)
         seen &= (away > _BESIDE_MM).all(axis=0)
     if sight.faces is not None:
         to_tracker = sight.tracker_mm - tool
@@ -132,8 +140,9 @@ def is_seen(arm: Arm, q: Array, sight: Sight) -> Mask:
 
 
 def in_order_of_ways(arm: Arm, q: Array) -> Array:
-    """The poses (m, 6) rad in an order in which each next is the nearest with a clear way; those without are left
-    out."""
+    """Return the poses (m, 6) rad ordered by nearest neighbours with collision-free moves; unreachable ones are
+    dropped.
+    """
     unordered, order = list(range(1, len(q))), [0]
     while unordered:
         far = np.abs(q[unordered] - q[order[-1]]).max(axis=1)
@@ -146,7 +155,7 @@ def in_order_of_ways(arm: Arm, q: Array) -> Array:
 
 
 def _points(arm: Arm, q: Array) -> Array:
-    """Joints and tool (n, 7, 3) mm in the robot's base."""
+    """Return joint and tool positions (n, 7, 3) mm in the robot's base."""
     frames = np.concatenate([link_frames(arm, q), forward(arm, q)[:, None]], axis=1)
     return np.asarray(_in_base(arm, frames)[..., :3, 3])
 

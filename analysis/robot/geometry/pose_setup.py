@@ -1,11 +1,10 @@
-"""Least squares over the places of poses: where a tracker stood and its target sat on the tool, or a ball on it and the
-sockets in which that sat; or all constants of an arm.
+"""Least-squares fits to measured positions: tracker frame and target, ball and sockets, or all constants of an arm.
 
-Rigid motions between two sets of points, and small changes of a frame, are what all of them are made of.
+All fits consist of rigid motions between point sets and small changes of a frame.
 
-Of the constants unknown are a, alpha, beta, d and the zero of each axis, where the instrument stands, and the place of
-its target; what the places do not distinguish stays as it was nominally, or moves least (Marquardt). What a controller
-computed comes out to its last digit, what an instrument measured does not.
+The unknown constants are a, alpha, beta, d and zero of each axis, the instrument frame, and the target position;
+undetermined combinations keep their nominal values or move least (Marquardt). Positions computed by a controller are
+reproduced to the last digit, unlike measured ones.
 """
 
 from __future__ import annotations
@@ -20,8 +19,10 @@ from analysis.robot.kinematics.arm import Arm, Array, Integers, forward
 
 
 def socket_design(T: Array, socket: Integers, sockets: int) -> Array:
-    """Return the slopes (3 n, 3 + 3 s) of the ball's place from its socket by its place on the tool and by the places
-    of so many sockets, at tool poses T (n, 4, 4) mm; socket (n,): the number of each, from 0."""
+    """Return the derivatives (3 n, 3 + 3 s) of the ball's distance from its socket by ball position on the tool and
+    socket
+    positions, at tool poses T (n, 4, 4) mm; socket (n,): index of each socket, from 0.
+    """
     design = np.zeros((len(T), 3, 3 + 3 * sockets))
     design[:, :, :3] = T[:, :3, :3]
     for axis in range(3):
@@ -30,15 +31,17 @@ def socket_design(T: Array, socket: Integers, sockets: int) -> Array:
 
 
 def left_in_sockets(T: Array, names: NDArray[np.str_]) -> Array:
-    """Return how far (n, 3) mm the ball is from its socket at tool poses T (n, 4, 4) mm, with the ball's place on the
-    tool and those of the sockets, named (n,), fitted."""
+    """Return the residuals (n, 3) mm of the ball relative to its socket at tool poses T (n, 4, 4) mm.
+
+    Ball position on the tool and socket positions, named (n,), are fitted.
+    """
     sockets, socket = np.unique(names, return_inverse=True)
     design, seen = socket_design(T, socket.ravel(), len(sockets)), -T[:, :3, 3].ravel()
     return np.asarray((design @ np.linalg.lstsq(design, seen)[0] - seen).reshape(-1, 3))
 
 
 def best_rigid(points: Array, targets: Array) -> Array:
-    """Return T (4, 4) that maps points (n, 3) mm to targets (n, 3) mm with least squares (Kabsch 1976)."""
+    """Return T (4, 4) that maps points (n, 3) mm to targets (n, 3) mm in the least-squares sense (Kabsch 1976)."""
     middle, goal = points.mean(axis=0), targets.mean(axis=0)
     u, _, vt = np.linalg.svd((points - middle).T @ (targets - goal))
     flip = np.diag([1.0, 1.0, np.linalg.det(vt.T @ u.T)])
@@ -49,7 +52,7 @@ def best_rigid(points: Array, targets: Array) -> Array:
 
 
 def in_frame(T: Array, points: Array) -> Array:
-    """Return points (n, 3) mm as the frame T (4, 4), in mm, puts them."""
+    """Return points (n, 3) mm transformed by the frame T (4, 4), in mm."""
     return np.asarray(points @ T[:3, :3].T + T[:3, 3])
 
 
@@ -64,25 +67,26 @@ def moved_by(T: Array, shift: Array, turn: Array) -> Array:
 
 
 _STEPS = 100
-"""Largest number of steps of Levenberg and Marquardt. Chosen: right arms need five, wrong ones forty."""
+"""Limit of Levenberg-Marquardt steps. Chosen: correct arms need five, wrong ones forty."""
 _CONVERGED = 1e-12
-"""Relative change of the misfit below which it is the least, as near as numbers hold it."""
+"""Relative change of the misfit at convergence, close to the rounding of the numbers."""
 _LEAST_DAMPING, _MOST_DAMPING = 1e-12, 1e6
 
 
 @dataclass(frozen=True)
 class PoseSetUp:
-    """T_world_base and T_flange_tool (4, 4), fitted; the world is the tracker's."""
+    """Fitted T_world_base and T_flange_tool (4, 4); the world is the tracker's frame."""
 
     T_world_base: Array
     T_flange_tool: Array
     design: Array
-    """Slopes (3 n, 9) mm of the errors by base turn and place and tool place, at the solution."""
+    """Derivatives (3 n, 9) mm of the errors by base rotation, base position and tool position, at the solution."""
 
 
 def fit_setup(T: Array, xyz_mm: Array, steps: int = _STEPS) -> PoseSetUp:
-    """Return base and tool that bring the flanges T (n, 4, 4) of the bare arm to the places xyz_mm (n, 3), by at most
-    so many steps."""
+    """Return base and tool that map the flanges T (n, 4, 4) of the bare arm to positions xyz_mm (n, 3), in at most
+    `steps` steps.
+    """
     start = best_rigid(T[:, :3, 3], xyz_mm)
     reach = float(np.linalg.norm(T[:, :3, 3], axis=1).max()) or 1.0
     R, origin, tool = start[:3, :3], start[:3, 3], np.zeros(3)
@@ -111,8 +115,10 @@ def fit_setup(T: Array, xyz_mm: Array, steps: int = _STEPS) -> PoseSetUp:
 
 
 def position_error(T: Array, xyz_mm: Array, setup: PoseSetUp) -> Array:
-    """Return the position errors (n, 3) mm, measured less fitted, in the arm's base, of flanges T (n, 4, 4) of the bare
-    arm at the measured places xyz_mm (n, 3)."""
+    """Return the position errors (n, 3) mm, measured less fitted, in the arm's base.
+
+    T (n, 4, 4): flanges of the bare arm. xyz_mm (n, 3): measured positions.
+    """
     base = setup.T_world_base
     tool = T[:, :3, 3] + T[:, :3, :3] @ setup.T_flange_tool[:3, 3]
     return np.asarray((xyz_mm - base[:3, 3]) @ base[:3, :3] - tool)
@@ -126,13 +132,15 @@ def frame(R: Array, origin: Array) -> Array:
 
 
 def _left(T: Array, xyz_mm: Array, R: Array, origin: Array, tool: Array) -> Array:
-    """What is left (3 n,) mm of places beside a base and a tool."""
+    """Return the residuals (3 n,) mm of positions for a base and a tool."""
     values: Array = xyz_mm - ((T[:, :3, 3] + T[:, :3, :3] @ tool) @ R.T + origin)
     return values.ravel()
 
 
 def _design(T: Array, R: Array, tool: Array, reach: float) -> Array:
-    """Slopes (3 n, 9) mm of what is left, by the base's turn at `reach` mm, its place and the tool's."""
+    """Return the derivatives (3 n, 9) mm of the residuals by base rotation at `reach` mm, base position and tool
+    position.
+    """
     x, y, z = ((T[:, :3, 3] + T[:, :3, :3] @ tool) @ R.T).T
     none = np.zeros_like(x)
     turn = np.stack([none, -z, y, z, none, -x, -y, x, none], axis=1).reshape(-1, 3, 3) / reach
@@ -142,7 +150,7 @@ def _design(T: Array, R: Array, tool: Array, reach: float) -> Array:
 
 
 def _turn(vector: Array) -> Array:
-    """The rotation (3, 3) by a rotation vector (3,) rad (Rodrigues)."""
+    """Return the rotation (3, 3) of a rotation vector (3,) rad (Rodrigues)."""
     angle = float(np.linalg.norm(vector))
     x, y, z = vector / angle if angle > 0 else vector
     K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
@@ -152,19 +160,20 @@ def _turn(vector: Array) -> Array:
 _STEP = 1e-5
 _ROUNDS = 30
 REACH_MM = 500.0
-"""A turn counts as the way at this distance, so that all unknowns are lengths in mm."""
+"""Distance at which rotations are expressed as lengths, so that all unknowns are in mm."""
 _LEAST_DAMPING_OF_ARM, _MOST_DAMPING_OF_ARM = 1e-10, 1e2
 _ENOUGH = 1e-3
-"""Share of the misfit that a further step must gain."""
+"""Share of the misfit that a further step must remove."""
 DETERMINED = 1e-6
-"""Share of the largest singular value from which on a direction is an unknown."""
+"""Share of the largest singular value above which a direction is determined."""
 _FIELDS = (("a", 1.0), ("alpha", REACH_MM), ("beta", REACH_MM), ("d", 1.0), ("offset", REACH_MM))
 
 
 @dataclass(frozen=True)
 class FittedArm:
-    """An arm of which all constants are fitted. left_mm (n,): what remains of the readings; design (n, unknowns): their
-    derivatives by the unknowns; spare: readings beyond the unknowns."""
+    """Arm with all constants fitted. left_mm (n,): residuals. design (n, unknowns): derivatives. spare: degrees of
+    freedom.
+    """
 
     arm: Arm
     left_mm: Array
@@ -173,13 +182,15 @@ class FittedArm:
 
     @property
     def rms_mm(self) -> float:
-        """The root mean square of a place's distance, three readings, corrected for the unknowns."""
+        """Root mean square distance of a position, three readings each, corrected for the number of unknowns."""
         return float(np.sqrt(3 * (self.left_mm**2).sum() / max(self.spare, 1)))
 
 
 def fit_arm(bare: Arm, q: Array, xyz_mm: Array) -> FittedArm:
-    """Return the arm, from its nominal constants, whose target is at places xyz_mm (n, 3) at joints q (n, axes) rad;
-    its T_world_base has where the instrument stands, its T_flange_tool the target."""
+    """Fit an arm, from its nominal constants, to target positions xyz_mm (n, 3) at joints q (n, axes) rad.
+
+    T_world_base of the result contains the instrument frame, T_flange_tool the target.
+    """
     start = fit_setup(forward(bare, q), xyz_mm)
     begin = replace(bare, T_world_base=start.T_world_base, T_flange_tool=start.T_flange_tool)
 
@@ -193,8 +204,11 @@ def fit_arm(bare: Arm, q: Array, xyz_mm: Array) -> FittedArm:
 
 
 def fit_constants(arm: Arm, q: Array, xyz_mm: Array, R: Array | None) -> FittedArm:
-    """Return the arm with constants by which its tool is at places xyz_mm (n, 3), and turned as R (n, 3, 3) where
-    given, at joints q (n, axes) rad: base and tool stay as they are."""
+    """Fit the arm constants to tool positions xyz_mm (n, 3), and orientations R (n, 3, 3) if given, at joints q (n,
+    axes) rad.
+
+    Base and tool are not changed.
+    """
 
     def misfit(candidate: Arm) -> Array:
         T = forward(candidate, q)
@@ -205,7 +219,7 @@ def fit_constants(arm: Arm, q: Array, xyz_mm: Array, R: Array | None) -> FittedA
 
 
 def _with_constants(arm: Arm, change: Array) -> Arm:
-    """An arm with its constants changed by (5 axes,) mm."""
+    """Return an arm with constants changed by (5 axes,) mm."""
     parts = change.reshape(len(_FIELDS), arm.axes)
     return replace(
         arm, **{name: getattr(arm, name) + part / reach for (name, reach), part in zip(_FIELDS, parts, strict=True)}
@@ -213,7 +227,7 @@ def _with_constants(arm: Arm, change: Array) -> Arm:
 
 
 def _fitted(changed: Callable[[Array], Arm], count: int, misfit: Callable[[Arm], Array]) -> FittedArm:
-    """The arm of so many changes in mm that leaves least, in mm."""
+    """Return the arm with the `count` changes in mm that minimise the misfit in mm."""
     change, damping = np.zeros(count), _LEAST_DAMPING_OF_ARM
     residual, J = misfit(changed(change)), np.empty((0, count))
     for _ in range(_ROUNDS):

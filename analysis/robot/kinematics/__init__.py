@@ -1,1 +1,1 @@
-"""The arm and its kinematics, on stacks of joint angles and poses. Imports nothing of ours but `rigs`."""
+"""Arm kinematics on stacks of joint angles and poses. Depends on `rigs` only."""

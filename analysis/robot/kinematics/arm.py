@@ -1,8 +1,9 @@
 """Forward kinematics and Jacobian of an arm, on stacks of joint angles.
 
-The arm is an immutable value; everything here is a pure function of it. Angles are radians, lengths mm,
-frames are homogeneous 4 × 4 matrices named `T_parent_child`. Modified Denavit–Hartenberg after Craig,
-Introduction to Robotics, 3rd ed., eq. 3.6, with Hayati's angle beta between alpha and theta.
+The arm is an immutable value, and all functions are pure. Angles are radians, lengths mm, frames homogeneous 4 × 4
+matrices named `T_parent_child`. Modified Denavit–Hartenberg after Craig, Introduction to Robotics, 3rd ed., eq. 3.6,
+with
+Hayati's angle beta between alpha and theta.
 """
 
 from __future__ import annotations
@@ -20,24 +21,27 @@ Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 _UPRIGHT = 1e-13
-"""Cosine of a pitch below which it is 90° but for rounding; taking it for that turns a frame by no more, in rad."""
+"""Cosine of a pitch below which the pitch counts as 90°; the resulting frame error is no larger, in rad."""
 
 RAIL_MM = 1000.0
-"""The way of a rail for one unit of the column that follows the joints."""
+"""Rail travel for one unit of the column after the joints."""
 _UPRIGHT_RAIL = 1e-3
-"""Sine of the angle to the base's z below which a rail goes up."""
+"""Sine of the angle to the base's z axis below which a rail is vertical."""
 _BLOCK = 1500
-"""Samples at a time: those of all links then stay in the processor's own cache, 0.9 of 1 MB."""
+"""Samples per block: the data of all links then fits the processor's cache, 0.9 of 1 MB."""
 
 
 @dataclass(frozen=True)
 class Arm:
-    """Constants of an arm of `axes` joints. a, d: (axes,) mm; alpha, beta, offset: (axes,) rad; coupling: (axes, axes);
-    T_world_base, T_flange_tool: (4, 4); limits: (axes, 2) rad; speed: (axes,) rad/s; rail (3,): the direction in the
-    world in which a rail carries the base, or None.
+    """Constants of an arm with `axes` joints.
 
-    Joint angles q (n, axes) rad of an arm on a rail may have one more column, where the rail stands, in m: a radian of
-    a joint moves what is a metre away as far. Without it the rail stands at 0.
+    a, d: (axes,) mm; alpha, beta, offset: (axes,) rad; coupling: (axes, axes); T_world_base, T_flange_tool: (4, 4);
+    limits:
+    (axes, 2) rad; speed: (axes,) rad/s; rail (3,): world direction of a rail under the base, or None.
+
+    Joint angles q (n, axes) rad of an arm on a rail may have an additional column, the rail position in m: for
+    something a
+    metre away, a metre moves as much as a radian. The default position is 0.
     """
 
     a: Array
@@ -54,12 +58,12 @@ class Arm:
 
     @property
     def axes(self) -> int:
-        """The number of joints."""
+        """Number of joints."""
         return len(self.a)
 
     @cached_property
     def links_at_zero(self) -> Array:
-        """T(i-1,i) (axes, 4, 4) of each joint for theta = 0: what is the same at all angles."""
+        """T(i-1,i) (axes, 4, 4) of each joint for theta = 0, the part independent of the angles."""
         links = []
         for alpha, beta, a, d in zip(self.alpha, self.beta, self.a, self.d, strict=True):
             ca, sa = np.cos(alpha), np.sin(alpha)
@@ -75,7 +79,7 @@ class Arm:
 
 @lru_cache(maxsize=64)
 def arm_of(robot: Robot) -> Arm:
-    """The arm that a rig file describes."""
+    """Return the arm of a rig file."""
 
     def column(field: str) -> Array:
         return np.array([getattr(axis, field) for axis in robot.axes], dtype=float)
@@ -99,27 +103,32 @@ def arm_of(robot: Robot) -> Arm:
 
 
 def without_setup(arm: Arm) -> Arm:
-    """The arm with its base in the origin of the world, the rail turned with it, and its tool at the flange: for a fit
-    of base and tool."""
+    """Return the arm with its base at the world origin (rail included) and the tool at the flange, for a fit of base
+    and tool.
+    """
     rail = None if arm.rail is None else arm.T_world_base[:3, :3].T @ arm.rail
     return replace(arm, T_world_base=np.eye(4), T_flange_tool=np.eye(4), rail=rail)
 
 
 def rail_mm(arm: Arm, q: Array) -> Array:
-    """Where the rail stands (n,) mm at joint angles q (n, axes) rad, which have a column of it or do not; 0 without."""
+    """Return the rail position (n,) mm for joint angles q (n, axes) rad, with or without a rail column; 0 by
+    default.
+    """
     stands: Array = RAIL_MM * q[:, arm.axes :].sum(axis=1)
     return stands
 
 
 def base_places(arm: Arm, q: Array) -> Array:
-    """Where the origin of the base stands in the world (n, 3) mm at joint angles q (n, axes) rad: a rail moves it."""
+    """Return the base origin in the world (n, 3) mm for joint angles q (n, axes) rad, including the rail."""
     at_zero: Array = arm.T_world_base[:3, 3]
     return np.broadcast_to(at_zero, (len(q), 3)) if arm.rail is None else at_zero + np.outer(rail_mm(arm, q), arm.rail)
 
 
 def rail_frame(arm: Arm) -> Array:
-    """The axes (3, 3), in columns, of a rail in the world: along it, across it and level in the frame of the base, and
-    across both; of one that goes up the base's x is level."""
+    """Return the axes (3, 3) of a rail in the world as columns: along it, across it horizontally in the base frame, and
+    across
+    both. For a vertical rail the second axis is the base's x axis.
+    """
     assert arm.rail is not None  # noqa: S101 - asked for rails alone
     up = arm.T_world_base[:3, 2]
     across = np.cross(up, arm.rail)
@@ -130,7 +139,7 @@ def rail_frame(arm: Arm) -> Array:
 
 
 def transform(pose: Pose) -> Array:
-    """(4, 4) frame of a pose: fixed-axis roll-pitch-yaw, R = Rz(yaw) Ry(pitch) Rx(roll)."""
+    """Return the frame (4, 4) of a pose: fixed-axis roll-pitch-yaw, R = Rz(yaw) Ry(pitch) Rx(roll)."""
     (cr, cp, cy), (sr, sp, sy) = np.cos(np.radians(pose.rpy_deg)), np.sin(np.radians(pose.rpy_deg))
     T = np.eye(4)
     T[:3, :3] = [
@@ -143,13 +152,14 @@ def transform(pose: Pose) -> Array:
 
 
 def roll_pitch_yaw(T: Array) -> Array:
-    """Fixed-axis roll, pitch and yaw (..., 3) rad of frames (..., 4, 4): what `transform` makes a frame of.
+    """Return fixed-axis roll, pitch and yaw (..., 3) rad of frames (..., 4, 4), the inverse of `transform`.
 
-    At a pitch of 90° roll and yaw turn about one line: roll is zero there."""
+    At a pitch of 90° roll and yaw share an axis: roll is zero there.
+    """
     R = np.moveaxis(T[..., :3, :3], (-2, -1), (0, 1))
     upright = np.hypot(R[0, 0], R[1, 0]) < _UPRIGHT
     yaw = np.where(upright, np.arctan2(-R[0, 1], R[1, 1]), np.arctan2(R[1, 0], R[0, 0]))
-    # Near a pitch of 90° yaw is uncertain; what is left when it is undone makes up for that.
+    # Near a pitch of 90° yaw is uncertain; the rotation remaining after yaw compensates for it.
     c, s = np.cos(yaw), np.sin(yaw)
     pitch = np.arctan2(-R[2, 0], c * R[0, 0] + s * R[1, 0])
     roll = np.arctan2(s * R[0, 2] - c * R[1, 2], c * R[1, 1] - s * R[0, 1])
@@ -157,7 +167,7 @@ def roll_pitch_yaw(T: Array) -> Array:
 
 
 def link_frames(arm: Arm, q: Array) -> Array:
-    """T_world_link of each joint's frame for joint angles q (n, axes): (n, axes, 4, 4)."""
+    """Return T_world_link of all joints for joint angles q (n, axes) rad: (n, axes, 4, 4)."""
     T = np.empty((len(q), arm.axes, 4, 4))
     for block in blocks(len(q)):
         for axis, columns in enumerate(link_columns(arm, q[block])):
@@ -166,7 +176,7 @@ def link_frames(arm: Arm, q: Array) -> Array:
 
 
 def forward(arm: Arm, q: Array) -> Array:
-    """T_world_tool (n, 4, 4), places in mm, for joint angles q (n, axes) rad."""
+    """Return T_world_tool (n, 4, 4), positions in mm, for joint angles q (n, axes) rad."""
     T = np.empty((len(q), 4, 4))
     for block in blocks(len(q)):
         _set_frames(T[block], tool_columns(arm, q[block]))
@@ -174,10 +184,11 @@ def forward(arm: Arm, q: Array) -> Array:
 
 
 def forward_and_jacobian(arm: Arm, q: Array) -> tuple[Array, Array]:
-    """T_world_tool (n, 4, 4) and the geometric Jacobian of the tool's origin (n, 6, axes).
+    """Return T_world_tool (n, 4, 4) and the geometric Jacobian of the tool origin (n, 6, axes).
 
-    Rows: linear velocity in mm/rad, then angular velocity, both in the world; columns: joints of the
-    controller, so that couplings are in it.
+    Rows: linear velocity in mm/rad, then angular velocity, both in the world. Columns: joints of the controller,
+    including
+    couplings.
     """
     T, J = np.empty((len(q), 4, 4)), np.empty((len(q), 6, arm.axes))
     for block in blocks(len(q)):
@@ -188,8 +199,10 @@ def forward_and_jacobian(arm: Arm, q: Array) -> tuple[Array, Array]:
 
 
 def tool_and_motions(arm: Arm, q: Array) -> tuple[Array, Array]:
-    """The columns (4, 3, n) of T_world_tool for joint angles q (n, axes) rad of one block, and by joint the motion of
-    the tool's origin, (axes, 6, n): mm/rad, then angular velocity; the transpose of the Jacobian, samples last."""
+    """Return the columns (4, 3, n) of T_world_tool for joint angles q (n, axes) rad of one block, and the Jacobian.
+
+    The Jacobian is transposed, samples last, (axes, 6, n): mm/rad, then angular velocity.
+    """
     links = list(link_columns(arm, q))
     tool = _at(links[-1], arm.T_flange_tool)
     per_theta = np.empty((arm.axes, 6, tool.shape[2]))
@@ -200,25 +213,32 @@ def tool_and_motions(arm: Arm, q: Array) -> tuple[Array, Array]:
 
 
 def _cross(a: Array, b: Array) -> tuple[Array, Array, Array]:
-    """a × b of vectors (3, n)."""
+    """Return a × b for vectors (3, n)."""
     (ax, ay, az), (bx, by, bz) = a, b
     return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
 
 
 def blocks(count: int, size: int = _BLOCK) -> Iterator[slice]:
-    """Slices of at most `size` that cover `count` samples: what an operation leaves fits the processor's cache."""
+    """Yield slices of at most `size` that cover `count` samples, so that intermediate results fit the processor's
+    cache.
+    """
     return (slice(at, min(at + size, count)) for at in range(0, count, size))
 
 
 def tool_columns(arm: Arm, q: Array) -> Array:
-    """The columns x, y, z and origin of T_world_tool, (4, 3, n), for joint angles q (n, axes) rad of one block."""
+    """Return the columns x, y, z and origin of T_world_tool, (4, 3, n), for joint angles q (n, axes) rad of one
+    block.
+    """
     *_, flange = link_columns(arm, q)
     return _at(flange, arm.T_flange_tool)
 
 
 def link_columns(arm: Arm, q: Array) -> Iterator[Array]:
-    """The columns x, y, z and origin of each joint's frame in turn, (4, 3, n), for joint angles q (n, axes) rad of one
-    block: samples last, so that each step of the chain is one operation on long rows."""
+    """Yield the columns x, y, z and origin of each joint frame, (4, 3, n), for joint angles q (n, axes) rad of one
+    block.
+
+    Samples are last, so each step of the chain is one operation on long rows.
+    """
     cosine, sine = cos_sin(arm.coupling @ q[:, : arm.axes].T + arm.offset[:, None])
     before: Array = np.broadcast_to(arm.T_world_base[:3].T[:, :, None], (4, 3, len(q)))
     if arm.rail is not None and q.shape[1] > arm.axes:
@@ -234,9 +254,9 @@ def link_columns(arm: Arm, q: Array) -> Iterator[Array]:
 
 
 def cos_sin(angle: Array) -> tuple[Array, Array]:
-    """Cosine and sine (n, …) of angles (n, …) rad by the tangent of the half angle, the same within 3e-16.
+    """Return cosine and sine (n, …) of angles (n, …) rad from the tangent of the half angle, accurate to 3e-16.
 
-    numpy evaluates the tangent by vector instructions and these two one by one: 2 ns instead of 16 for both.
+    numpy vectorises the tangent but not these two: 2 ns instead of 16 for both.
     """
     tangent = np.tan(angle / 2)
     square = tangent * tangent
@@ -248,33 +268,33 @@ def cos_sin(angle: Array) -> tuple[Array, Array]:
 
 
 def _at(columns: Array, T: Array) -> Array:
-    """Columns (4, 3, n) of frames, each moved by a constant T (4, 4) of its own coordinates."""
+    """Return columns (4, 3, n) of frames, each multiplied by a constant T (4, 4) from the right."""
     return (T.T @ columns.reshape(4, -1)).reshape(columns.shape)
 
 
 def _set_frames(T: Array, columns: Array) -> None:
-    """Sets frames T (n, 4, 4) to their columns (4, 3, n)."""
+    """Fill frames T (n, 4, 4) from their columns (4, 3, n)."""
     T[:, :3] = columns.transpose(2, 1, 0)
     T[:, 3] = (0.0, 0.0, 0.0, 1.0)
 
 
 def columns_of(T: Array) -> Array:
-    """The columns x, y, z and origin (4, 3, n), the last in mm, of frames T (n, 4, 4)."""
+    """Return the columns x, y, z and origin in mm (4, 3, n) of frames T (n, 4, 4)."""
     return np.ascontiguousarray(T[:, :3].transpose(2, 1, 0))
 
 
 def pose_error(T: Array, target: Array) -> Array:
-    """Small motion that takes T to target, (n, 6): translation in mm, rotation vector in rad, in the world."""
+    """Return the small motion from T to target, (n, 6): translation in mm, rotation vector in rad, in the world."""
     return column_error(columns_of(T), columns_of(target)).T
 
 
 def column_error(columns: Array, target: Array) -> Array:
-    """Small motion (6, n) that takes frames to their target, both by their columns (4, 3, n): mm, then rad."""
+    """Return the small motion (6, n) from frames to targets given as columns (4, 3, n): mm, then rad."""
     error = np.empty((6, columns.shape[2]))
     error[:3] = target[3] - columns[3]
-    # The axis of a rotation times its sine is half the sum of what the columns turn about.
+    # Rotation axis times sine is half the sum of the cross products of corresponding columns.
     skew = np.sum([_cross(old, new) for old, new in zip(columns[:3], target[:3], strict=True)], axis=0) / 2
-    # The sine alone would vanish at half a turn; the angle between keeps Newton pointing the right way.
+    # The sine alone would vanish at half a turn; the full angle keeps Newton's direction correct.
     sine = np.sqrt((skew * skew).sum(axis=0))
     angle = np.arctan2(sine, ((columns[:3] * target[:3]).sum(axis=(0, 1)) - 1) / 2)
     error[3:] = skew * (angle / np.where(sine > 1e-12, sine, 1.0) + (sine <= 1e-12))

@@ -1,26 +1,28 @@
-"""Eight branches in closed form, for the two kinds of arm that have them, and any arm near one of them.
+"""Eight inverse kinematics branches in closed form, for two kinds of arms and arms close to them.
 
-With R = RotX(90°) and every sign taken out, the arm is Rz(t1) TransX(a1) R, then a chain in the plane of
-its arm, then the wrist. A point of the plane is a complex number; the plane's normal is -y of frame 1.
-Both kinds are made of the same three parts:
+With R = RotX(90°) and all signs removed, the arm is Rz(t1) TransX(a1) R, then a planar chain, then the wrist. A point
+of
+the plane is a complex number; the normal of the plane is -y of frame 1. Both kinds consist of the same three parts:
 
-- shoulder: the wrist centre's distance from the plane is known, D = the sum of the offsets along the
-  parallel axes, so -x sin t1 + y cos t1 = -D: two t1;
+- shoulder: the distance of the wrist centre from the plane is known, D = the sum of the offsets along the parallel
+axes,
+so -x sin t1 + y cos t1 = -D: two t1;
 - elbow: u + iv = L e^(i t2) + w e^(i (t2 + t3)), two links in the plane: two (t2, t3);
-- wrist: M = Rz(t4) R Rz(t5) R Rz(t6), from which M22 = -cos t5; t4 is in its column 2: two (t4, t5, t6).
+- wrist: M = Rz(t4) R Rz(t5) R Rz(t6), so M22 = -cos t5, and column 2 contains t4: two (t4, t5, t6).
 
-Spherical wrist: shoulder, elbow with w = a3 - i d4, wrist. Parallel axes: shoulder, wrist with
-t2 + t3 + t4 in place of t4, elbow with w = a3 after a4 - i d5 is taken off. Derived for this program
-(J. Craig, Introduction to Robotics, 3rd ed., ch. 4 for the method; M. Brandstötter et al. 2014 and
-K. Hawkins 2013 have the same branches in other parameters).
+Spherical wrist: shoulder, elbow with w = a3 - i d4, wrist. Parallel axes: shoulder, wrist with t2 + t3 + t4 in place of
+t4, elbow with w = a3 after removing a4 - i d5. Derived for this program (J. Craig, Introduction to Robotics, 3rd ed.,
+ch.
+4 for the method; M. Brandstötter et al. 2014 and K. Hawkins 2013 have the same branches in other parameters).
 
-Two kinds of arm have an inverse in closed form: with parallel axes 2 and 3 and a spherical wrist, and with parallel
-axes 2, 3 and 4 (Universal Robots). Reversing the z axis of joint i (a half turn about its x) changes the sign of
-theta_i and d_i and moves the alphas on both sides by 180°, so each arm of a kind is brought to the same alphas, all 90°
-or 0°, and one derivation serves them all.
+Two kinds of arms have a closed-form inverse: parallel axes 2 and 3 with a spherical wrist, and parallel axes 2, 3 and 4
+(Universal Robots). Reversing the z axis of joint i (a half turn about its x axis) changes the sign of theta_i and d_i
+and
+the adjacent alphas by 180°, so each arm of a kind is brought to the same alphas, all 90° or 0°, with one derivation.
 
-A calibrated arm is near a kind: small Hayati angles, alphas off by a little. It is snapped, and the
-closed form of the snapped arm seeds Newton's method on the true one.
+A calibrated arm is close to a kind: small Hayati angles and alpha errors. It is snapped to the kind, and the closed
+form
+of the snapped arm gives the start values for Newton's method on the true arm.
 """
 
 from __future__ import annotations
@@ -39,20 +41,21 @@ _ALPHA: dict[Kind, Array] = {
     "spherical wrist": np.radians([90.0, 0.0, 90.0, 90.0, 90.0]),
     "parallel axes": np.radians([90.0, 0.0, 0.0, 90.0, 90.0]),
 }
-"""The alphas of links 1 … 5; what lies before axis 1 is free."""
+"""Alphas of links 1 … 5; the part before axis 1 is free."""
 _NEAR = 0.05
-"""A calibrated arm is this near its kind: rad, and lengths over the arm's size."""
+"""Distance of a calibrated arm from its kind: in rad, and for lengths relative to the size of the arm."""
 _EXACT = 1e-12
 _DEGENERATE = 1e-6
 
 
 @dataclass(frozen=True)
 class Canonical:
-    """An arm of a kind, signs taken out: theta of the arm = sign · theta here.
+    """Arm of a kind with signs removed: theta of the arm = sign · theta here.
 
-    a, d, sign: (6,). T_one_world: (4, 4) from the world into the frame of axis 1 at rest, raised by d1.
-    T_tool_wrist: (4, 4) from the tool back along axis 6 by d6. snapped_mm: how far snapping can move the tool, a radian
-    counted as 500 mm.
+    a, d, sign: (6,). T_one_world: (4, 4) from the world to the frame of axis 1 at rest, raised by d1. T_tool_wrist: (4,
+    4)
+    from the tool back along axis 6 by d6. snapped_mm: maximum tool motion caused by snapping, a radian counted as 500
+    mm.
     """
 
     kind: Kind
@@ -65,20 +68,20 @@ class Canonical:
 
     @property
     def exact(self) -> bool:
-        """Whether nothing had to be snapped."""
+        """Whether nothing was snapped."""
         return self.snapped_mm == 0
 
 
 def canonical(arm: Arm) -> Canonical | None:
-    """The kind that the arm belongs to or is near, or None for an arm of no such kind."""
+    """Return the canonical form of an arm; None for an arm of neither kind."""
     for kind, alpha in _ALPHA.items():
         half_turns = np.rint((arm.alpha[1:] - alpha) / np.pi)
         turned = np.concatenate([arm.alpha[1:] - alpha - half_turns * np.pi, arm.beta[1:]])
         is_spherical = kind == "spherical wrist"
-        lengths = np.array([arm.a[4], arm.a[5], arm.d[4]] if is_spherical else [arm.a[5]])  # which the kind has zero
+        lengths = np.array([arm.a[4], arm.a[5], arm.d[4]] if is_spherical else [arm.a[5]])  # zero for the kind
         deviation = max(np.abs(turned).max(), np.abs(lengths).max() / _size(arm))
         forearm = np.hypot(arm.a[3], arm.d[3]) if is_spherical else abs(arm.a[3])
-        lacks_a_link = min(abs(arm.a[2]), forearm) < _DEGENERATE * _size(arm)  # of the plane arm
+        lacks_a_link = min(abs(arm.a[2]), forearm) < _DEGENERATE * _size(arm)  # of the planar chain
         if deviation < _NEAR and not lacks_a_link:
             sign = np.cumprod(np.concatenate([[1.0], np.where(half_turns % 2 == 1, -1.0, 1.0)]))
             reach = _size(arm) + float(np.linalg.norm(arm.T_flange_tool[:3, 3])) + LENGTH_MM
@@ -87,7 +90,7 @@ def canonical(arm: Arm) -> Canonical | None:
             raised, drawn_back = np.eye(4), np.eye(4)
             raised[2, 3], drawn_back[2, 3] = d[0], -d[5]
             half_turn = np.diag([1.0, sign[5], sign[5], 1.0])
-            # RotX(alpha0) TransX(a0) RotY(beta0), whatever they are.
+            # RotX(alpha0) TransX(a0) RotY(beta0), arbitrary
             ca, sa, cb, sb = np.cos(arm.alpha[0]), np.sin(arm.alpha[0]), np.cos(arm.beta[0]), np.sin(arm.beta[0])
             T = np.eye(4)
             T[:3, :3] = [[cb, 0.0, sb], [sa * sb, ca, -sa * cb], [-ca * sb, sa, ca * cb]]
@@ -112,25 +115,29 @@ def _size(arm: Arm) -> float:
 _BOTH = np.array([1.0, -1.0])
 _ON_AXIS_MM = 1e-9
 _WRIST_SINGULAR = 1e-12
-"""sin t5 below which t4 is chosen: what that moves the tool by is far below every tolerance."""
+"""sin t5 below which t4 is chosen: the resulting tool motion is far below every tolerance."""
 Point = tuple[Array, Array]
-"""Places in the plane of the arm, mm: its two coordinates, of the same shape."""
+"""Positions in the plane of the arm, mm: two coordinates of equal shape."""
 
 
 def branches(form: Canonical, poses: Array, spread: float = 0.0, slot: int | None = None) -> Array:
-    """theta (8, 6, n) rad of the arm for tool poses (n, 4, 4) in the world, not wrapped; of one slot alone (1, 6, n).
+    """Return theta (8, 6, n) rad of the arm for tool poses (n, 4, 4) in the world, not wrapped; (1, 6, n) for a single
+    slot.
 
-    Slot = 4 · shoulder + 2 · elbow + wrist. A branch out of reach is not marked: its angles come as near as
-    the arm does, and forward kinematics decides. With `spread` > 0 (rad) the two sides of a singularity are
-    held that far apart: seeds for an arm that is only near its kind.
+    Slot = 4 · shoulder + 2 · elbow + wrist. An unreachable branch is not marked: its angles come as close as possible,
+    and
+    forward kinematics decides. With `spread` > 0 (rad) the two sides of a singularity are kept that far apart: start
+    values
+    for an arm close to its kind.
 
-    Singular poses: a wrist centre on axis 1 has t1 = 0 and 180°; t5 = 0 has t4 = 0 (spherical wrist), or the
-    t2 + t3 + t4 that brings the elbow nearest to a right angle (parallel axes). Other splits exist.
+    Singular poses: a wrist centre on axis 1 has t1 = 0 and 180°; t5 = 0 has t4 = 0 (spherical wrist), or the t2 + t3 +
+    t4
+    with the elbow closest to a right angle (parallel axes). Other splits exist.
     """
     sides = [_BOTH] * 3 if slot is None else [_BOTH[[slot >> bit & 1]] for bit in (2, 1, 0)]
     solve = _spherical_wrist if form.kind == "spherical wrist" else _parallel_axes
     theta = np.empty((*(len(side) for side in sides), 6, len(poses)))
-    # T_one_world poses T_tool_wrist without its last row, (3, 4, n): one product, since it is linear in the pose.
+    # T_one_world poses T_tool_wrist without the last row, (3, 4, n): one product, because it is linear in the pose.
     both = np.kron(form.T_one_world[:3], form.T_tool_wrist.T)
     for axis, angle in enumerate(
         solve(form, np.asarray(both @ poses.reshape(-1, 16).T).reshape(3, 4, -1), sides, spread)
@@ -140,7 +147,7 @@ def branches(form: Canonical, poses: Array, spread: float = 0.0, slot: int | Non
 
 
 def _spherical_wrist(form: Canonical, T: Array, sides: list[Array], spread: float) -> list[Array]:
-    """t1 … t6, each to broadcast to (shoulder, elbow, wrist, n)."""
+    """Return t1 … t6, each broadcastable to (shoulder, elbow, wrist, n)."""
     a, d = form.a, form.d
     t1, u = _shoulder(T, d[1] + d[2], sides[0])
     t2, t3 = _elbow((u - a[1], np.broadcast_to(T[2, 3], u.shape)), a[2], complex(a[3], -d[3]), sides[1], spread)
@@ -151,11 +158,11 @@ def _spherical_wrist(form: Canonical, T: Array, sides: list[Array], spread: floa
 
 
 def _parallel_axes(form: Canonical, T: Array, sides: list[Array], spread: float) -> list[Array]:
-    """t1 … t6, each to broadcast to (shoulder, elbow, wrist, n)."""
+    """Return t1 … t6, each broadcastable to (shoulder, elbow, wrist, n)."""
     a, d = form.a, form.d
     t1, u = _shoulder(T, d[1] + d[2] + d[3], sides[0])
     x, y, hand = u - a[1], np.broadcast_to(T[2, 3], u.shape), complex(a[4], -d[4])
-    # The direction of the hand that brings the elbow nearest to a right angle.
+    # Direction of the hand with the elbow closest to a right angle.
     square = x * x + y * y
     reach = 2 * np.sqrt(square) * abs(hand)
     cosine = (square + abs(hand) ** 2 - a[2] ** 2 - a[3] ** 2) / np.where(reach > 0, reach, 1.0)
@@ -168,7 +175,7 @@ def _parallel_axes(form: Canonical, T: Array, sides: list[Array], spread: float)
 
 
 def _shoulder(T: Array, off_plane: float, sides: Array) -> tuple[Array, Array]:
-    """t1 (shoulder, n) and the wrist centre's distance from axis 1 within the plane (shoulder, n)."""
+    """Return t1 (shoulder, n) and the distance of the wrist centre from axis 1 within the plane (shoulder, n)."""
     x, y = T[0, 3], T[1, 3]
     r = np.hypot(x, y)
     bearing = np.where(r < _ON_AXIS_MM, 0.0, np.arctan2(y, x))
@@ -177,7 +184,7 @@ def _shoulder(T: Array, off_plane: float, sides: Array) -> tuple[Array, Array]:
 
 
 def _elbow(target: Point, upper: float, forearm: complex, sides: Array, spread: float) -> tuple[Array, Array]:
-    """t2 and t3 (shoulder, elbow, …): two links in the plane whose end is at target (shoulder, …)."""
+    """Return t2 and t3 (shoulder, elbow, …) of two planar links with their end at target (shoulder, …)."""
     x, y = target
     length, widest = abs(forearm), np.cos(spread)
     cosine = np.clip((x * x + y * y - upper**2 - length**2) / (2 * upper * length), -widest, widest)
@@ -188,8 +195,10 @@ def _elbow(target: Point, upper: float, forearm: complex, sides: Array, spread: 
 
 
 def _wrist(M: list[Array], free: Array, sides: Array, spread: float) -> tuple[Array, Array, Array]:
-    """t4, t5, t6 (…, wrist, n) of rotations by their rows M, three of (…, 3, n); t4 is `free` (…, n) where the wrist is
-    singular."""
+    """Return t4, t5, t6 (…, wrist, n) of rotations given by their rows M, three of (…, 3, n).
+
+    t4 is `free` (…, n) for a singular wrist.
+    """
     x, y = M[0][..., 2, :], M[1][..., 2, :]
     sine = np.sqrt(x * x + y * y)
     singular = sine < _WRIST_SINGULAR
@@ -199,14 +208,14 @@ def _wrist(M: list[Array], free: Array, sides: Array, spread: float) -> tuple[Ar
         t4 = np.where(singular, free, t4)
         c4, s4 = np.where(singular, np.cos(t4), c4), np.where(singular, np.sin(t4), s4)
     t5 = np.arctan2(np.maximum(sine, np.sin(spread)), -M[2][..., 2, :])
-    # From t4 and the second row, well-conditioned however small sin t5 is.
+    # From t4 and the second row, well-conditioned for any sin t5.
     t6 = np.arctan2(s4 * M[0][..., 0, :] - c4 * M[1][..., 0, :], s4 * M[0][..., 1, :] - c4 * M[1][..., 1, :])
     flipped = np.where(singular, 0.0, np.pi)[..., None, :] * (sides < 0)[:, None]
     return t4[..., None, :] + flipped, t5[..., None, :] * sides[:, None], t6[..., None, :] + flipped
 
 
 def _down(t: Array, rows: Array | list[Array]) -> list[Array]:
-    """Rows of RotX(-90°) Rz(-t) M for t (…, 1, n) and the rows of rotations M, three of (…, 3, n)."""
+    """Return the rows of RotX(-90°) Rz(-t) M for t (…, 1, n) and rotations with rows M, three of (…, 3, n)."""
     c, s = cos_sin(t)
     x, y, z = rows
     return [c * x + s * y, z, s * x - c * y]

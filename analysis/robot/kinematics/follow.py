@@ -1,10 +1,12 @@
 """Inverse kinematics along a path: joint angles that follow a sequence of tool poses without a jump.
 
-Strategy: the first pose is solved by damped Newton from the posture, or, where this does not reach it, begins at the
-branch nearest to the posture. An arm that has a closed form, or is near one, keeps that branch over all poses at once,
-and Newton refines it. Where the branch does not go on without a jump, and for an arm of no known kind, a coarse subset
-of the poses is walked one after the other, each solved by Newton from the one before; what lies between is interpolated
-and refined. Where the walk fails, all branches of that pose show whether it is out of reach or behind a singularity.
+Strategy: the first pose is solved by damped Newton from the posture, or otherwise by the branch closest to the posture.
+An
+arm with a closed form, or close to one, keeps that branch over all poses together, refined by Newton. If the branch is
+discontinuous, and for an arm of no known kind, a coarse subset of the poses is solved sequentially by Newton; the poses
+in
+between are interpolated and refined. If this fails, all branches of the failed pose show whether it is out of reach or
+behind a singularity.
 """
 
 from __future__ import annotations
@@ -23,14 +25,14 @@ Indices = NDArray[np.intp]
 
 _KNOT_TURN = np.radians(4.0)
 _JUMP = 10 * _KNOT_TURN
-"""How far a joint may leave the straight line between knots."""
+"""Permitted deviation of a joint from linear interpolation between knots."""
 
 
 def follow(arm: Arm, poses: Array, posture: Array, where: str) -> Array:
-    """Joint angles (n, 6) rad whose tool follows `poses` (n, 4, 4), starting nearest to `posture` (6,).
+    """Return joint angles (n, 6) rad whose tool follows `poses` (n, 4, 4), starting closest to `posture` (6,).
 
-    `where` names the path in errors. Raises PathError where a pose cannot be reached, at a singularity
-    that the arm cannot pass without a jump, or where a joint would leave its limits.
+    `where` names the path in errors. Raises PathError for an unreachable pose, a singularity that requires a jump, or a
+    violated joint limit.
     """
     solution, good = newton(arm, poses[:1], posture[None])
     start = solution[0] if good[0] else _nearest_branch(arm, poses[:1], posture)
@@ -54,8 +56,10 @@ def follow(arm: Arm, poses: Array, posture: Array, where: str) -> Array:
 
 
 def _knots(poses: Array) -> Indices:
-    """Indices at which the tool turned or moved by a few degrees (of arm length) since the knot before. What it takes
-    to find them, twice as much as the poses (n, 4, 4), goes before the path is made."""
+    """Return indices at which the tool turned or moved by a few degrees (of arm length) since the previous knot.
+
+    The temporary memory, twice that of the poses (n, 4, 4), is released before the path is computed.
+    """
     steps = [pose_error(poses[:-1][block], poses[1:][block]) for block in blocks(len(poses) - 1)]
     motion = np.abs(np.concatenate([np.zeros((1, 6)), *steps]) / ([LENGTH_MM] * 3 + [1.0] * 3)).sum(axis=1)
     counts = np.floor(np.cumsum(motion) / _KNOT_TURN)
@@ -63,8 +67,10 @@ def _knots(poses: Array) -> Indices:
 
 
 def _on_one_branch(arm: Arm, poses: Array, knots: Indices, start: Array) -> Array | None:
-    """The branch (n, 6) rad of the closed form on which the first pose has angles start (6,), refined for the true arm;
-    None where there is no such branch, or it does not go on."""
+    """Return the closed-form branch (n, 6) rad starting at angles start (6,), refined for the true arm.
+
+    None if there is no such branch, or it is discontinuous.
+    """
     form = canonical(arm)
     if form is None:
         return None
@@ -76,14 +82,14 @@ def _on_one_branch(arm: Arm, poses: Array, knots: Indices, start: Array) -> Arra
     path, off_mm, _ = from_nearby(arm, poses, (path - arm.offset) @ np.linalg.inv(arm.coupling).T)
     if not (off_mm < REACHED_MM).all() or np.abs(path[0] - start).max() > SAME_RAD:
         return None
-    # What turns by less than a jump from knot to knot leaves the straight line between them by less.
+    # A turn below a jump between knots deviates from linear interpolation by less.
     swing = np.maximum.reduceat(path, knots) - np.minimum.reduceat(path, knots)
     step = np.abs(np.diff(path, axis=0)).max(initial=0.0)
     return path if max(swing.max(), step) < _JUMP else None
 
 
 def _walked(arm: Arm, poses: Array, knots: Indices, start: Array, where: str) -> Array:
-    """Angles (n, 6) rad by Newton from knot to knot, from start (6,) rad at the first, and then in between."""
+    """Return angles (n, 6) rad by Newton from knot to knot, starting at start (6,) rad, and then in between."""
     walked = np.empty((len(knots), 6))
     q = walked[0] = start
     for row, knot in enumerate(knots[1:].tolist(), start=1):
@@ -103,8 +109,10 @@ def _walked(arm: Arm, poses: Array, knots: Indices, start: Array, where: str) ->
 
 
 def _nearest_branch(arm: Arm, pose: Array, q: Array) -> Array | None:
-    """The angles (6,) rad, of all branches and turns for a pose (1, 4, 4), nearest to q (6,) rad and within the limits
-    where any is."""
+    """Return the angles (6,) rad closest to q (6,) rad among all branches and turns for a pose (1, 4, 4).
+
+    Angles within the limits are preferred.
+    """
     solutions = inverse(arm, pose)
     postures = solutions.q[solutions.found]
     allowed, _ = within_limits(arm, postures)

@@ -1,12 +1,12 @@
-"""Inverse kinematics with all branches: every set of joint angles that puts the tool at a pose.
+"""Inverse kinematics with all branches: every set of joint angles for a tool pose.
 
-Strategy: an arm of a kind that has a closed form (`canonical`) gets its eight branches from it, exact. Any other arm is
-searched (`search`), by Newton's method on stacks of seeds. Whatever its origin, a solution counts only once forward
-kinematics gives the pose back.
+Strategy: an arm of a kind with a closed form (`canonical`) has eight exact branches. Any other arm is searched
+(`searched`) by Newton's method on stacks of start values. Every solution is confirmed by forward kinematics.
 
-An arm near a kind that has one, as calibration leaves it, gets the branches of the snapped arm as seeds, all at once.
-Where this leaves a doubt, near a singularity or the end of a reach, and for an arm of no known kind, there are more
-seeds, and again some to both sides of each solution near a singularity.
+For a calibrated arm close to a kind, the branches of the snapped arm are the start values. In doubtful cases, close to
+a
+singularity or the end of the reach, and for an arm of no known kind, more start values are used, including some on both
+sides of each solution near a singularity.
 """
 
 from __future__ import annotations
@@ -22,26 +22,33 @@ from analysis.robot.kinematics.joint_limits import distinct, good, may_hold_twin
 from analysis.robot.kinematics.newton import TOLERANCE_MM, from_nearby, newton, null_motion
 
 _SEEDS, _MOST = 96, 16
-"""Seeds of the search, and how many solutions a general six-axis arm has at most (Raghavan and Roth 1993)."""
+"""Start values of the search, and the maximum number of solutions of a general six-axis arm (Raghavan and Roth
+1993).
+"""
 _ITERATIONS = 30
 _BEYOND = 1.5
-"""A branch that misses by more than so many times what snapping can move the tool is out of reach. Once would do: it
-misses by what the reach lacks."""
+"""A branch missing by more than this multiple of the maximum snapping motion is out of reach. A factor of 1 would
+suffice: it
+misses by the missing reach.
+"""
 _REGULAR = 2e-3
-"""Regularity below which a branch of the snapped arm leaves a doubt: the true arm may have more solutions beside it."""
+"""Regularity below which a branch of the snapped arm is doubtful: the true arm may have additional solutions."""
 _SPREAD = 0.1
-"""rad between the two sides of a singularity of the snapped arm, where they are held apart."""
+"""Distance in rad between the two sides of a singularity of the snapped arm."""
 _SINGULAR = 0.01
 _ASIDE = np.array([-0.6, -0.15, -0.03, 0.03, 0.15, 0.6])
-"""Conditioning below which a solution is taken as near a singularity, and rad to look to its sides."""
+"""Conditioning below which a solution counts as singular, and distances in rad to its sides."""
 
 
 def searched(arm: Arm, form: Canonical | None, poses: Array) -> tuple[Array, Mask]:
-    """q (n, 16, 6) rad and solved (n, 16) for poses (n, 4, 4), by Newton from the branches of the snapped arm, or a
-    spread; solved ones first."""
+    """Return q (n, 16, 6) rad and solved (n, 16) for poses (n, 4, 4), by Newton from the snapped arm's branches or a
+    spread.
+
+    Solved slots come first.
+    """
     q, solved = np.full((len(poses), _MOST, 6), np.nan), np.zeros((len(poses), _MOST), dtype=bool)
     if form is None:
-        # Seeds (s, 6) rad that fill the six turns evenly: the additive recurrence of M. Roberts (2018).
+        # Start values (s, 6) rad filling the six turns evenly: the additive recurrence of M. Roberts (2018).
         root = 1.0
         for _ in range(50):
             root = (1 + root) ** (1 / 7)
@@ -53,8 +60,7 @@ def searched(arm: Arm, form: Canonical | None, poses: Array) -> tuple[Array, Mas
     q[:, :8], solved[:, :8], clear = _near_branches(arm, form, poses, theta)
     doubtful = np.flatnonzero(~clear)
     if len(doubtful):
-        # The branches that led to no solution, and what becomes of them where the two sides of a singularity are held
-        # apart, where that is anything new.
+        # Unsuccessful branches, with the two sides of a singularity kept apart, if this gives new start values.
         snapped, apart = theta[:, :, doubtful], branches(form, poses[doubtful], _SPREAD)
         has_moved = (np.abs(wrapped(apart - snapped)).max(axis=1) > 0).T
         seeds = _joints(arm, np.concatenate([snapped, apart]).transpose(2, 0, 1))
@@ -67,9 +73,12 @@ def searched(arm: Arm, form: Canonical | None, poses: Array) -> tuple[Array, Mas
 
 
 def _near_branches(arm: Arm, form: Canonical, poses: Array, theta: Array) -> tuple[Array, Mask, Mask]:
-    """Newton from each branch theta (8, 6, n) of the snapped arm that can be near a solution: q (n, 8, 6), solved
-    (n, 8), and which poses (n,) are clear: no branch is near the end of its reach or another one, none near a
-    singularity."""
+    """Refine each branch theta (8, n) of the snapped arm by Newton: q (n, 8, 6), solved (n, 8), and clear poses (n,).
+
+    theta has shape (8, 6, n) in rad. A pose is clear if no branch is close to the end of its reach, to a second branch,
+    or to
+    a singularity.
+    """
     seeds = _joints(arm, theta.transpose(2, 0, 1))
     flat = np.repeat(poses, 8, axis=0)
     reached, off_mm, regularity = from_nearby(arm, flat, seeds.reshape(-1, 6), _BEYOND * form.snapped_mm)
@@ -86,10 +95,11 @@ def _near_branches(arm: Arm, form: Canonical, poses: Array, theta: Array) -> tup
 
 
 def _beside(arm: Arm, poses: Array, q: Array, solved: Mask) -> tuple[Array, Mask]:
-    """Solutions q (n, 16, 6) and solved (n, 16), with those to both sides of each that is near a singularity.
+    """Add solutions on both sides of singular ones: q (n, 16, 6) rad, solved (n, 16).
 
-    Branches lie close together there, along the joint motion that leaves the tool still, and the seeds of
-    several may have run into one.
+    Branches are close together there, along the joint motion that does not move the tool, and several start values may
+    have
+    converged to one of them.
     """
     row, slot = np.nonzero(solved)
     condition, still = null_motion(arm, q[row, slot])
@@ -105,13 +115,15 @@ def _beside(arm: Arm, poses: Array, q: Array, solved: Mask) -> tuple[Array, Mask
 
 
 def _together(arm: Arm, q: Array, solved: Mask, more: Array, solved_more: Mask) -> tuple[Array, Mask]:
-    """Solutions q (n, k, 6), solved (n, k) and more, each once."""
+    """Merge solutions q (n, k, 6), solved (n, k) with additional ones, without repetition."""
     both = np.concatenate([q, more], axis=1), np.concatenate([solved, solved_more], axis=1)
     return _first(*distinct(arm, *_first(*both, most=None)))
 
 
 def _reached(arm: Arm, poses: Array, seeds: Array) -> tuple[Array, Mask]:
-    """Where Newton gets to from seeds (n, k, 6), each solution once; nan seeds lead nowhere."""
+    """Return the solutions reached by Newton from start values (n, k, 6), without repetition; nan start values give
+    none.
+    """
     row, slot = np.nonzero(np.isfinite(seeds).all(axis=2))
     q_reached = newton(arm, poses[row], seeds[row, slot], _ITERATIONS)[0]
     q_reached = _joints(arm, q_reached @ arm.coupling.T + arm.offset)
@@ -121,32 +133,33 @@ def _reached(arm: Arm, poses: Array, seeds: Array) -> tuple[Array, Mask]:
 
 
 def _first(q: Array, solved: Mask, most: int | None = _MOST) -> tuple[Array, Mask]:
-    """At most so many slots, the solved ones first, in their order; without `most` as many as hold all."""
+    """Return at most `most` slots, solved ones first, in order; None keeps all solved ones."""
     most = most or max(_MOST, int(solved.sum(axis=1).max(initial=0)))
     order = np.argsort(~solved, axis=1, kind="stable")[:, :most]
     return np.take_along_axis(q, order[..., None], axis=1), np.take_along_axis(solved, order, axis=1)
 
 
 def _joints(arm: Arm, theta: Array) -> Array:
-    """q (…, 6) of theta (…, 6), whole turns taken out of coupling @ q."""
+    """Return q (…, 6) of theta (…, 6), with whole turns removed from coupling @ q."""
     q: Array = wrapped(theta - arm.offset) @ np.linalg.inv(arm.coupling).T
     return q
 
 
 _POLISHED_MM = 1e-3
-"""An error of a closed form below this comes from rounding, and a Newton step removes it; above it, from reach."""
+"""A smaller error of a closed form is rounding, removed by a Newton step; a larger error is missing reach."""
 _BLOCK = 1000
-"""Poses at a time: what fits the processor's cache."""
+"""Poses per block, to fit the processor's cache."""
 
 
 @dataclass(frozen=True)
 class Solutions:
-    """q (n, k, 6) rad, nan where there is no solution; found (n, k): where there is one.
+    """Solutions q (n, k, 6) rad, nan in empty slots; found (n, k): mask of solutions.
 
-    complete: the arm has a closed form, so no branch is missing (at a singular pose, a choice of the
-    infinitely many), and a slot keeps its branch, 4 · shoulder + 2 · elbow + wrist. Otherwise the slots have
-    no meaning, and a solution may be missing: near a singularity of a calibrated arm, anywhere for an arm
-    of no known kind.
+    complete: the arm has a closed form, so no branch is missing (at a singular pose, a choice of infinitely many), and
+    a slot
+    identifies its branch, 4 · shoulder + 2 · elbow + wrist. Otherwise slots have no meaning, and a solution may be
+    missing:
+    near a singularity of a calibrated arm, anywhere for an arm of no known kind.
     """
 
     q: Array
@@ -155,16 +168,17 @@ class Solutions:
 
 
 def inverse(arm: Arm, poses: Array) -> Solutions:
-    """All branches for tool poses (n, 4, 4) in the world: k = 8 with a closed form, else 16.
+    """Return all branches for tool poses (n, 4, 4) in the world: k = 8 with a closed form, otherwise 16.
 
-    Each solution gives its pose back within 1e-8 mm and 1e-10 rad. Whole turns are left out: coupling @ q
-    lies in (-180°, 180°], joint limits are not looked at; `within_limits` turns and sifts. A pose out of
-    reach, or not finite, has no solution; nothing is raised. At a singular wrist theta4 is the one of the
-    choice t4 = 0 (`closed_form.branches`), and branches that fall together are given once.
+    Each solution reproduces its pose within 1e-8 mm and 1e-10 rad. Whole turns are removed: coupling @ q lies in
+    (-180°, 180°]. Joint limits are ignored; `within_limits` adds turns and filters. An unreachable or non-finite pose
+    has no
+    solution, without an error. At a singular wrist theta4 is chosen by t4 = 0 (`closed_form.branches`), and coinciding
+    branches are returned once.
     """
     form = canonical(arm)
     solve = partial(_exact, arm, form) if form is not None and form.exact else partial(searched, arm, form)
-    finite = np.where(np.isfinite(poses), poses, np.nan)  # what is not a number passes through in silence, infinity not
+    finite = np.where(np.isfinite(poses), poses, np.nan)  # nan passes silently, infinity does not
     parts = [solve(finite[block]) for block in blocks(max(1, len(poses)), _BLOCK)]
     q, solved = (np.concatenate(part) for part in zip(*parts, strict=True))
     return Solutions(q, solved, complete=form is not None and form.exact)

@@ -1,5 +1,7 @@
-"""Joint angles as solutions: what makes them one of a pose, which are the same modulo a turn, and in which turns the
-arm can stand within its limits. An arm whose wrist winds on stands in one posture turns apart."""
+"""Validity of joint angles as solutions: accuracy, equality modulo a turn, and turns within the joint limits.
+
+An arm with an endless wrist has postures whole turns apart.
+"""
 
 from __future__ import annotations
 
@@ -9,22 +11,22 @@ from numpy.typing import NDArray
 from analysis.robot.kinematics.arm import Arm, Array, Mask, tool_columns
 
 _SLACK = 1e-9
-"""rad by which a limit may be passed: the rounding of a pose that was taught on it."""
+"""Tolerance in rad of a limit: rounding of a pose taught at the limit."""
 
 
 def within_limits(arm: Arm, q: Array) -> tuple[Array, NDArray[np.intp]]:
-    """Every posture within the joint limits that differs from q (m, 6) rad by whole turns of its axes.
+    """Return every posture within the joint limits that differs from q (m, 6) rad by whole turns of its axes.
 
-    Returns them (k, 6) rad, and for each the row of q it comes from (k,). A whole turn is one of theta, so
-    a coupling may carry it to several joints of the controller: all combinations are tried, whatever the
-    coupling is. Rows of q that are not finite have none.
+    Returns the postures (k, 6) rad, and the row of q for each (k,). A turn is one of theta, so a coupling may
+    distribute it to
+    several joints: all combinations are tried. Non-finite rows of q have none.
     """
     finite = np.flatnonzero(np.isfinite(q).all(axis=1))
     turn = 2 * np.pi * np.linalg.inv(arm.coupling)
     rows, turns = finite, np.zeros((len(finite), 6))
     start = q @ arm.coupling.T
     for axis in range(6):
-        # Fewest and most turns (m,) that may bring row `axis` of coupling @ q from start (m,) within the limits.
+        # Range of turns (m,) that may bring row `axis` of coupling @ q from start (m,) within the limits.
         begins = start[rows, axis]
         ends = arm.coupling[axis][:, None] * arm.limits
         slack = _SLACK * np.abs(arm.coupling[axis]).sum()
@@ -40,35 +42,37 @@ def within_limits(arm: Arm, q: Array) -> tuple[Array, NDArray[np.intp]]:
 
 
 _MOST_RAD = 4 * np.pi + 0.1
-"""An axis that cables pass through turns by no more than two turns each way. …"""
+"""Limit of axes with internal cables: two turns in each direction."""
 _WIND = 2
-"""… Wrists wind on without an end: axis 6, and axis 4 of arms whose circle goes round it (UR e-series, wrist 3; ABB,
-independent axis)."""
+"""Endless axes: axis 6, and axis 4 of arms with a circle about it (UR e-series, wrist 3; ABB, independent axis)."""
 
 
 def wrapped(angle: Array) -> Array:
-    """The same angles (n, …) rad in (-180°, 180°]."""
+    """Return angles (n, …) rad wrapped to (-180°, 180°]."""
     wrapped: Array = angle - 2 * np.pi * np.ceil(angle / (2 * np.pi) - 0.5)
     return wrapped
 
 
 def impossible_rad(q: Array) -> float:
-    """The largest angle, rad, of joints q (n, axes) rad of which more have turned than wind on in any arm: such angles
-    are of another unit. 0 where none have."""
+    """Return the largest impossible angle in rad among joints q (n, axes) rad, or 0 if all are possible.
+
+    Angles are impossible if more joints have turned beyond the limit than any arm has endless axes: they have a
+    different
+    unit.
+    """
     most = np.abs(q).max(axis=0, initial=0.0)
     return float(most.max(initial=0.0)) if np.count_nonzero(most > _MOST_RAD) > _WIND else 0.0
 
 
 _TOLERANCE_MM, _TOLERANCE_RAD = 1e-8, 1e-10
 SAME_RAD = 1e-6
-"""Joint angles and turns that differ by less are meant to be the same, and rounded."""
+"""Smaller differences of joint angles or turns are rounding."""
 _WEIGHTS = np.sqrt([2.0, 3.0, 5.0, 7.0, 11.0, 13.0])
-"""Weights of the six angles in one number of a solution: no sum of few of them is that of others."""
+"""Weights for combining six angles into one number that identifies a solution."""
 
 
 def off_by(arm: Arm, poses: Array, q: Array) -> tuple[Array, Array]:
-    """How far branches q (k, 6, n) are from their poses (n, 4, 4): mm (k, n), and rad (k, n) as the chord, which is the
-    angle where it is small."""
+    """Return the deviation of branches q (k, 6, n) from poses (n, 4, 4): mm (k, n), and rad (k, n) as a chord."""
     target = np.ascontiguousarray(poses.transpose(2, 1, 0)[:, :3])
     mm, rad = np.empty((2, len(q), len(poses)))
     for slot, angles in enumerate(q):
@@ -80,12 +84,12 @@ def off_by(arm: Arm, poses: Array, q: Array) -> tuple[Array, Array]:
 
 
 def good(mm: Array, rad: Array) -> Mask:
-    """Which branches, so far off in mm (k, n) and rad (k, n), are solutions."""
+    """Return a mask of the branches with acceptable deviations in mm (k, n) and rad (k, n)."""
     return (mm < _TOLERANCE_MM) & (rad < _TOLERANCE_RAD)
 
 
 def distinct(arm: Arm, q: Array, solved: Mask) -> tuple[Array, Mask]:
-    """q (n, k, 6) rad and solved (n, k) without the solutions that an earlier slot has already; empty slots are nan."""
+    """Return q (n, k, 6) rad and solved (n, k) without repeated solutions; empty slots are nan."""
     solved = solved.copy()
     turned = q @ arm.coupling.T
     for slot in range(1, q.shape[1]):
@@ -95,10 +99,13 @@ def distinct(arm: Arm, q: Array, solved: Mask) -> tuple[Array, Mask]:
 
 
 def may_hold_twins(turned: Array, solved: Mask) -> Mask:
-    """Which poses (n,) may have a solution twice among coupling @ q (k, 6, n), as far as one number of each says: a sum
-    of absolute angles, which has no jump at half a turn."""
+    """Return a mask of the poses (n,) with possibly repeated solutions in coupling @ q (k, 6, n), based on one number
+    each.
+
+    The number is a sum of absolute angles, continuous at half a turn.
+    """
     number = np.einsum("i,kin->kn", _WEIGHTS, np.abs(turned))
     number = np.sort(np.where(solved, number, np.inf), axis=0)
-    with np.errstate(invalid="ignore"):  # inf - inf, where two are missing
+    with np.errstate(invalid="ignore"):  # inf - inf, if two are missing
         twins: Mask = (np.diff(number, axis=0) <= 2 * SAME_RAD * _WEIGHTS.sum()).any(axis=0)
     return twins

@@ -1,14 +1,15 @@
-"""Damped Newton for inverse kinematics on stacks: from starting angles to the nearest solution of each pose.
+"""Damped Newton for inverse kinematics on stacks: from start angles to the nearest solution of each pose.
 
-Works for any arm; where it has more than six axes, each step is the shortest of those that lead there. Rows that have
-converged leave the stack, so that a few hard poses do not make all of them pay.
+Works for any arm; with more than six axes, each step is the shortest possible. Converged rows leave the stack, so that
+a
+few hard poses do not slow down the rest. The Jacobian also shows the distance to a singularity and the axes involved.
 
-How near the arm is to a singularity, and which axes make it, shows in the same Jacobian.
-
-With five axes a tool takes a place in all three coordinates and turns in two ways (`newton_in_part`). So the place
-comes first, and the turn is the nearest of those with which the tool is there: the steps for the turn are taken among
-the motions that leave the place alone (Y. Nakamura, H. Hanafusa, T. Yoshikawa, Task-Priority Based Redundancy Control
-of Robot Manipulators, 1987). No weight of millimetres against radians decides.
+With five axes a tool reaches any position and two rotations (`newton_in_part`). The position has priority, and the
+orientation is the closest one possible there: rotational steps use only motions that preserve the position (Y.
+Nakamura,
+H. Hanafusa, T. Yoshikawa, Task-Priority Based Redundancy Control of Robot Manipulators, 1987). No weighting of mm
+against
+radians is involved.
 """
 
 from __future__ import annotations
@@ -32,31 +33,31 @@ from analysis.robot.kinematics.arm import (
 )
 
 LENGTH_MM = 500.0
-"""Weighs rotations against translations: the size of an arm."""
+"""Weight of rotations relative to translations: the size of an arm."""
 TOLERANCE_MM = 1e-9
 REACHED_MM = 1e3 * TOLERANCE_MM
-"""What counts as there: with the step that still follows it is far closer where the Jacobian is regular."""
+"""Convergence limit; after the subsequent step the error is far smaller if the Jacobian is regular."""
 _LARGEST_STEP = 0.5
 _FEW = 6
 _BLOCK = 1000
-"""Poses at a time: half as many take a fifth longer, for the calls of numpy; many more do not stay in the processor's
-caches."""
+"""Poses per block: half as many take a fifth longer because of call overhead; many more exceed the processor's
+caches.
+"""
 
 
 def newton(arm: Arm, poses: Array, q: Array, iterations: int = 60) -> tuple[Array, Mask]:
-    """From angles q (n, 6) rad towards poses (n, 4, 4): angles (n, 6) rad, and which (n,) of them converged.
+    """Solve poses (n, 4, 4) from angles q (n, 6) rad: angles (n, 6) rad, and a mask (n,) of convergence.
 
-    Converged is within 1e-6 mm, a radian counted as 500 mm; where the Jacobian is regular the steps go on
-    to 1e-9 mm.
+    Converged means within 1e-6 mm, a radian counted as 500 mm; with a regular Jacobian the steps continue to 1e-9 mm.
     """
     q, off_mm = _all_converged(arm, poses, q, iterations)
     return q, off_mm < REACHED_MM
 
 
 def _all_converged(arm: Arm, poses: Array, q: Array, iterations: int) -> tuple[Array, Array]:
-    """Like `_converge`, block by block."""
+    """Converge block by block."""
     q, off_mm, rows = q.copy(), np.full(len(q), np.inf), np.arange(len(q))
-    # What a few steps do not bring there goes on together: few poses at a time would pay for the calls alone.
+    # Rows left after a few steps are processed together, to reduce call overhead.
     for steps in (min(iterations, _FEW), iterations - _FEW):
         for block in blocks(len(rows) if steps > 0 else 0, _BLOCK):
             moving = rows[block]
@@ -66,8 +67,9 @@ def _all_converged(arm: Arm, poses: Array, q: Array, iterations: int) -> tuple[A
 
 
 def _converge(arm: Arm, poses: Array, q: Array, iterations: int) -> tuple[Array, Array]:
-    """From angles q (n, 6) towards poses (n, 4, 4): angles (n, 6), and how many mm (n,) they were off before the last
-    step."""
+    """Converge from angles q (n, 6) rad to poses (n, 4, 4): angles (n, 6) rad, and the error (n,) mm before the last
+    step.
+    """
     q = q.copy()
     size = np.full(len(q), np.inf)
     active = np.flatnonzero(np.isfinite(q).all(axis=1) & np.isfinite(poses).all(axis=(1, 2)))
@@ -91,18 +93,18 @@ def _converge(arm: Arm, poses: Array, q: Array, iterations: int) -> tuple[Array,
             normal, pull = _damped(_normal(motions), size[active]), _applied(motions, error)
             step = _solved(normal, pull[:, None])[:, 0]
         at = at.copy()
-        at[: arm.axes] += _limited(step)  # a rail stays where it stands
+        at[: arm.axes] += _limited(step)  # the rail stays in place
     q[active] = at.T
     return q, size
 
 
 def from_nearby(arm: Arm, poses: Array, q: Array, within_mm: float = np.inf) -> tuple[Array, Array, Array]:
-    """From angles q (n, 6) rad already near a solution of each pose (n, 4, 4), in half the time of `newton`: angles
-    (n, 6) rad, how many mm (n,) they were off at last, and the regularity (n,) where they began.
+    """Solve each pose (n, 4, 4) from nearby angles q (n, 6) rad, in half the time of `newton`.
 
-    The simplified method: the Jacobian of the start serves for all steps; where this takes too many, a few steps of
-    Newton's own. Regularity is a lower bound of the conditioning, at most ten times too low. What begins further off
-    than within_mm stays there, infinitely far off.
+    Returns angles (n, 6) rad, the final errors (n,) mm, and the initial regularity (n,). Simplified Newton: the initial
+    Jacobian serves all steps, followed by a few full Newton steps if necessary. Regularity is a lower bound of the
+    conditioning, at most ten times too low. Rows starting further off than within_mm are not solved, with infinite
+    error.
     """
     at, off_mm, regularity, near = q.copy(), np.empty(len(q)), np.empty(len(q)), np.empty(len(q), dtype=bool)
     for block in blocks(len(q), _BLOCK):
@@ -113,8 +115,9 @@ def from_nearby(arm: Arm, poses: Array, q: Array, within_mm: float = np.inf) -> 
 
 
 def _simplified(arm: Arm, poses: Array, q: Array, within_mm: float) -> tuple[Array, Array, Mask]:
-    """Moves q (n, 6) and returns how many mm (n,) it is off then, the regularity (n,) where it began, and which (n,)
-    began within so many mm."""
+    """Update q (n, 6) rad; return errors (n,) mm, initial regularity (n,), and a mask (n,) of rows that started
+    within within_mm.
+    """
     tool, motions = tool_and_motions(arm, q)
     targets = columns_of(poses)
     error = _error_mm(tool, targets)
@@ -142,19 +145,19 @@ def _simplified(arm: Arm, poses: Array, q: Array, within_mm: float) -> tuple[Arr
 
 
 def _error_mm(tool: Array, targets: Array) -> Array:
-    """The error (6, n) of frames by their columns (4, 3, n), a radian counted as 500 mm."""
+    """Return the error (6, n) of frames given as columns (4, 3, n), a radian counted as 500 mm."""
     error = column_error(tool, targets)
     error[3:] *= LENGTH_MM
     return error
 
 
 def _length(vectors: Array) -> Array:
-    """Lengths (n,) of vectors (k, n)."""
+    """Return the lengths (n,) of vectors (k, n)."""
     return np.asarray(np.sqrt(np.einsum("kn,kn->n", vectors, vectors)))
 
 
 def _normal(motions: Array) -> Array:
-    """Normal equations (6, 6, n) of motions by joint (6, 6, n)."""
+    """Return the normal equations (6, 6, n) of joint motions (6, 6, n)."""
     normal = np.empty((len(motions), len(motions), motions.shape[2]))
     for row, motion in zip(normal, motions, strict=True):
         row[:] = _applied(motions, motion)
@@ -162,15 +165,16 @@ def _normal(motions: Array) -> Array:
 
 
 def _applied(matrices: Array, vectors: Array) -> Array:
-    """Products (6, n) of matrices (6, 6, n) and vectors (6, n)."""
+    """Return the products (6, n) of matrices (6, 6, n) and vectors (6, n)."""
     return np.asarray(np.einsum("ijn,jn->in", matrices, vectors))
 
 
 def _damped(normal: Array, size: Array) -> Array:
-    """Normal equations (6, 6, n) with damping for errors of so many mm (n,), in place.
+    """Add damping to normal equations (6, 6, n) in place, for errors of size (n,) mm.
 
-    Damping that fades with the error: safe far away, quadratic close by. What stays is above the rounding of the normal
-    equations, or a singular pose would have no step.
+    The damping decreases with the error: safe far away, quadratic close by. The minimum exceeds the rounding of the
+    normal
+    equations; otherwise a singular pose would have no step.
     """
     diagonal = np.einsum("iin->in", normal)
     diagonal += 1e-6 * size**2 + 1e-14 * diagonal.sum(axis=0)
@@ -178,10 +182,9 @@ def _damped(normal: Array, size: Array) -> Array:
 
 
 def _solved(normal: Array, right: Array) -> Array:
-    """The solutions (6, k, n) of normal equations (6, 6, n) for right sides (6, k, n).
+    """Solve normal equations (6, 6, n) for right sides (6, k, n).
 
-    By elimination with samples last, a tenth of the time of numpy's one by one; a positive definite matrix needs no
-    pivots.
+    Elimination with samples last takes a tenth of numpy's time; a positive definite matrix needs no pivots.
     """
     both = np.concatenate([normal, right], axis=1)
     for row in range(6):
@@ -194,17 +197,18 @@ def _solved(normal: Array, right: Array) -> Array:
 
 
 def _limited(step: Array) -> Array:
-    """Steps (6, n) rad, shortened where an axis would go beyond half a radian."""
+    """Return steps (6, n) rad, shortened to at most half a radian per axis."""
     limited: Array = step * np.minimum(1.0, _LARGEST_STEP / np.maximum(np.abs(step).max(axis=0), 1e-300))
     return limited
 
 
 _TAKES_PART = 0.1
-"""An axis takes part in a singularity with at least this share of a unit joint motion that leaves the tool still."""
+"""Minimum share of an axis in the unit joint motion that preserves the tool, to count as part of a singularity."""
 
 
 def conditioning(arm: Arm, q: Array) -> Array:
-    """Smallest over largest singular value (n,) of the Jacobian at q (n, 6) rad: 0 is a singularity, 1 isotropic.
+    """Return the ratio (n,) of smallest to largest singular value of the Jacobian at q (n, 6) rad: 0 singular, 1
+    isotropic.
 
     A radian of tool rotation counts as 500 mm; the joints are those of the controller.
     """
@@ -212,7 +216,7 @@ def conditioning(arm: Arm, q: Array) -> Array:
 
 
 def null_motion(arm: Arm, q: Array) -> tuple[Array, Array]:
-    """The conditioning (n,) at q (n, 6) rad, and the unit joint motion (n, 6) that moves the tool least."""
+    """Return the conditioning (n,) at q (n, 6) rad, and the unit joint motion (n, 6) with the smallest tool motion."""
     J = forward_and_jacobian(arm, q)[1]
     J[:, 3:] *= LENGTH_MM
     _, values, motions = np.linalg.svd(J)
@@ -220,30 +224,31 @@ def null_motion(arm: Arm, q: Array) -> tuple[Array, Array]:
 
 
 def cancelling_axes(arm: Arm, q: Array) -> list[int]:
-    """The axes (1 … 6) whose motions come nearest to leaving the tool still, at q (6,) rad.
+    """Return the axes (1 … 6) involved in the joint motion with the smallest tool motion at q (6,) rad.
 
-    4 and 6 is the wrist singularity, 2, 3 and 5 a stretched elbow arm.
+    4 and 6 is the wrist singularity; 2, 3 and 5 a stretched elbow arm.
     """
     _, still = null_motion(arm, q[None])
     return [int(axis) + 1 for axis in np.flatnonzero(np.abs(still[0]) > _TAKES_PART)]
 
 
 _STILL_RAD = 1e-10
-"""Steps below which the turn is the nearest."""
+"""Steps below which the orientation is the closest possible."""
 _LARGEST_STEP_IN_PART = 0.3
 _STEPS_IN_PART = 60
 _SINGULAR = 1e-6
-"""Singular values below this share of the largest are none: the tool does not move that way."""
+"""Singular values below this share of the largest count as zero: the tool cannot move in that direction."""
 
 Poses = Callable[[Array], Array]
-"""The tool (n, 4, 4) at joint angles (n, axes) rad."""
+"""Tool poses (n, 4, 4) at joint angles (n, axes) rad."""
 
 
 def newton_in_part(arm: Arm, targets: Array, q: Array, tool: Poses | None = None) -> tuple[Array, Mask]:
-    """From angles q (n, axes) rad towards poses `targets` (n, 4, 4): angles (n, axes) rad, and for which (n,) the tool
-    is at the place, turned as nearly as the arm can.
+    """Solve `targets` (n, 4, 4) from angles q (n, axes) rad, position first.
 
-    tool: where it really is, of an arm near the nominal one, whose Jacobian serves.
+    Returns angles (n, axes) rad, and a mask (n,) of reached positions, with the orientation as close as possible. tool:
+    true
+    tool poses of an arm close to the nominal one, whose Jacobian is used.
     """
     at, reached = q.copy(), np.zeros(len(q), dtype=bool)
     moving = np.flatnonzero(np.isfinite(q).all(axis=1) & np.isfinite(targets).all(axis=(1, 2)))
@@ -252,7 +257,7 @@ def newton_in_part(arm: Arm, targets: Array, q: Array, tool: Poses | None = None
             break
         error = pose_error((tool or (lambda angles: forward(arm, angles)))(at[moving]), targets[moving])
         J_place, J_turn = np.split(forward_and_jacobian(arm, at[moving])[1][:, :, : arm.axes], 2, axis=1)
-        # First the place, then the turn among what leaves the place alone.
+        # First the position, then the orientation by motions that preserve the position.
         to_place = np.linalg.pinv(J_place, rcond=_SINGULAR)
         step = np.einsum("nij,nj->ni", to_place, error[:, :3])
         free = np.eye(arm.axes) - to_place @ J_place
@@ -267,6 +272,6 @@ def newton_in_part(arm: Arm, targets: Array, q: Array, tool: Poses | None = None
 
 
 def turned_rad(tool: Array, targets: Array) -> Array:
-    """How far (n,) rad tools (n, 4, 4) are turned from their targets."""
+    """Return the rotation angles (n,) rad between tools (n, 4, 4) and targets."""
     turned: Array = np.linalg.norm(pose_error(tool, targets)[:, 3:], axis=1)
     return turned

@@ -1,1 +1,1 @@
-"""The forward model: from reported joint angles, through effects in their stages, to what the instruments read."""
+"""Forward model: from reported joint angles, through effects in stages, to instrument readings."""

@@ -1,4 +1,4 @@
-"""Memory of direction: where a joint turns back."""
+"""Reversals of the joints, on which hysteresis depends."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from analysis.robot.kinematics.arm import Array, Integers
 from rigs.schema.scene import play
 
 _TURN_RAD = np.radians(0.003)
-"""Less than this is an encoder's noise, not a reversal."""
+"""Smaller changes are encoder noise, not reversals."""
 _STANDS_S = 0.1
-"""The robot stands where no joint turns by an encoder's noise within this time: every program drives faster."""
+"""The robot stands if no joint turns by more than encoder noise within this time: every program is faster."""
 _INSTANT_S = 1e-6
-"""A rounding error of a time."""
+"""Rounding error of a time."""
 _NEAR_S = 0.25
 _LEAST = 5
 _NONE: Integers = np.empty(0, dtype=np.intp)
@@ -44,17 +44,20 @@ class Motion:
 
     @cached_property
     def _stand_ends(self) -> Integers:
-        """The last row (s,) of each period in which the whole robot stands, from which it drives on."""
+        """Return the last rows (s,) of all periods in which the whole robot stands."""
         ends = [end - 1 for _, end in standing(self.t_s, self.q, _TURN_RAD, _STANDS_S) if end < len(self.t_s)]
         return np.array(ends, dtype=np.intp)
 
 
 def standing(t_s: Array, q: Array, still_rad: float, window_s: float) -> list[tuple[int, int]]:
-    """Return the rows [begin, end) of each period in which no joint moves by still_rad or more within window_s: times
-    t_s (n,) s, reported angles q (n, 6) rad. Periods do not overlap."""
+    """Return the rows [begin, end) of each period in which no joint moves by still_rad within window_s, without
+    overlap.
+
+    Times t_s (n,) s, reported angles q (n, 6) rad.
+    """
     rows = np.arange(len(t_s))
     ahead = np.searchsorted(t_s, t_s + window_s - _INSTANT_S).clip(max=len(t_s) - 1)
-    # A robot that turns back without a stop is where it was, but not in between.
+    # A robot that reverses without a stop returns to its position, but moves in between.
     moved = np.maximum(np.abs(q[ahead] - q), np.abs(q[(rows + ahead) // 2] - q)).max(axis=1)
     still = (moved < still_rad) & (t_s[ahead] - t_s >= 0.9 * window_s)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(int), [0]])))
@@ -69,10 +72,11 @@ def standing(t_s: Array, q: Array, still_rad: float, window_s: float) -> list[tu
 
 
 def turns(t_s: Array, x: Array, stand_ends: Integers = _NONE) -> list[tuple[float, float]]:
-    """When x (n,) rad turns back, and the direction (±1) it takes then.
+    """Return the reversals of x (n,) rad: time in s, and new direction (±1).
 
-    `stand_ends` (s,) has the last row of each period in which the whole robot stands: there a joint turns back as it
-    leaves. Elsewhere it turns at the vertex of its way.
+    `stand_ends` (s,) contains the last row of each standstill of the whole robot: there a reversal happens at the
+    departure.
+    Otherwise it happens at the vertex of the motion.
     """
     follower = play(x, _TURN_RAD / 2)
     moving = np.flatnonzero(np.diff(follower))
@@ -80,20 +84,21 @@ def turns(t_s: Array, x: Array, stand_ends: Integers = _NONE) -> list[tuple[floa
     changes = np.append(np.flatnonzero(np.diff(x)), len(x) - 1)
     reversals = []
     for k in np.flatnonzero(np.diff(direction)):
-        # The follower moves again only after the play; the turn itself was at the extreme before that.
+        # The follower moves again only after the gap; the reversal itself was at the previous extreme.
         between = slice(moving[k], moving[k + 1] + 1)
         extreme = moving[k] + int(np.argmin(direction[k + 1] * x[between]))
         last = int(changes[np.searchsorted(changes, extreme)])
-        # A joint may rest on after the robot has left its stand, while others turn.
+        # A joint may rest after the departure of the robot while other joints turn.
         leaves = np.searchsorted(t_s, t_s[moving[k + 1]] - 2 * _NEAR_S)
         ended = stand_ends[(stand_ends >= max(moving[k], leaves)) & (stand_ends <= moving[k + 1] + 1)]
         if len(ended):
             when = t_s[ended[-1]]
         elif len(_near(t_s, extreme)) < _LEAST:
-            when = t_s[last]  # of a program's stops: it stands there, and turns back as it leaves
+            when = t_s[last]  # at a program stop: the joint reverses at the departure
         else:
-            # Between samples: the vertex of a parabola through those about the extreme, at which rounded angles stand
-            # for a while. Where they make none, as about a stop, the extreme itself is as good as anything.
+            # Between samples: the vertex of a parabola through the samples around the extreme, which rounding may
+            # flatten. If there is
+            # no parabola, as around a stop, the extreme itself is sufficient.
             middle = (extreme + last) // 2
             near = _near(t_s, middle)
             since = t_s[near] - t_s[middle]
@@ -105,7 +110,7 @@ def turns(t_s: Array, x: Array, stand_ends: Integers = _NONE) -> list[tuple[floa
 
 
 def _near(t_s: Array, k: int) -> Integers:
-    """Indices of the samples whose times t_s (n,) s are near that of sample k."""
+    """Return the indices of samples with times t_s (n,) s close to that of sample k."""
     first, end = np.searchsorted(t_s, t_s[k] + 2 * _NEAR_S * np.array([-1, 1]))
     near: Integers = first + np.flatnonzero(np.abs(t_s[first:end] - t_s[k]) <= _NEAR_S)
     return near

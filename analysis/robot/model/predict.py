@@ -1,13 +1,14 @@
-"""What the instruments read when the robot reports what it reported: the forward model behind everything.
+"""Predict instrument readings from reported joint angles: the forward model used everywhere.
 
-    reported angles, in order of time  →  effects  →  readings
+reported angles, in order of time  →  effects  →  readings
 
-The same function predicts for simulated programs and for measured tables, so that a difference between the two is
-in the model and not in the method.
+The same function serves simulated programs and measured tables, so a difference between them lies in the model instead
+of
+the method.
 
-Of a model the geometric part is an arm: joint zeros and link constants are the same in all postures, so that an arm
-with other constants carries them whole, in any program that knows rigid arms. Compliance, waves, plays, growth and lag
-are not in it.
+The geometric part of a model is an arm: joint zeros and link constants are valid in all postures, so any program for
+rigid
+arms can use them completely. Compliance, waves, backlash, growth and lag are not included.
 """
 
 from __future__ import annotations
@@ -26,18 +27,22 @@ from rigs.schema.scene import STAGES
 
 _NOTHING = np.empty(0)
 _VISIT_S = 4.0
-"""The time from one target to the next, where a table has no time."""
+"""Time between targets for tables without times."""
 _LONG, _KEPT = 20_000, 4
-"""Samples of a path from which no scene of it is kept, and how many of a shorter one, at most some 4 MB each."""
+"""Path length in samples above which scenes are not cached, and the number cached for a shorter path, at most 4 MB
+each.
+"""
 
 
 @dataclass(frozen=True)
 class Path:
-    """The reported motion behind a table, with the places passed between its readings.
+    """Reported motion of a table, including positions between the readings.
 
-    motion of n samples; rows (m,): which of them are the table's readings; stands: whether the robot stood at each,
-    long enough that it does not matter by which clock; alone: whether the tool is simulated at the readings alone,
-    because what follows the joints has little memory.
+    motion: n samples. rows (m,): samples with readings. stands: whether the robot stood at each reading long enough to
+    make
+    clock differences irrelevant. alone: whether the tool is simulated at the readings only, because later effects have
+    little
+    memory.
     """
 
     motion: Motion
@@ -57,16 +62,17 @@ class Path:
         return self.motion.q
 
     def at_readings(self, simulated: Array) -> Array:
-        """What was simulated of the tool, (n, …) in mm or rad, at the readings (m, …)."""
+        """Return simulated tool values (n, …) in mm or rad at the readings (m, …)."""
         return simulated if self.alone else simulated[self.rows]
 
 
 @dataclass(frozen=True)
 class SetUp:
-    """What no rig file knows and every fit begins with.
+    """Set-up: estimated in every fit, not part of a rig file.
 
-    ball (3,) mm in the world; zeros_mm (k,): what the gauges show too little. For pose tables T_instrument_world and
-    T_tool_target (4, 4): where the instrument stands and where its target sits on the tool.
+    ball (3,) mm in the world; zeros_mm (k,): negative gauge offsets. For pose tables T_instrument_world and
+    T_tool_target
+    (4, 4): pose of the instrument, and position of the target on the tool.
     """
 
     ball: Array
@@ -77,7 +83,7 @@ class SetUp:
 
 @dataclass(frozen=True)
 class Model:
-    """A rig's arm with its loads and effects."""
+    """Arm of a rig with its loads and effects."""
 
     rig: Rig
     arm: Arm
@@ -86,7 +92,7 @@ class Model:
 
 
 def model_of(rig: Rig, effects: Sequence[Effect] | None = None) -> Model:
-    """The model of a rig, with the effects of its file and of its calibration, or with others instead."""
+    """Return the model of a rig, with the effects of its file and calibration, or with the given ones."""
     if effects is None:
         effects = (*rig.effects, *(rig.calibrated.effects if rig.calibrated else ()))
     return Model(rig, arm_of(rig.robot), load_of(rig.robot), tuple(effects))
@@ -117,28 +123,30 @@ def visits(q: Array, came_from: Array | None = None) -> Path:
 
 
 def gauged(model: Model, path: Path, scene: Scene, setup: SetUp, g_mm: Array) -> Array:
-    """Readings (m, k) mm of gauges whose plungers stand at g_mm (n, k) mm, zeros and errors of the gauges with them."""
+    """Return gauge readings (m, k) mm for plunger positions g_mm (n, k) mm, with zeros and gauge errors."""
     scene = apply(model.effects, "gauge", replace(scene, g_mm=g_mm - setup.zeros_mm))
     return path.at_readings(scene.g_mm)
 
 
 def moved(model: Model, path: Path) -> Scene:
-    """The scene up to where the tool is; of a path that is not long the latest ones are kept, since fits, gaps and
-    steps of a diagnosis ask for the same."""
+    """Return the scene up to the tool stage.
+
+    For short paths recent scenes are cached, because fits, gaps and steps of a diagnosis reuse them.
+    """
     if len(path.q) > _LONG:
         return posed(model, path, driven(model, path))
     key = (id(model.arm), id(model.load), *(effect.model_copy(update={"found": None}) for effect in model.effects))
     kept = path._scenes.pop(key, None)
-    if kept is None or kept[0].arm is not model.arm:  # of a path that was copied the keys are of other objects
+    if kept is None or kept[0].arm is not model.arm:  # after copying a path the keys belong to other objects
         kept = (model, posed(model, path, driven(model, path)))
-    path._scenes[key] = kept  # the model with it, so that its parts keep their identities
+    path._scenes[key] = kept  # with the model, so that its parts keep their identities
     if len(path._scenes) > _KEPT:
         del path._scenes[next(iter(path._scenes))]
     return kept[1]
 
 
 def posed(model: Model, path: Path, scene: Scene) -> Scene:
-    """The scene up to where the tool is, from one up to where the joints are."""
+    """Return the scene up to the tool stage, from a scene up to the joint stage."""
     if path.alone:
         visit = min(path.motion.samples_per_visit, 1)
         motion = Motion(scene.motion.t_s[path.rows], scene.motion.q[path.rows], visit)
@@ -147,7 +155,7 @@ def posed(model: Model, path: Path, scene: Scene) -> Scene:
 
 
 def driven(model: Model, path: Path) -> Scene:
-    """The scene up to where the joints are, at all n samples of a path."""
+    """Return the scene up to the joint stage, at all n samples of a path."""
     n = len(path.q)
     scene = Scene(
         arm=model.arm,
@@ -166,7 +174,7 @@ def driven(model: Model, path: Path) -> Scene:
 
 
 _GEOMETRIC = ("joint zero", "link constant")
-"""The uses of what is a constant of the arm."""
+"""Uses of arm constants."""
 
 
 def is_geometric(effect: Effect) -> bool:
@@ -175,14 +183,14 @@ def is_geometric(effect: Effect) -> bool:
 
 
 def geometric_part(model: Model) -> Model:
-    """Return the model without the effects that constants of the arm cannot carry."""
+    """Return the model without effects that arm constants cannot represent."""
     return replace(model, effects=tuple(effect for effect in model.effects if is_geometric(effect)))
 
 
 def geometric_arm(model: Model) -> Arm:
-    """Return the arm with all joint zeros and link constants of a model's effects in its own constants.
+    """Return the arm with all joint zeros and link constants of a model merged into its constants.
 
-    Reported angles give the same poses with it as with the geometric part of the model.
+    It gives the same poses as the geometric part of the model.
     """
     at_zero = Path(Motion(np.zeros(1), np.zeros((1, model.arm.axes))), np.zeros(1, dtype=np.int64), stands=True)
     scene = driven(geometric_part(model), at_zero)

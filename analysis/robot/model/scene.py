@@ -1,5 +1,5 @@
-"""What the effects act on, as the simulator has it: the scene of `rigs/schema/scene.py` with an arm and its loads, and
-what links and payload weigh on each joint, and on the base that carries them all.
+"""The simulator's scene for effects (`rigs/schema/scene.py`), with an arm, its loads, and gravity on joints and
+base.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from rigs.schema.robot import Robot
 from rigs.schema.scene import Stage
 
 _G = 9.80665
-"""m/s², the standard acceleration of free fall (ISO 80000-3), against z of the world."""
+"""m/s², standard acceleration of free fall (ISO 80000-3), against z of the world."""
 
 
 @dataclass(frozen=True)
@@ -31,28 +31,32 @@ class Load:
 
 
 def load_of(robot: Robot) -> Load:
-    """What a rig file says that the links weigh."""
+    """Return the link masses of a rig file."""
     mass = np.array([axis.mass_kg for axis in robot.axes])
     return Load(mass, np.array([axis.centre_mm for axis in robot.axes], dtype=float), robot.payload_kg)
 
 
 @dataclass(frozen=True, eq=False)
 class Pull:
-    """What gravity does at n postures: torque (n, axes) Nm on each joint of the controller, and moment (n, 3) Nm of all
-    that the arm carries about the origin of its base, in the axes of the base."""
+    """Gravity at n postures.
+
+    torque (n, axes) Nm on each joint of the controller; moment (n, 3) Nm of everything carried by the base, about its
+    origin
+    and in its axes.
+    """
 
     torque: Array
     moment: Array
 
 
 _recent: deque[tuple[Arm, Load, Array, Pull]] = deque(maxlen=32)
-"""The pull on the last traces: a fit asks for that on the same few over and over. Nothing is changed in place."""
+"""Gravity of recent traces: a fit requests the same few repeatedly. Values are never changed in place."""
 _KEPT_ROWS = 50_000
-"""Longer traces are not kept: 32 of them would fill 150 MB and more with what a simulation asks for once."""
+"""Longer traces are not cached: 32 of them would need 150 MB, and a simulation requests them once."""
 
 
 def pull(arm: Arm, load: Load, q: Array) -> Pull:
-    """What gravity does at angles q (n, axes) rad."""
+    """Return gravity at angles q (n, axes) rad."""
     for known_arm, known_load, known_q, pulled in _recent:
         if (
             known_q is q
@@ -62,7 +66,7 @@ def pull(arm: Arm, load: Load, q: Array) -> Pull:
             and known_load.payload_kg == load.payload_kg
         ):
             return pulled
-    # Masses (axes,) kg and their centres (axes, 3) mm with the payload, which hangs at the flange, the last frame.
+    # Masses (axes,) kg and centres (axes, 3) mm including the payload at the flange, the last frame.
     mass, centre = load.mass.copy(), load.centre.copy()
     mass[-1] += load.payload_kg
     if mass[-1] > 0:
@@ -87,11 +91,13 @@ def pull(arm: Arm, load: Load, q: Array) -> Pull:
 
 @dataclass(frozen=True)
 class Scene:
-    """n samples in order of time.
+    """Scene with n samples in order of time.
 
-    motion: as reported; link_q (n, axes) rad; T (n, 4, 4) of the tool in the world; contact (n,) rad: angle around the
-    ball at which the link touches it; form_mm (n,): what the ball's form adds to the distance; offsets_mm (k,): places
-    of the gauges on the baseline; g_mm (n, k): readings. What a stage has not reached yet is empty.
+    motion: as reported; link_q (n, axes) rad; T (n, 4, 4) of the tool in the world; contact (n,) rad: contact angle of
+    the
+    link around the ball; form_mm (n,): distance added by the ball's form; offsets_mm (k,): gauge positions on the
+    baseline;
+    g_mm (n, k): readings. Values of later stages are empty.
     """
 
     arm: Arm
@@ -121,7 +127,7 @@ class Scene:
 
     @property
     def base_mm(self) -> Array:
-        """Where the base of the arm stands in the world (3,) mm."""
+        """Base position of the arm in the world (3,) mm."""
         return self.arm.T_world_base[:3, 3]
 
     def reported_at(self, t_s: Array) -> Array:
@@ -141,7 +147,7 @@ class Scene:
         x = np.clip((t_s - t[k]) / width, 0.0, 1.0)
         rise, begin, end = x * x * (3 - 2 * x), width * x * (1 - x) ** 2, width * x * x * (1 - x)
         angles = np.empty((len(t_s), self.q.shape[1]))
-        for axis, q in enumerate(self.q.T):  # one after the other: a long trace has few temporaries
+        for axis, q in enumerate(self.q.T):  # one axis after the other, to limit temporary arrays of a long trace
             slopes = np.gradient(q, t)
             stands = np.diff(q) == 0
             slopes[:-1][stands] = slopes[1:][stands] = 0.0
@@ -149,21 +155,25 @@ class Scene:
         return angles
 
     def reversals(self, axis: int) -> list[tuple[float, float]]:
-        """When a joint (from 1) turns back, s, and the direction (±1) it takes then."""
+        """Return the reversals of a joint (from 1): time in s, and new direction (±1)."""
         return self.motion.reversals(axis)
 
     def torques(self, payload_kg: float = 0.0) -> Array:
-        """Torque of gravity on each joint (n, axes) Nm, with so much more at the flange, or less, down to nothing."""
+        """Return the gravity torque on each joint (n, axes) Nm, with an additional payload, or a smaller one, at
+        least zero.
+        """
         hangs_kg = max(self.load.payload_kg + payload_kg, 0.0)
         return pull(self.arm, replace(self.load, payload_kg=hangs_kg), self.q).torque
 
     def moment(self) -> Array:
-        """Moment of gravity (n, 3) Nm on the base, about its origin and in its axes."""
+        """Return the gravity moment (n, 3) Nm on the base, about its origin and in its axes."""
         return pull(self.arm, self.load, self.q).moment
 
     def link_after(self, axis: int) -> tuple[Array, Array, Array]:
-        """Place (n, 3) mm of a joint (from 1), direction (n, 3) of its axis, and place (n, 3) mm of its link's end,
-        which is that of the joint where the link has no length."""
+        """Return joint position (n, 3) mm, axis direction (n, 3), and end of the link (n, 3) mm for a joint (from 1).
+
+        The end is the joint position for a link without length.
+        """
         place, direction, end = np.empty((3, len(self.link_q), 3))
         for block in blocks(len(self.link_q)):
             links = list(islice(link_columns(self.arm, self.link_q[block]), axis + 1))
@@ -172,33 +182,38 @@ class Scene:
         return place, direction, end
 
     def taken_at(self, t_s: Array) -> Scene:
-        """The scene as reported at other instants t_s (n,) s."""
+        """Return the scene as reported at other times t_s (n,) s."""
         q = self.reported_at(t_s)
         return replace(self, motion=Motion(self.t_s, q), link_q=q)
 
     def with_constant(self, field: str, axis: int, delta: float) -> Scene:
-        """A constant of the arm (a, d in mm; alpha, beta in rad) of an axis (from 1) changed by delta."""
+        """Return the scene with an arm constant (a, d in mm; alpha, beta in rad) of an axis (from 1) changed by
+        delta.
+        """
         column = getattr(self.arm, field).copy()
         column[axis - 1] += delta
         return replace(self, arm=replace(self.arm, **{field: column}))
 
     def turned(self, axis: int, deviation: Array | float) -> Scene:
-        """The link side of a joint (from 1) turned by a deviation (n,) rad."""
+        """Return the scene with the link side of a joint (from 1) turned by a deviation (n,) rad."""
         link_q = self.link_q.copy()
         link_q[:, axis - 1] += deviation
         return replace(self, link_q=link_q)
 
     def along_rail(self, error_mm_m: Array) -> Scene:
-        """The tool moved by an error (3,) in mm for each metre that the rail stands along its way: along the rail, then
-        across it and level in the frame of the base, then across both; the same scene without a rail."""
+        """Return the scene with the tool moved by an error (3,) in mm per metre of the rail position.
+
+        Components: along the rail, across it horizontally in the base frame, and across both. No change without a rail.
+        """
         if self.arm.rail is None:
             return self
         offset = rail_frame(self.arm) @ error_mm_m / RAIL_MM
         return self.shifted(rail_mm(self.arm, self.q[: len(self.T)])[:, None] * offset)
 
     def tilted(self, turn: Array, below_mm: float) -> Scene:
-        """The whole arm turned by rotation vectors (n, 3) rad in the axes of its base, about the point that lies so far
-        below the origin of the base."""
+        """Return the scene with the arm turned by rotation vectors (n, 3) rad in base axes, about a point below the
+        base origin.
+        """
         from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import
 
         R_base = self.arm.T_world_base[:3, :3]
@@ -210,30 +225,30 @@ class Scene:
         return replace(self, T=T)
 
     def raised(self, height_mm: Array) -> Scene:
-        """The whole arm moved along the z of its base by (n,) mm."""
+        """Return the scene with the arm moved along the z axis of its base by (n,) mm."""
         return self.shifted(np.outer(height_mm, self.arm.T_world_base[:3, 2]))
 
     def shifted(self, offset_mm: Array) -> Scene:
-        """The tool moved by (n, 3) mm in the world."""
+        """Return the scene with the tool moved by (n, 3) mm in the world."""
         T = self.T.copy()
         T[:, :3, 3] += offset_mm
         return replace(self, T=T)
 
     def with_form(self, form_mm: Array) -> Scene:
-        """The ball standing proud by (n,) mm where the link touches it."""
+        """Return the scene with a ball radius larger by (n,) mm at the contact."""
         return replace(self, form_mm=self.form_mm + form_mm)
 
     def blended(self, before: Scene, after: Scene, share: float) -> Scene:
-        """The scene with a share of what an effect of joints or gauges changes from one scene to another."""
+        """Return the scene with a share of the change made by a joint or gauge effect."""
         link_q, g_mm = share * (after.link_q - before.link_q), share * (after.g_mm - before.g_mm)
         return replace(self, link_q=self.link_q + link_q, g_mm=self.g_mm + g_mm)
 
     def with_gauges_at(self, offsets_mm: Array) -> Scene:
-        """The gauges at other places (k,) mm on the baseline."""
+        """Return the scene with gauges at other positions (k,) mm on the baseline."""
         return replace(self, offsets_mm=offsets_mm)
 
     def read(self, gauge: str, change: Callable[[Array], Array]) -> Scene:
-        """One gauge's readings (n,) mm changed; the same scene in a test without that gauge."""
+        """Return the scene with changed readings (n,) mm of a gauge; unchanged in a test without this gauge."""
         column = {"g1": 0, "g2": 1}[gauge]
         if column >= self.g_mm.shape[1]:
             return self
@@ -242,12 +257,12 @@ class Scene:
         return replace(self, g_mm=g_mm)
 
     def all_read(self, change: Callable[[Array], Array]) -> Scene:
-        """The readings (n, k) mm of all gauges changed."""
+        """Return the scene with changed readings (n, k) mm of all gauges."""
         return replace(self, g_mm=change(self.g_mm))
 
 
 def apply(effects: Sequence[Effect], stage: Stage, scene: Scene) -> Scene:
-    """The scene after all effects of a stage, in their order."""
+    """Return the scene after all effects of a stage, in order."""
     for effect in effects:
         if stage == effect.STAGE:
             scene = effect.apply(scene)

@@ -1,1 +1,1 @@
-"""One function over many runs: in this process, in several, or on a cluster; a failure costs only its own run."""
+"""Apply a function to many runs: in this process, in several, or on a cluster; a failure affects only one run."""

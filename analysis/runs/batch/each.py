@@ -1,9 +1,10 @@
-"""`each`: a function over many items, in this process, in several, or on the workers of a Dask cluster; what it gives
-does not depend on that.
+"""`each`: apply a function to many items, in this process, in several, or on the workers of a Dask cluster, with equal
+results.
 
-Somebody else started the cluster: nothing here listens. Its scheduler gives what a dead worker had to another one.
-Workers find the same files under the same paths, and have the same versions of what computes, so that their results are
-those of this computer.
+The cluster must be running: nothing here listens. Its scheduler reassigns the items of a dead worker. Workers see the
+same
+files under the same paths, and have the same versions of numerical packages, so their results equal those of this
+computer.
 """
 
 from __future__ import annotations
@@ -28,19 +29,21 @@ from rigs.errors import CellError, FileError
 def each(
     work: Callable[[Item], Value], items: Sequence[Item], *, jobs: int = 1, scheduler: str | None = None
 ) -> Generator[Outcome[Item, Value], None, None]:
-    """The outcome of the work for each item, in the order of the items, each as soon as those before it are there.
+    """Yield the outcome for each item in order, as soon as it and its predecessors are available.
 
-    work: at the top of a module, without a state of its own, so that other processes find it; what it raises as a
-    RigError, or for its numbers, is the outcome of that item. Any other exception is a bug and is raised here.
-    items, values: of types that can be pickled.
-    jobs: processes of this machine; 0 for one on each core.
-    scheduler: the address of a Dask scheduler, whose workers do the work instead.
+    work: a stateless module-level function, importable by other processes. A RigError or numerical error is the outcome
+    of the
+    item; other exceptions are bugs and are raised here. items, values: picklable. jobs: local processes; 0 for one per
+    core.
+    scheduler: address of a Dask scheduler whose workers are used instead.
 
-    Runs that lie elsewhere are fetched by processes of their own, however few: the packages of stores start threads,
-    and a process that waits for a store is ended at once.
+    Remote runs are always fetched by separate processes: store packages start threads, and a process waiting for a
+    store can
+    be ended immediately.
 
-    A process that is killed, as by a system out of memory, costs time: its item is begun once more, and fails where
-    that is killed as well. Where the iteration is closed, as after Ctrl-C, the processes are killed.
+    After a killed process, for example by the out-of-memory killer, the item is repeated once and then fails. Closing
+    the
+    iteration, as after Ctrl-C, kills the processes.
     """
     if scheduler is not None:
         yield from on_cluster(work, items, scheduler)
@@ -61,17 +64,18 @@ def each(
 
 
 _AHEAD = 1000
-"""Items given to the cluster beyond the one that is waited for: more than a cluster has threads."""
+"""Items submitted to the cluster ahead of the awaited one: more than the threads of a cluster."""
 _CONNECTED_S = 10
 _COMPUTING = (NAME, "numpy", "scipy")
-"""Packages whose versions decide about the digits of a result."""
+"""Packages whose versions affect the digits of a result."""
 
 
 def on_cluster(work: Callable[[Item], Value], items: Sequence[Item], address: str) -> Iterator[Outcome[Item, Value]]:
-    """The outcomes in the order of the items. What no worker has begun is cancelled when the iteration ends.
+    """Yield the outcomes in order of the items. Items not yet started are cancelled at the end of the iteration.
 
-    Raises FileError where dask.distributed is not installed, CellError for a cluster that does not answer, has no
-    workers, or other versions.
+    Raises FileError if dask.distributed is not installed, CellError for a cluster that does not respond, has no
+    workers, or
+    has different versions.
     """
     client = _connected(address)
     try:
@@ -96,21 +100,22 @@ def _connected(address: str) -> Any:
     except ModuleNotFoundError:
         problem = "needs dask.distributed, which is not installed"
         raise FileError("--scheduler", problem, to_install("distributed")) from None
-    # What it logs of a lost connection would stand among the results; what matters of it is raised here.
+    # Its log of a lost connection would appear among the results; relevant errors are raised here.
     for logger in ("distributed", "distributed.client"):
         logging.getLogger(logger).setLevel(logging.CRITICAL)
     try:
-        # A client that is made where no scheduler is waits long for its own end, after Ctrl-C as well.
+        # A client without a scheduler takes long to close, even after Ctrl-C.
         asyncio.run(asyncio.wait_for(_asked(address), _CONNECTED_S))
         return Client(address, timeout=_CONNECTED_S, set_as_default=False)
-    except (MemoryError, OSError, TypeError, ValueError) as error:  # of memory: what is no scheduler names any size
+    # MemoryError: other programs may announce any message size
+    except (MemoryError, OSError, TypeError, ValueError) as error:
         problem = f"no Dask scheduler answers: {str(error) or f'nothing came within {_CONNECTED_S} s'}"
         remedy = "give the address that it printed, as tcp://10.0.0.5:8786"
         raise CellError(f"--scheduler {address}", problem, remedy) from None
 
 
 async def _asked(address: str) -> None:
-    """Ask a scheduler who it is. Raises what distributed raises where none answers."""
+    """Query the identity of a scheduler. Raises the errors of distributed."""
     from distributed import Security  # noqa: PLC0415
     from distributed.core import rpc  # noqa: PLC0415
 
@@ -119,7 +124,7 @@ async def _asked(address: str) -> None:
 
 
 def _require_same_versions(client: Any, address: str) -> None:
-    """Raises CellError unless there are workers, all of which compute as this computer does."""
+    """Raise CellError unless there are workers, all with the versions of this computer."""
     for package in _COMPUTING:
         ours = metadata.version(package)
         theirs = client.run(metadata.version, package, on_error="return")
@@ -132,7 +137,7 @@ def _require_same_versions(client: Any, address: str) -> None:
 
 
 def _result(future: Any, item: object, address: str) -> Any:
-    """What `attempt` returned on a worker, or the error of an item over which workers died."""
+    """Return the result of `attempt` on a worker, or the error of an item whose workers died."""
     from distributed import KilledWorker  # noqa: PLC0415
 
     try:

@@ -1,4 +1,4 @@
-"""A run that lies elsewhere as a directory of this computer, for as long as it is worked on."""
+"""Local copy of a remote run for the duration of its processing."""
 
 from __future__ import annotations
 
@@ -24,10 +24,11 @@ _place: ContextVar[str | None] = ContextVar("place", default=None)
 
 @contextmanager
 def fetched(run: Path) -> Iterator[Path]:
-    """The directory of a run; of one elsewhere a copy, which is removed at the end. It is the only one of its process,
-    so that a process never takes more room than its largest run.
+    """Provide the directory of a run; a remote run is copied, and the copy removed at the end.
 
-    Errors within name the run itself. Raises RigError where it cannot be fetched.
+    A process has one copy at a time, so it needs space for its largest run only. Errors in the block name the original
+    run.
+    Raises RigError if it cannot be fetched.
     """
     if not isinstance(run, RemotePath):
         yield run
@@ -43,7 +44,7 @@ def fetched(run: Path) -> Iterator[Path]:
 
 
 def named(text: str, copy: Path, run: Path) -> str:
-    """A text about a copy as one about the run that it was made of, for which nothing changes if it is no copy."""
+    """Replace the copy by the original run in a text."""
     if copy == run:
         return text
     return text.replace(to_recover(copy), "run `rig recover` on a copy of it").replace(str(copy), str(run))
@@ -51,14 +52,16 @@ def named(text: str, copy: Path, run: Path) -> str:
 
 @contextmanager
 def place_of_copies() -> Iterator[str]:
-    """A directory for the copies of several processes, which outlives those that are killed. It is removed at the end,
-    also where this process is ended by SIGTERM or loses its terminal. Raises CellError where it cannot be made."""
+    """Provide a directory for the copies of several processes, which survives their deaths.
+
+    It is removed at the end, also after SIGTERM or a hang-up. Raises CellError if it cannot be created.
+    """
     with _temporary_directory(None) as name, removed_at_signals(name, _kill_workers):
         yield name
 
 
 def fetching_into(place: str, work: Callable[[Item], Value], item: Item) -> Value:
-    """The value of the work, whose copies lie in a directory that outlives this process, should it be killed."""
+    """Run the work with copies in a directory that survives this process."""
     before = _place.set(place)
     try:
         return work(item)
@@ -77,7 +80,7 @@ def _temporary_directory(within: str | None) -> Iterator[str]:
 
 
 def _kill_workers() -> None:
-    """Kill the processes that write copies, else they would go on writing into a directory that is removed."""
+    """Kill the processes that write copies; otherwise they would continue writing to a removed directory."""
     workers = [child for child in multiprocessing.active_children() if child.daemon]
     for worker in workers:
         worker.kill()
@@ -86,7 +89,7 @@ def _kill_workers() -> None:
 
 
 def _fetch(run: RemotePath, into: Path) -> None:
-    """Copy the files of a run that are read to a new directory."""
+    """Copy the required files of a run to a new directory."""
     with explained(run):
         into.mkdir()
         store, folder = opened(run)

@@ -1,4 +1,4 @@
-"""What became of one item of many: a value or an error, never an exception, since one bad run must not end the rest."""
+"""Outcome of an item: a value or an error, never an exception, because one bad run must not end the others."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _REMEDY = "check those in its rig file and in its readings"
 
 @dataclass(frozen=True)
 class Done(Generic[Item, Value]):
-    """An item with its value; deaths: how often a process was killed over it before."""
+    """Item with its value; deaths: processes killed while working on it before."""
 
     item: Item
     value: Value
@@ -25,7 +25,7 @@ class Done(Generic[Item, Value]):
 
 @dataclass(frozen=True)
 class Failed(Generic[Item]):
-    """An item without a value, and why; deaths: how often a process was killed over it."""
+    """Item with an error; deaths: processes killed while working on it."""
 
     item: Item
     error: RigError
@@ -36,9 +36,9 @@ Outcome = Done[Item, Value] | Failed[Item]
 
 
 def attempt(work: Callable[[Item], Value], item: Item) -> Value | RigError:
-    """The value of the work, or the error that the item costs; any other exception is a bug and is raised.
+    """Return the value of the work, or the error of the item; other exceptions are bugs and are raised.
 
-    A RuntimeWarning is an error here, whatever process this is: numpy only warns where a figure becomes nan.
+    A RuntimeWarning is an error here in every process: numpy only warns if a figure becomes nan.
     """
     try:
         with warnings.catch_warnings():
@@ -55,12 +55,12 @@ def attempt(work: Callable[[Item], Value], item: Item) -> Value | RigError:
 
 
 def outcome_of(item: Item, result: Value | RigError, deaths: int = 0) -> Outcome[Item, Value]:
-    """What `attempt` returned as an outcome."""
+    """Convert a result of `attempt` to an outcome."""
     return Failed(item, result, deaths) if isinstance(result, RigError) else Done(item, result, deaths)
 
 
 def is_numerical(error: BaseException) -> bool:
-    """Whether a computation failed for its numbers: an overflow, nan, or what numpy's and scipy's solvers raise."""
+    """Return whether a computation failed numerically: overflow, nan, or an error of numpy's or scipy's solvers."""
     if isinstance(error, ArithmeticError | RuntimeWarning) or type(error).__name__ == "LinAlgError":
         return True
     trace = error.__traceback__

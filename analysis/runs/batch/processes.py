@@ -1,7 +1,8 @@
-"""Work in several processes of this machine, each with one item at a time.
+"""Work in several local processes, one item each at a time.
 
-One item at a time, since then it is known which item a process died over: `concurrent.futures` gives up all its work
-where the system kills one process. No thread runs here, so that a fork copies none in the middle of something.
+A single item identifies the cause of a killed process; `concurrent.futures` abandons all work in that case. There are
+no
+threads here, so a fork never copies one in the middle of an operation.
 """
 
 from __future__ import annotations
@@ -22,26 +23,28 @@ from analysis.runs.batch.outcomes import Failed, Item, Outcome, Value, attempt, 
 from rigs.errors import CellError
 
 _CONTEXT = mp.get_context("fork") if sys.platform == "linux" else mp.get_context("spawn")
-"""A fork has everything imported; elsewhere than on Linux it is not safe, or does not exist."""
+"""A fork has all modules imported; outside Linux it is unsafe or missing."""
 _TRIES = 2
-"""An item is begun once more where its process is killed: the system may have taken the wrong one for its memory."""
+"""Attempts per item after killed processes: the out-of-memory killer may have chosen the wrong one."""
 
 _SIGNALS_S = 1.0
-"""How long one wait lasts: Python looks for a Ctrl-C between calls, so one that comes just before a wait would wait as
-long as the work does (seen once in a thousand runs of the tests on a busy computer)."""
+"""Duration of a wait: Python handles Ctrl-C between calls, so a Ctrl-C just before a wait would take effect only at its
+end
+(seen once in a thousand test runs on a busy computer).
+"""
 
 _AHEAD = 200
-"""Items begun beyond the one that is waited for: their values lie in memory until it is there."""
+"""Items started ahead of the awaited one; their values are kept in memory."""
 
 
 def cores() -> int:
-    """How many cores this process may use."""
+    """Return the number of cores available to this process."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @dataclass
 class _Worker:
-    """A process and the line to it; place: of the item that it works on."""
+    """Process and connection; place: index of the present item."""
 
     process: BaseProcess
     line: Connection[Any, Any]
@@ -51,7 +54,7 @@ class _Worker:
 def in_processes(
     work: Callable[[Item], Value], items: Sequence[Item], processes: int
 ) -> Iterator[Outcome[Item, Value]]:
-    """The outcomes in the order of the items. All processes are gone when the iteration ends, however it ends."""
+    """Yield the outcomes in order of the items. All processes are gone at the end of the iteration."""
     todo = list(range(len(items)))[::-1]
     deaths = [0] * len(items)
     outcomes: dict[int, Outcome[Item, Value]] = {}
@@ -64,7 +67,7 @@ def in_processes(
                     place, worker.place = worker.place, None
                     assert place is not None  # noqa: S101 - only those at work are listened to
                     try:
-                        # What the work gave. Raises EOFError where the process has died, and the bug that it ran into
+                        # Result of the work. Raises EOFError if the process has died, and exceptions of bugs
                         is_bug, answer = worker.line.recv()
                         if is_bug:
                             raise answer
@@ -90,11 +93,13 @@ def _keep_busy(
     todo: list[int],
     most: tuple[int, int],
 ) -> None:
-    """Give an item to each worker that has none, and start workers; most: how many, and the place not yet to begin."""
+    """Give an item to each idle worker, and start workers; most: limit of workers, and the first index not to be
+    started.
+    """
     processes, end = most
     while todo and todo[-1] < end:
         idle = next((worker for worker in workers if worker.place is None), None)
-        if idle is not None and not idle.process.is_alive():  # killed while it waited: no item's fault
+        if idle is not None and not idle.process.is_alive():  # killed while idle: unrelated to an item
             workers.remove(idle)
             _bury(idle)
             continue
@@ -108,12 +113,12 @@ def _keep_busy(
             idle = _Worker(process, ours)
             workers.append(idle)
         idle.place = todo.pop()
-        with suppress(ConnectionError):  # it has died since, which is heard next
+        with suppress(ConnectionError):  # it has died since, which is detected next
             idle.line.send(items[idle.place])
 
 
 def _heard(workers: Sequence[_Worker]) -> list[_Worker]:
-    """Those at work that have answered or died; waits for the first."""
+    """Wait for workers that have answered or died."""
     at_work = [worker.line for worker in workers if worker.place is not None]
     while not (lines := wait(at_work, _SIGNALS_S)):
         pass
@@ -137,12 +142,12 @@ def _killed(item: object, process: BaseProcess) -> CellError:
 
 
 def _serve(work: Callable[[Any], Any], line: Connection[Any, Any]) -> None:
-    """Work on the items that come, until the parent is gone. It decides about Ctrl-C, which reaches every process."""
+    """Process items until the parent is gone. The parent handles Ctrl-C, which reaches every process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = mp.parent_process()
     assert parent is not None  # noqa: S101 - this is a child
     with suppress(EOFError, ConnectionError):
-        # Forked later, other workers hold copies of the parent's end, so that its death does not end the line.
+        # Later workers inherit the parent's end, so the death of the parent does not close the connection.
         while parent.sentinel not in wait([line, parent.sentinel]):
             item = line.recv()
             try:

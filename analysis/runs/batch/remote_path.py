@@ -1,8 +1,7 @@
-"""Runs and directories that lie elsewhere, by their URL: `s3://bucket/plant`, `sftp://host/srv/plant`.
+"""Remote runs and directories by URL: `s3://bucket/plant`, `sftp://host/srv/plant`.
 
-A URL goes through the same commands as a path, so it is a path here, whose text is the URL. It names what is read,
-and opens nothing: files are fetched by `analysis.runs.batch.fetched`. A password in a URL would stand in the list of
-processes, in messages and in files, so that none is taken.
+Commands treat a URL like a path, so it is a path class whose text is the URL. It opens nothing: files are fetched by
+`analysis.runs.batch.fetched`. A password in a URL would appear in process lists, messages and files, so it is rejected.
 """
 
 from __future__ import annotations
@@ -15,52 +14,52 @@ from rigs.errors import FileError
 
 _URL = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*)://([^/]*)(.*)", re.DOTALL)
 _SLASHED_PASSWORD = re.compile(r"[^/@]*:(?!\d+/)[^@]*@", re.DOTALL)
-"""One that holds a slash, which ends the computer's name: what follows its colon is no port."""
+"""Password containing a slash, which ends the host name: the part after the colon is not a port."""
 _WITHOUT_HOST = ("file", "local")
-"""Protocols whose URLs name no computer and no bucket: three slashes follow."""
+"""Protocols with URLs without host or bucket: three slashes follow."""
 _WEB = ("http", "https")
 if TYPE_CHECKING:
     _Path = Path
 else:
-    _Path = type(Path())  # Path itself cannot be extended before Python 3.12
+    _Path = type(Path())  # Path itself cannot be subclassed before Python 3.12
 
 
 class RemotePath(_Path):
-    """A URL; its parts are the protocol with its colon, the computer or bucket, and the names below it."""
+    """URL with the parts protocol (with colon), host or bucket, and the names below."""
 
     def __str__(self) -> str:
-        """The URL; of what is relative to another one, its names."""
+        """Return the URL, or the names of a relative path."""
         protocol, *names = self.parts or ("",)
         if not protocol.endswith(":"):
             return super().__str__()
         return f"{protocol}//{'/' if self.protocol in _WITHOUT_HOST else ''}{'/'.join(names)}"
 
     def absolute(self) -> RemotePath:
-        """Itself: it depends on no current directory."""
+        """Return the path itself, which does not depend on the current directory."""
         return self
 
     def resolve(self, strict: bool = False) -> RemotePath:
-        """Itself: links are not followed."""
+        """Return the path itself: links are not followed."""
         return self
 
     @property
     def protocol(self) -> str:
-        """As `s3`."""
+        """For example `s3`."""
         return self.parts[0][:-1]
 
     @property
     def top(self) -> str:
-        """The URL of its computer or bucket."""
+        """URL of the host or bucket."""
         return f"{self.protocol}:///" if self.protocol in _WITHOUT_HOST else f"{self.protocol}://{self.parts[1]}"
 
     @property
     def steps(self) -> tuple[str, ...]:
-        """The names below that."""
+        """Names below `top`."""
         return self.parts[1 if self.protocol in _WITHOUT_HOST else 2 :]
 
 
 def location(text: str) -> Path:
-    """What a person named: a path of this computer, or a URL. Raises FileError for a URL that cannot be taken."""
+    """Parse a local path or a URL. Raises FileError for an unsupported URL."""
     url = _URL.fullmatch(text)
     if "::" in text and "://" in text:
         problem = "holds ::, which fsspec takes for a chain of URLs"

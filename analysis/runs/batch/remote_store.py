@@ -1,13 +1,11 @@
-"""Stores of files elsewhere, through fsspec: what lies in a directory, which of it is a run, and every failure as one
-line.
+"""Remote file stores through fsspec: list directories, find runs, and report failures in one line.
 
-fsspec is an extra, and each protocol has a package of its own, whose errors are of many kinds. They are sorted
-here by what a person can do: install something, check the URL, ask for the right to read, or wait for the network.
+fsspec is an optional extra, and each protocol has a package with different errors. They are classified here by the
+remedy: install a package, check the URL, request access, or wait for the network.
 
-The runs below a URL are known by listing alone, by the names of their files. An object store lists a thousand objects
-in one request, whatever directories their names form, so it is asked once for all; elsewhere each directory is a
-request. A process of its own asks: the packages of stores start threads, which a process that forks later must not
-have, and one that waits for a store is ended by Ctrl-C at once.
+Runs below a URL are found by listing file names. An object store lists a thousand objects per request regardless of
+directories, so it is listed at once; other stores need a request per directory. A separate process does this: store
+packages start threads, which a forking process must not have, and a waiting process can be ended by Ctrl-C.
 """
 
 from __future__ import annotations
@@ -31,34 +29,35 @@ from rigs.distribution import to_install
 from rigs.errors import CellError, FileError, RigError
 
 NO_RUNS = "lost+found"
-"""What a file system puts at its top, for root alone."""
+"""Directory at the top of a file system, accessible to root only."""
 _CHUNKS = (".parquet", ".arrow")
 
 
 def is_run(names: Iterable[str]) -> bool:
-    """Whether files of these names make a directory a run, however damaged: one without a manifest may have its
-    ledger."""
+    """Return whether these file names identify a run, however damaged; a ledger without a manifest suffices."""
     return not OF_A_RUN.isdisjoint(names)
 
 
 def has_figures(name: str) -> bool:
-    """Whether figures follow from a file; marks, which say that a run was exported or is kept, change none."""
+    """Return whether figures depend on a file; marks of exports and protection do not affect figures."""
     return name in (MANIFEST, LEDGER) or name.endswith(_CHUNKS)
 
 
 def is_read(name: str) -> bool:
-    """Whether reading or verifying a run looks at a file."""
+    """Return whether reading or verifying a run uses a file."""
     return has_figures(name) or name == MARKS or name.endswith((TEMPORARY, CALIBRATION))
 
 
 _PACKAGES = {"s3": "s3fs", "sftp": "sshfs", "ssh": "sshfs"}
-"""The packages by which fsspec opens the protocols for which rig has an extra."""
+"""fsspec packages of the protocols with an extra."""
 _SSH = ("sftp", "ssh")
 _SSH_OPTIONS = {"known_hosts": (), "connect_timeout": 10, "keepalive_interval": 15}
-"""Options of asyncssh: host keys are compared with ~/.ssh/known_hosts, which sshfs leaves out by itself; a computer
-that does not answer is waited for so many seconds, one that falls silent for three times the interval."""
+"""Options of asyncssh: check host keys against ~/.ssh/known_hosts, which sshfs omits; time-outs for unresponsive hosts
+(in
+s), and for hosts that fall silent (three times the interval).
+"""
 _STAMPS = ("ETag", "etag", "md5Hash", "mtime", "LastModified", "last_modified", "modified", "created")
-"""What a store says of the state of a file, the surest first; the names are those of the packages of fsspec."""
+"""Keys describing the state of a file, most reliable first, in the notation of fsspec packages."""
 _DENIED = {
     "PermissionError",
     "PermissionDenied",
@@ -70,17 +69,17 @@ _LOST = {"ConnectionError", "TimeoutError", "EOFError", "gaierror"}
 _LOST |= {"HTTPClientError", "ClientConnectionError", "ClientPayloadError"}  # botocore, aiohttp
 _LOST |= {"DisconnectError", "SFTPConnectionLost", "SFTPNoConnection", "ChannelOpenError"}  # asyncssh
 _UNREACHABLE = (errno.EHOSTUNREACH, errno.ENETUNREACH, errno.EHOSTDOWN, None)
-"""None is what asyncio gives where several addresses of a computer refuse."""
+"""asyncio gives None if several addresses of a host refuse."""
 _LONGEST = 200
 
 
 class StoreLost(CellError):
-    """A store does not answer, so that what follows would fail as well."""
+    """A store does not respond, so further requests would fail too."""
 
 
 @dataclass(frozen=True)
 class RemoteFile:
-    """A file in a directory: its name, its bytes, and what changes whenever it changes, empty where nothing does."""
+    """File in a directory: name, size in bytes, and a stamp that changes with the file, empty if unavailable."""
 
     name: str
     size: int
@@ -89,7 +88,7 @@ class RemoteFile:
 
 @contextmanager
 def explained(where: RemotePath) -> Iterator[None]:
-    """Whatever a store raises, as a RigError; StoreLost where it does not answer."""
+    """Convert exceptions of a store to RigError; StoreLost if it does not respond."""
     try:
         yield
     except (RigError, MemoryError):
@@ -99,7 +98,7 @@ def explained(where: RemotePath) -> Iterator[None]:
 
 
 def opened(path: RemotePath) -> tuple[Any, str]:
-    """The file system of a URL as fsspec has it, and what it calls the path. Raises what the packages raise."""
+    """Return the fsspec file system of a URL and its path there. Raises exceptions of the packages."""
     import fsspec  # noqa: PLC0415 - an extra
 
     options: dict[str, Any] = {}
@@ -113,9 +112,9 @@ def opened(path: RemotePath) -> tuple[Any, str]:
 
 
 def entries(store: Any, folder: str) -> tuple[list[RemoteFile], list[str]]:
-    """The files in a directory, and the names of the directories in it; links to directories are left out.
+    """Return the files and the subdirectory names of a directory, without links to directories.
 
-    Raises what the packages raise.
+    Raises exceptions of the packages.
     """
     files: list[RemoteFile] = []
     folders: list[str] = []
@@ -127,27 +126,27 @@ def entries(store: Any, folder: str) -> tuple[list[RemoteFile], list[str]]:
         if listed["type"] == "directory":
             folders += [] if listed.get("islink") else [name]
             continue
-        with suppress(FileNotFoundError):  # a link that leads nowhere
+        with suppress(FileNotFoundError):  # a dangling link
             info = listed if listed["type"] == "file" and listed.get("size") is not None else store.info(listed["name"])
             files += [remote_file(name, info)] if info["type"] == "file" else []
     return sorted(files, key=lambda file: file.name), sorted(folders)
 
 
 def remote_file(name: str, info: dict[str, Any]) -> RemoteFile:
-    """A file by what its store says of it."""
+    """Return a file from the store's information."""
     stamp = next((str(info[key]) for key in _STAMPS if info.get(key) is not None), "")
     return RemoteFile(name, int(info["size"]), stamp)
 
 
 def name_below(folder: str, path: str) -> str:
-    """The path of a file below a directory; empty for what does not lie below it."""
+    """Return the relative path of a file below a directory; empty if it is not below."""
     start = folder.rstrip("/") + "/"
     path = "/" + path if start.startswith("/") and not path.startswith("/") else path
     return path[len(start) :].rstrip("/") if path.startswith(start) else ""
 
 
 def is_plain(name: str) -> bool:
-    """Whether a name is that of a file or a directory, and leads nowhere else; keys of objects may be any text."""
+    """Return whether a name is a plain file or directory name; object keys can be any text."""
     return name not in ("", ".", "..") and not {"/", "\\", "\0"} & set(name)
 
 
@@ -205,7 +204,7 @@ def _explanation(where: RemotePath, error: Exception) -> RigError:
 
 
 def _reason(error: Exception) -> str:
-    """The words of an error, without what may be a password or a signature in a URL."""
+    """Return the text of an error without possible passwords or signatures in URLs."""
     words = " ".join((getattr(error, "strerror", None) or str(error)).split()) or type(error).__name__
     words = re.sub(r"(://[^\s?]*)\?[^\s'\"]*", r"\1", re.sub(r"//[^/@\s]*@", "//", words))
     return words[:_LONGEST].rstrip(".")
@@ -213,19 +212,19 @@ def _reason(error: Exception) -> str:
 
 OBJECT_STORES = ("s3", "s3a", "gs", "gcs", "abfs", "abfss", "az", "oss", "oci", "r2")
 Steps = tuple[str, ...]
-"""The names of a directory below another."""
+"""Names of a directory relative to a second one."""
 
 
 @dataclass(frozen=True)
 class RemoteRun:
-    """A run elsewhere; files: in its directory, None where that may not be listed."""
+    """Remote run; files: in its directory, None if it cannot be listed."""
 
     path: RemotePath
     files: tuple[RemoteFile, ...] | None
 
 
 def remote_runs(top: RemotePath) -> list[RemoteRun]:
-    """The runs below a URL, or the one that it names, in the order of names. Raises RigError."""
+    """Return the runs below a URL, or the run it names, in order of names. Raises RigError."""
     (outcome,) = in_processes(listed, [top], 1)
     if isinstance(outcome, Failed):
         raise outcome.error
@@ -233,7 +232,7 @@ def remote_runs(top: RemotePath) -> list[RemoteRun]:
 
 
 def listed(top: RemotePath) -> list[RemoteRun]:
-    """The same in this process: the directories that are runs or may hold some; none within another run."""
+    """Return runs, and directories that may contain runs, in this process; nested runs are excluded."""
     runs: list[RemoteRun] = []
     run: Steps | None = None
     with explained(top):
@@ -248,7 +247,7 @@ def listed(top: RemotePath) -> list[RemoteRun]:
 
 
 def _of_objects(store: Any, folder: str) -> Iterator[tuple[Steps, tuple[RemoteFile, ...]]]:
-    """The directories below another, that itself first, by the names of all objects."""
+    """Yield a directory and those below it, from the names of all objects."""
     folders: dict[Steps, list[RemoteFile]] = {}
     store.invalidate_cache(folder)
     for name, info in store.find(folder, detail=True).items():
@@ -260,7 +259,7 @@ def _of_objects(store: Any, folder: str) -> Iterator[tuple[Steps, tuple[RemoteFi
 
 
 def _walked(store: Any, top: str, where: RemotePath) -> Iterator[tuple[Steps, tuple[RemoteFile, ...] | None]]:
-    """The same, directory by directory; one that may not be listed is given without files."""
+    """Yield a directory and those below it by listing each; an inaccessible directory has None in place of files."""
     todo: list[Steps] = [()]
     while todo:
         steps = todo.pop()

@@ -1,4 +1,4 @@
-"""From what a person names to runs: a directory or a URL that is no run stands for every run below it."""
+"""Expand user input to runs: a directory or URL represents all runs below it."""
 
 from __future__ import annotations
 
@@ -13,10 +13,11 @@ from rigs.errors import FileError
 
 
 def run_directories(paths: Iterable[Path]) -> list[Path]:
-    """The runs that the paths stand for, in the order given, each once; of a directory in the order of names.
+    """Return the runs represented by the paths, in the given order without repetition; within a directory in order of
+    names.
 
-    A path that holds no run stands for itself, so that reading it reports what is wrong with it. Raises CellError
-    where the store of a URL does not answer.
+    A path without runs represents itself, so that reading it reports the problem. Raises CellError if a store does not
+    respond.
     """
     runs: dict[Path, Path] = {}
     for path in paths:
@@ -34,9 +35,9 @@ def run_directories(paths: Iterable[Path]) -> list[Path]:
 
 
 def _runs_below(top: Path) -> Iterator[Path]:
-    """The runs below a directory. Each directory is entered once, however many links lead to it.
+    """Yield the runs below a directory. Each directory is entered once, even with several links.
 
-    A directory that may not be read is given as if it were a run, since it may hold some.
+    An unreadable directory is returned like a run, because it may contain some.
     """
     entered: set[tuple[int, int]] = set()
     todo = [top]
@@ -64,7 +65,7 @@ def _runs_below(top: Path) -> Iterator[Path]:
 
 
 def _is_run(path: Path) -> bool:
-    """Whether a directory is a run that may be entered."""
+    """Return whether a directory is an accessible run."""
     try:
         return is_run(path)
     except OSError:

@@ -1,10 +1,9 @@
-"""What can be tried on a port, read off the schemas: interface, line settings, and what may be sent; and what such a
-search found, as values that a person reads and that a rig file is written from.
+"""Attempts for a port, derived from the schemas: interface, line settings and permitted data; and the results of a
+search.
 
-Pure lists, in the order in which they are tried. An interface whose request is not confirmed (`Origin.standing`) is not
-tried unless a person names it, since its request could mean something else to another instrument.
-
-A conversation that is only tried is limited in what it may send, and ends once nothing can come of it.
+Pure lists in the order of the attempts. An interface with an unconfirmed request (`Origin.standing`) is only tried if
+named by the user, because its request could have a different meaning for other instruments. A conversation on trial is
+limited in the data it may send, and ends when it can no longer succeed.
 """
 
 from __future__ import annotations
@@ -30,19 +29,19 @@ from rigs.schema.modbus import ModbusMap
 from rigs.schema.probe import Probe
 
 Sends = Literal["nothing", "requests", "all"]
-"""What a conversation may send: nothing; its read requests; or all of it, as rigd would."""
+"""Data a conversation may send: nothing, read requests only, or everything as in rigd."""
 
 _MOST_CHANNELS = 8
 STAND_IN: dict[str, Any] = {"range_mm": 100.0}
-"""Keys that an owner alone knows, and what is taken until they are given: readings are then percent of the range."""
+"""Stand-ins for keys known only to the owner: readings are then percentages of the range."""
 _MODBUS_EXAMPLE = "ur10e"
-"""The shipped rig whose gauges have the one Modbus register map that is known, that of Baumer's OM20 and OM30."""
+"""Shipped rig with the only known Modbus register map, that of Baumer's OM20 and OM30."""
 _GAUGE: TypeAdapter[Any] = TypeAdapter(Gauge)
 
 
 @dataclass(frozen=True)
 class Attempt:
-    """The gauges that may share a port (one, or one for each channel), at line settings; what may be sent."""
+    """Gauges on a port (one, or one per channel), line settings, and the data that may be sent."""
 
     gauges: tuple[Gauge, ...]
     line: Line
@@ -50,18 +49,18 @@ class Attempt:
 
     @property
     def interface(self) -> str:
-        """The name of the interface."""
+        """Name of the interface."""
         return self.gauges[0].interface
 
     @property
     def request(self) -> bytes:
-        """What asks for the first reading; empty where the instrument sends by itself."""
+        """Request for the first reading; empty if the instrument sends unprompted."""
         host = gauges.host(self.gauges)
         return host.tick(host.connected(0).wake_ns or 0).send
 
 
 def attempts(port: str, modbus_units: Sequence[int] = (1,)) -> list[Attempt]:
-    """Return what to try on a port that nothing is known of: listening, the makers' line settings, the usual ones."""
+    """Return the attempts for an unknown port: listening, the makers' line settings, then common ones."""
     candidates = list(_candidates(port, modbus_units))
     listened = [Attempt(gauges, gauges[0].line, "nothing") for gauges in candidates if _streams(gauges)]
     asked = [gauges for gauges in candidates if not _streams(gauges)]
@@ -69,21 +68,21 @@ def attempts(port: str, modbus_units: Sequence[int] = (1,)) -> list[Attempt]:
     if tcp_address(port):
         return declared
     by_line = sorted(declared, key=lambda attempt: [gauges.line for gauges in declared].index(attempt.line))
-    # The commonest line settings first, for all that could have them: a port is done at the first that fits.
+    # The commonest line settings first, for all possible interfaces: the first match ends the search of a port.
     usual = [
         Attempt(gauges, line, "requests")
         for line in USUAL_LINES
         for gauges in asked
         if not (_has_line(gauges) and gauges[0].line == line)
-        and (line.bits == 8 or gauges[0].interface != "modbus_map")  # Modbus RTU needs all eight
+        and (line.bits == 8 or gauges[0].interface != "modbus_map")  # Modbus RTU needs all eight bits
     ]
     return [*listened, *by_line, *usual]
 
 
 def named_attempts(fields: dict[str, Any]) -> list[Attempt]:
-    """Return what to try where a person has named the instrument, by the keys of the rig file.
+    """Return the attempts for an instrument named by the user with keys of the rig file.
 
-    The whole conversation is held, as rigd would. Raises pydantic's ValidationError for keys that do not fit.
+    The complete conversation is used, as in rigd. Raises pydantic's ValidationError for invalid keys.
     """
     placed = {"offset_mm": 0.0, **fields}
     lines = USUAL_LINES if "line" not in fields else ()
@@ -96,14 +95,14 @@ def named_attempts(fields: dict[str, Any]) -> list[Attempt]:
 
 
 def missing_keys(interface: str) -> list[str]:
-    """Return the keys of an interface that only its owner knows: without a default, and not found by trying."""
+    """Return the keys of an interface known only to the owner: without default, and not detectable."""
     (model,) = (candidate for candidate in models(Gauge) if name_of(candidate) == interface)
     discovered = {"interface", "port", "offset_mm", "line"}
     return [key for key, field in model.model_fields.items() if field.is_required() and key not in discovered]
 
 
 def _candidates(port: str, modbus_units: Sequence[int]) -> Iterator[tuple[Gauge, ...]]:
-    """The gauges that may be there, those that share an instrument together."""
+    """Yield the possible gauges, those sharing an instrument together."""
     for model in models(Gauge):
         assert issubclass(model, Probe)  # noqa: S101 - every gauge is one
         if model.origin.standing != "confirmed":
@@ -133,19 +132,19 @@ def _candidates(port: str, modbus_units: Sequence[int]) -> Iterator[tuple[Gauge,
 
 
 def _streams(members: tuple[Gauge, ...]) -> bool:
-    """Whether the instrument sends by itself."""
+    """Return whether the instrument sends unprompted."""
     return isinstance(gauges.host(members[:1]), Streamed)
 
 
 def _has_line(members: tuple[Gauge, ...]) -> bool:
-    """Whether the maker's line settings are known."""
+    """Return whether the maker's line settings are known."""
     return members[0].interface == "modbus_map" or isinstance(type(members[0]).model_fields["line"].default, Line)
 
 
 def _choices(model: type[BaseModel]) -> list[dict[str, str]]:
-    """The ways in which an instrument may be set to speak: its own keys that have a few possible values.
+    """Return the possible configurations of an instrument: its enumerated keys.
 
-    A cable is the maker's usual one: another would be asked by a modem line, which may be more than a request to some.
+    The usual cable of the maker is assumed, because others are polled by a modem line, which may affect other devices.
     """
     placing = {"interface", "units", "cable"}
     settings = [key for key in model.model_fields if key in model.__annotations__ and key not in placing]
@@ -155,18 +154,22 @@ def _choices(model: type[BaseModel]) -> list[dict[str, str]]:
 
 
 _MOST_FAULTS = 3
-"""Faults before the first reading after which an attempt ends; one is normal where a stream is joined midway."""
+"""Faults before the first reading that end an attempt; one is normal when joining a stream."""
 
 
 class Probing:
-    """Our side of a conversation, on trial.
+    """Host side of a conversation on trial.
 
-    What a conversation opens with, before it has heard anything, sets the instrument (`OUT0`, `OUTPUT RS422`): where
-    only requests may be sent, it is left out whenever it comes.
+    Opening messages sent before any data arrives configure the instrument (`OUT0`, `OUTPUT RS422`): if only requests
+    are
+    permitted, they are suppressed.
     """
 
     def __init__(self, host: Host, sends: Sends, silences: int = 1) -> None:
-        """silences: how many time-outs without a word end it."""
+        """Create a trial conversation.
+
+        silences: number of time-outs that end it.
+        """
         self._host = host
         self._silences = silences
         self._sends = sends
@@ -201,14 +204,14 @@ class Probing:
 
 
 ENOUGH = 3
-"""Readings in a row that are hardly an accident: a Micro-Epsilon value is met by one in 64 random triples."""
+"""Readings in a row that are hardly accidental: one in 64 random triples is a valid Micro-Epsilon value."""
 OF_THE_INSTRUMENT = {FaultKind.MISSING, FaultKind.DEVICE_ERROR}
-"""Faults in the instrument's own words, which show that its protocol is spoken."""
+"""Faults reported by the instrument itself, which prove its protocol."""
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """How well what came fits a protocol: readings, the longest row of them, and what was not understood."""
+    """Fit of the data to a protocol: readings, longest series of readings, and invalid data."""
 
     readings: int
     in_a_row: int
@@ -216,17 +219,17 @@ class Evidence:
 
     @property
     def enough(self) -> bool:
-        """Whether it is hardly an accident."""
+        """Whether an accident is unlikely."""
         return self.in_a_row >= ENOUGH
 
     @property
     def rank(self) -> tuple[bool, float, int]:
-        """What orders candidates, the best highest."""
+        """Sort key of candidates; the best is highest."""
         return self.enough, self.readings / max(1, self.readings + self.not_understood), self.readings
 
 
 def evidence_of(items: Iterable[Item]) -> Evidence:
-    """Return the evidence in what a conversation made of what came."""
+    """Return the evidence in the items of a conversation."""
     readings = row = longest = faults = 0
     for item in items:
         if not isinstance(item, Fault):
@@ -239,9 +242,9 @@ def evidence_of(items: Iterable[Item]) -> Evidence:
 
 @dataclass(frozen=True)
 class FoundGauge:
-    """A gauge that answers: as a rig file names it, its last reading, its pace, and what may be sent to it.
+    """Responding gauge: rig file keys, last reading, rate, and permitted data.
 
-    also: other interfaces that fit as well.
+    also: other matching interfaces.
     """
 
     gauge: Gauge
@@ -252,18 +255,18 @@ class FoundGauge:
 
     @property
     def place(self) -> str:
-        """Its port, with the channel where its instrument has several."""
+        """Port, with the channel if the instrument has several."""
         return f"{self.gauge.port}#{self.gauge.channel}" if self.gauge.shares else self.gauge.port
 
     @property
     def lacks(self) -> tuple[str, ...]:
-        """Keys that its owner still has to give; until then a reading is a percentage of the range."""
-        if self.sends == "all":  # named by a person, with its keys
+        """Keys still required from the owner; until then readings are percentages of the range."""
+        if self.sends == "all":  # named by the user with all keys
             return ()
         return tuple(key for key in missing_keys(self.gauge.interface) if key in STAND_IN)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain values, for JSON."""
+        """Return plain values for JSON."""
         plain = self.gauge.model_dump(mode="json", exclude_defaults=True, exclude={"offset_mm", *self.lacks})
         fields = {"interface": self.gauge.interface, "line": str(self.gauge.line), **plain}
         unit = "reading_percent" if self.lacks else "reading_mm"
@@ -279,7 +282,7 @@ class FoundGauge:
 
 @dataclass(frozen=True)
 class PortReport:
-    """What is on a port: its gauges, or why none was found and what to do about it."""
+    """Search result of a port: gauges, or the reason for none with a remedy."""
 
     port: str
     description: str = ""
@@ -288,16 +291,15 @@ class PortReport:
     remedy: str = ""
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain values, for JSON."""
+        """Return plain values for JSON."""
         return {**asdict(self), "gauges": [gauge.to_dict() for gauge in self.gauges]}
 
 
 @dataclass(frozen=True)
 class RobotReport:
-    """What is at a robot's address: how its joints are read and where they stand, or why not.
+    """Search result of a robot address: interface and joint angles, or the reason for none.
 
-    units_sure: False where angles come as bare numbers that could be degrees or radians. reported: the controller's own
-    last warning.
+    units_sure: False if bare numbers could be degrees or radians. reported: last warning of the controller.
     """
 
     address: str
@@ -310,6 +312,6 @@ class RobotReport:
     remedy: str = ""
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain values, for JSON."""
+        """Return plain values for JSON."""
         feedback = self.feedback.model_dump(mode="json", exclude_defaults=True) if self.feedback else None
         return {**vars(self), "feedback": feedback}

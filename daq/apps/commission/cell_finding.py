@@ -1,6 +1,4 @@
-"""One thing that was looked at; of a robot, what its condition says before a recording: a stop, a paused program,
-motors off, a lowered speed.
-"""
+"""Findings, and the checks of a robot's condition before a recording: stops, paused programs, motors, speed."""
 
 from __future__ import annotations
 
@@ -13,18 +11,21 @@ from rigs.schema.condition import CONDITION, FULL_PERCENT, MOTORS, PROGRAM, SAFE
 
 
 class Verdict(StrEnum):
-    """The verdict of a finding."""
+    """Verdict of a finding."""
 
     OK = "ok"
     DOUBTFUL = "doubtful"
-    """It may work, and may be why it does not work well."""
+    """It may work, but possibly not well."""
     WRONG = "wrong"
-    """It will not work like this."""
+    """It will not work."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """A finding. about: a gauge, the robot, the disk …; what: what was found; remedy: empty if all is well."""
+    """Finding about a gauge, the robot, the disk, …
+
+    about: subject. what: observation. remedy: empty if all is well.
+    """
 
     about: str
     verdict: Verdict
@@ -33,7 +34,7 @@ class Finding:
 
 
 def ok(about: str, observation: str) -> Finding:
-    """Return a finding that all is well."""
+    """Return a finding without a problem."""
     return Finding(about, Verdict.OK, observation)
 
 
@@ -43,7 +44,7 @@ def doubtful(about: str, observation: str, remedy: str) -> Finding:
 
 
 def wrong(about: str, observation: str, remedy: str) -> Finding:
-    """Return a finding that has to be corrected."""
+    """Return a finding that must be corrected."""
     return Finding(about, Verdict.WRONG, observation, remedy)
 
 
@@ -54,21 +55,21 @@ STOPS = {
     SafetyState.RECOVERY: ("recovery mode", "move the robot back inside its limits"),
     SafetyState.FAULT: ("a fault", "read its message on the pendant; clear it, or restart the controller"),
 }
-"""The states in which no program runs, and what ends them."""
+"""States that prevent programs from running, with their remedy."""
 
 
 def condition_in(columns: Sequence[str], sample: Sample) -> dict[str, float]:
-    """Return the condition in a sample of a robot; nan for what it does not show."""
+    """Return the condition in a sample of a robot; nan for missing values."""
     return {name: value for name, value in zip(columns, sample.values, strict=True) if name in CONDITION}
 
 
 def stopped_by(shown: Mapping[str, float]) -> str:
-    """Return why a robot runs no program, and what to do; empty where it may run or does not say."""
+    """Return the reason that programs cannot run, with the remedy; empty if unknown or none."""
     return "; ".join(STOPS.get(shown.get(SAFETY), ()))  # type: ignore[call-overload] # nan is no state
 
 
 def of_condition(about: str, shown: Mapping[str, float]) -> Iterator[Finding]:
-    """Yield what to mend before a recording. shown: columns of the condition; those that are missing are not judged."""
+    """Yield problems to solve before a recording. shown: columns of the condition; missing ones are not checked."""
     if shown.get(SAFETY) in STOPS:
         state, remedy = STOPS[SafetyState(int(shown[SAFETY]))]
         yield wrong(about, f"is in {state}", remedy)
@@ -78,7 +79,7 @@ def of_condition(about: str, shown: Mapping[str, float]) -> Iterator[Finding]:
         yield doubtful(
             about, "its program is paused", "resume it, or stop it and start it after the recording has begun"
         )
-    # A controller that runs no program may show a speed of zero, whatever it is set to.
+    # A controller without a running program may show a speed of zero regardless of its setting.
     if 0 < shown.get(SPEED, 0.0) < FULL_PERCENT:
         observation = f"its speed is set to {shown[SPEED]:.0f} %"
         yield doubtful(

@@ -1,8 +1,9 @@
-"""The computer that the daemon runs on: its disk, its clock, its service manager, and a serial port before anything is
-said on it: there, named to last, allowed, free, and quick.
+"""Check the daemon's computer: disk, clock, service manager, and serial ports before use (presence, permanent name,
+permissions, other processes, latency).
 
-Each finding is a function of plain figures; what reads them off the system stands below. `root` is where the system's
-tree begins, so that a test can build one. No port is opened.
+Each finding is a function of plain values; the functions that read them from the system follow below. `root` is the
+root
+of the system's tree, so that a test can build one. No port is opened.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from daq.wire.serial_port import port_names
 _GB = 1e9
 _LITTLE_GB, _TOO_LITTLE_GB = 5.0, 0.5
 _SLOW_S, _TOO_SLOW_S = 0.1, 5.0
-"""The daemon syncs every half second, and holds what comes meanwhile; its watchdog waits for 15 s."""
+"""Limits of a sync: the daemon syncs every half second and buffers in the meantime; its watchdog waits for 15 s."""
 _SYNCS = 5
 _BLOCK = bytes(1 << 16)
 _ANSWERS_S = 10.0
@@ -36,7 +37,7 @@ _UNIT_PROPERTIES = "LoadState,ActiveState,SubState,Result,NRestarts,UnitFileStat
 
 
 def examine_computer(runs: Path, unit: str | None) -> Iterator[Finding]:
-    """Examine the computer; `unit` is the service of the rig, if it has one."""
+    """Check the computer; `unit` is the service of the rig, if any."""
     try:
         place = next(path for path in (runs, *runs.parents) if path.is_dir())
         yield room(runs, shutil.disk_usage(place).free / _GB)
@@ -53,7 +54,7 @@ def examine_computer(runs: Path, unit: str | None) -> Iterator[Finding]:
 
 
 def room(runs: Path, free_gb: float) -> Finding:
-    """Check whether there is room to record."""
+    """Check the free space for recording."""
     observation = f"{free_gb:.1f} GB free for {runs}"
     if free_gb < _TOO_LITTLE_GB:
         return wrong("disk", observation, "make room; a full disk ends a recording")
@@ -63,7 +64,7 @@ def room(runs: Path, free_gb: float) -> Finding:
 
 
 def sync_time(runs: Path, slowest_s: float) -> Finding:
-    """Check whether the disk keeps up with a daemon that syncs twice a second."""
+    """Check that the disk is fast enough for two syncs a second."""
     observation = f"writing 64 kB to the disk took up to {slowest_s * 1e3:.0f} ms"
     if slowest_s > _TOO_SLOW_S:
         return wrong("disk", observation, f"put {runs} on a disk of its own, not on a memory card or a network drive")
@@ -73,7 +74,7 @@ def sync_time(runs: Path, slowest_s: float) -> Finding:
 
 
 def wall_clock(state: int) -> Finding:
-    """Check whether NTP controls the clock; `state` is what adjtimex returns."""
+    """Check that NTP controls the clock; `state` is the result of adjtimex."""
     if state != _TIME_ERROR:
         return ok("clock", "synchronised by NTP")
     observation = (
@@ -103,7 +104,7 @@ def service(unit: str, properties: Mapping[str, str]) -> Finding:
 
 
 def slowest_sync_s(folder: Path) -> float:
-    """Measure the longest of some writes with fsync, in a temporary file. Raises OSError."""
+    """Measure the longest of several fsyncs in a temporary file. Raises OSError."""
     with tempfile.TemporaryFile(dir=folder) as file:
         taken = []
         for _ in range(_SYNCS):
@@ -116,13 +117,13 @@ def slowest_sync_s(folder: Path) -> float:
 
 
 def clock_state() -> int:
-    """Return the state of the clock as adjtimex(2) reports it; nothing is changed."""
-    timex = ctypes.create_string_buffer(256)  # larger than struct timex, whose first member asks for no change
+    """Return the clock state of adjtimex(2) without changing anything."""
+    timex = ctypes.create_string_buffer(256)  # larger than struct timex, whose first member requests no change
     return int(ctypes.CDLL(None).adjtimex(timex))
 
 
 def unit_properties(unit: str) -> dict[str, str]:
-    """Return systemd's properties of a unit; empty if systemd does not run or answer."""
+    """Return systemd's properties of a unit; empty if systemd does not run or respond."""
     if not Path("/run/systemd/system").is_dir() or not shutil.which("systemctl"):
         return {}
     command = ["systemctl", "show", f"--property={_UNIT_PROPERTIES}", unit]
@@ -137,13 +138,13 @@ def unit_properties(unit: str) -> dict[str, str]:
 
 _BY_PLUGGING_ORDER = re.compile(r"/dev/tty(USB|ACM)\d+")
 _GREEDY = ("ModemManager", "brltty")
-"""Programs that open new serial ports by themselves."""
+"""Programs that open new serial ports automatically."""
 _GROUP = "dialout"
 _LONG_MS = 2
 
 
 def examine_port(about: str, port: str, root: Path, *, served: bool) -> Iterator[Finding]:
-    """Yield findings on a serial port, up to the first that is wrong; rigd may hold the port."""
+    """Yield findings about a serial port up to the first defect; rigd may have the port open."""
     checks = (present, lasting, quick) if served else (present, lasting, allowed, free, quick)
     for check in checks:
         if finding := check(about, port, root):
@@ -153,7 +154,7 @@ def examine_port(about: str, port: str, root: Path, *, served: bool) -> Iterator
 
 
 def present(about: str, port: str, root: Path) -> Finding:
-    """Check whether the port exists."""
+    """Check that the port exists."""
     if _at(port, root).exists():
         return ok(about, f"{port} exists")
     ports = ", ".join(port_names(root)) or "none"
@@ -163,7 +164,7 @@ def present(about: str, port: str, root: Path) -> Finding:
 
 
 def lasting(about: str, port: str, root: Path) -> Finding | None:
-    """Check whether the port's name stays with the adapter; None for a port that is built in."""
+    """Check that the port name belongs to the adapter permanently; None for a built-in port."""
     if not _BY_PLUGGING_ORDER.fullmatch(port):
         return None
     names = [
@@ -174,7 +175,7 @@ def lasting(about: str, port: str, root: Path) -> Finding | None:
 
 
 def allowed(about: str, port: str, root: Path) -> Finding | None:
-    """Check whether this user, and the user of the service, may read and write the port."""
+    """Check that this user, and the user of the service, may read and write the port."""
     device = _at(port, root)
     status = device.stat()
     try:
@@ -193,11 +194,11 @@ def allowed(about: str, port: str, root: Path) -> Finding | None:
 
 
 def free(about: str, port: str, root: Path) -> Finding | None:
-    """Check whether another process that this user can inspect holds the port; None if none does.
+    """Check for other processes using the port, as far as this user can inspect them; None if there are none.
 
-    A pty is held by the process that created it.
+    A pty is used by the process that created it.
     """
-    # `ttyUSB0` or `pts/3`, whatever the rig file calls it
+    # `ttyUSB0` or `pts/3`, whatever name the rig file uses
     real = _at(port, root).resolve()
     dev = (root / "dev").resolve()
     below = str(real.relative_to(dev)) if real.is_relative_to(dev) else real.name
@@ -216,7 +217,7 @@ def free(about: str, port: str, root: Path) -> Finding | None:
 
 
 def quick(about: str, port: str, root: Path) -> Finding | None:
-    """Check an FTDI adapter's latency timer, which holds bytes back; None for other adapters."""
+    """Check the latency timer of an FTDI adapter; None for other adapters."""
     timer = root / "sys/bus/usb-serial/devices" / _at(port, root).resolve().name / "latency_timer"
     try:
         ms = int(timer.read_text())

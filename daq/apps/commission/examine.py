@@ -1,4 +1,4 @@
-"""All of a cell: the computer, the daemon if one runs, and each instrument."""
+"""Check a complete cell: computer, daemon if running, and each instrument."""
 
 from __future__ import annotations
 
@@ -22,8 +22,12 @@ _FRESH_S = 3.0
 def examine(
     rig: Rig, runs: Path, unit: str | None = None, root: Path = Path("/"), *, example: bool = False
 ) -> Iterator[Finding]:
-    """Yield findings as they are made. unit: the rig's service; root: where /dev, /proc and /sys are; example: whether
-    the rig file is one that is shipped, whose ports may be another's machines in this network and are not touched."""
+    """Yield findings as they are made.
+
+    unit: service of the rig. root: parent of /dev, /proc and /sys. example: whether the rig file is a shipped example,
+    whose
+    ports are not touched because they may belong to other machines in this network.
+    """
     yield from examine_computer(runs, unit)
     try:
         status = ask(rig.name)
@@ -51,7 +55,9 @@ def examine(
 
 
 def ask(rig: str) -> dict[str, Any] | None:
-    """Return the status of the daemon of this rig; None if none runs. Raises CellError if it does not answer."""
+    """Return the status of the daemon of this rig; None if none runs. Raises CellError if the daemon does not
+    answer.
+    """
     try:
         path = find_socket(rig)
     except CellError:
@@ -66,7 +72,7 @@ def ask(rig: str) -> dict[str, Any] | None:
 
 
 def of_daemon(status: dict[str, Any], streams: Sequence[Stream]) -> Iterator[Finding]:
-    """Yield findings from a daemon's status, since the daemon holds the ports. streams: those of the rig file."""
+    """Yield findings from the status of a daemon, which has the ports open. streams: of the rig file."""
     recording = f"records {status['recording']}" if status["recording"] else "records nothing"
     yield ok("rigd", f"serves {status['rig']} and {recording}; queried instead of the ports")
     served = {name: stream.get("port") for name, stream in status["streams"].items()}

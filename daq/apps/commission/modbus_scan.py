@@ -1,13 +1,15 @@
-"""Finding what a Modbus gauge is, where the rig file describes it wrongly: its unit, its registers, their orders.
+"""Find the correct unit, registers and byte orders of a Modbus gauge whose rig file is wrong.
 
-It is done by reading alone (functions 3 and 4), while a person moves the probe. First every unit number is asked; then
-the registers around the described one, and where the number in a manual (30203, 40203) would have them, are read again
-and again, and judged.
+Only read functions (3 and 4) are used, while the user moves the probe. First every unit number is polled. Then the
+registers around the configured address, and around the address in manual notation (30203, 40203), are read repeatedly
+and
+judged.
 
-Registers can be read as a number in many ways. One that is put together wrongly jumps over the whole range of its type,
-or does not move at all. One that moves steadily within the range of a gauge, while its probe is moved by hand, is its
-reading, or else the higher part of one. Among several such ways those are taken for which the least of the rig file
-would have to be wrong.
+Registers can be decoded as numbers in many ways. A wrong decoding jumps over the whole range of its type or does not
+move.
+A value moving steadily within a gauge's range while the probe is moved by hand is the reading, or the higher part of
+one.
+Among several candidates those requiring the fewest changes to the rig file are chosen.
 """
 
 from __future__ import annotations
@@ -35,31 +37,33 @@ from rigs.schema.modbus import ModbusMap, Number, Order, Register
 from rigs.schema.probe import MM_PER_UNIT
 
 LIKELY_MM = 100.0
-"""The longest probes measure so far; for a gauge without `range_mm`."""
+"""Measuring range of the longest probes, for gauges without `range_mm`."""
 _FEW = 5
-"""Different readings that a probe shows at the least while it is moved."""
+"""Minimum number of different readings while the probe is moved."""
 _RANDOM = 0.5
-"""Mean square of the steps over twice the variance (von Neumann): 1 of numbers at random, 0.2 of a motion to and fro
-that is seen ten times."""
+"""Limit of the mean square step over twice the variance (von Neumann): 1 for random numbers, 0.2 for a motion to and
+fro
+observed ten times.
+"""
 _CUT = 2**-4
-"""The first register of a number in double precision holds four bits of its fraction, in single precision seven."""
+"""The first register contains four bits of the fraction in double precision, seven in single precision."""
 _LEVELS = np.linspace(0, 1, 9)
 _SELDOM = {"value.type": 3}
-"""How much seldomer than any other key this one is wrong in a rig file."""
+"""How much less often this key is wrong in a rig file than other keys."""
 
 Place = tuple[int, int]
 """Unit and function."""
 Piece = tuple[int, int]
-"""First register and number of registers of one read: a number that is put together from two is none."""
+"""First register and number of registers of one read; a number must not span two reads."""
 Seen = Mapping[int, Sequence[int]]
-"""Address → what the register held, pass by pass."""
+"""Register contents by address, one per pass."""
 
 
 @dataclass(frozen=True)
 class Way:
-    """A way to read the value. changed: the keys of the rig file that differ from what it says; readings_mm: (n,).
+    """Decoding of the value. changed: keys that differ from the rig file. readings_mm: (n,).
 
-    moving: those of its registers that changed, with unit and function.
+    moving: registers that changed, with unit and function.
     """
 
     changed: dict[str, Any]
@@ -68,13 +72,13 @@ class Way:
 
     @property
     def effort(self) -> int:
-        """How much of the rig file would have to be wrong."""
+        """Number of errors in the rig file that this decoding implies."""
         return sum(_SELDOM.get(key, 1) for key in self.changed)
 
     def is_part_of(self, way: Way) -> bool:
-        """Return whether this is the higher part of another number: the same motion, but for what it cuts off.
+        """Return whether this is the higher part of a different number: the same motion, truncated.
 
-        They may have been read one after the other, so that only their distributions are alike.
+        They may have been read in sequence, so only the distributions are equal.
         """
         apart_mm = np.abs(np.quantile(self.readings_mm, _LEVELS) - np.quantile(way.readings_mm, _LEVELS)).mean()
         return self.moving < way.moving and bool(apart_mm <= _CUT * np.abs(way.readings_mm).max())
@@ -84,7 +88,7 @@ class Way:
 
 
 def ways(gauge: ModbusMap, seen: Mapping[tuple[Place, Piece], Seen]) -> list[Way]:
-    """Return the ways in which registers of the pieces seen are a reading that moves; the likeliest first."""
+    """Return the decodings with moving readings; the likeliest first."""
     of_pieces = [way for (place, _), registers in seen.items() for way in _of_piece(gauge, *place, registers)]
     moving = {str(way): way for way in of_pieces}.values()
     whole = [way for way in moving if not any(way.is_part_of(wider) for wider in moving)]
@@ -92,7 +96,7 @@ def ways(gauge: ModbusMap, seen: Mapping[tuple[Place, Piece], Seen]) -> list[Way
 
 
 def _of_piece(gauge: ModbusMap, unit: int, function: int, seen: Seen) -> Iterator[Way]:
-    """The ways in one piece of a unit."""
+    """Yield the decodings in one piece of a unit."""
     orders = product(get_args(Order), repeat=2)
     for address, kind, (word_order, byte_order) in product(seen, get_args(Number), list(orders)):
         register = Register(address=address, type=kind)
@@ -111,7 +115,7 @@ def _of_piece(gauge: ModbusMap, unit: int, function: int, seen: Seen) -> Iterato
         layout = gauge.model_copy(update={"address": address, "word_order": word_order, "byte_order": byte_order})
         passes = zip(*(seen[address + k] for k in range(register.count)), strict=True)
         raw = np.array([unpack(words, register, layout) for words in passes], dtype=float)
-        with np.errstate(over="ignore", invalid="ignore"):  # in a wrong order a number may be infinite, or none
+        with np.errstate(over="ignore", invalid="ignore"):  # a wrong order may give infinity or nan
             readings_mm = (raw * gauge.value.scale + gauge.value.offset) * MM_PER_UNIT[gauge.units]
         if is_motion(readings_mm, gauge):
             changed = {key: read for key, (read, written) in settings.items() if read != written}
@@ -120,7 +124,7 @@ def _of_piece(gauge: ModbusMap, unit: int, function: int, seen: Seen) -> Iterato
 
 
 def is_motion(readings_mm: NDArray[np.float64], gauge: ModbusMap) -> bool:
-    """Return whether readings (n,) are those of this gauge while its probe is moved to and fro."""
+    """Return whether readings (n,) are those of this gauge while the probe is moved to and fro."""
     lowest_mm, highest_mm = gauge.limits_mm or (-LIKELY_MM, LIKELY_MM)
     if not all(map(is_length, readings_mm.tolist())):
         return False
@@ -131,32 +135,34 @@ def is_motion(readings_mm: NDArray[np.float64], gauge: ModbusMap) -> bool:
 
 UNITS = range(1, 248)
 _FIRST_UNITS = range(1, 17)
-"""Numbers that most instruments are delivered with, or set to: tried at other line settings."""
+"""Common delivery settings, tried with other line settings."""
 SWEEP_S, _LONGEST_SWEEP_S = 0.1, 60.0
-"""A unit answers within 0.1 s, or its answer is heard while the next is asked; a gateway may take longer to refuse."""
+"""Time per unit: answers come within 0.1 s, or are received during the next request; a gateway may refuse more
+slowly.
+"""
 _AROUND = 8
-"""Registers before and after the described one."""
+"""Registers before and after the configured one."""
 _LONGEST = 4
 """Registers of the longest number."""
 _BASES = (0, 30_001, 40_001, 300_001, 400_001)
-"""What manuals add to the address on the wire, to say which kind of register it is."""
+"""Offsets added by manuals to the transmitted address, to denote the register kind."""
 _PASSES, PASS_S = 40, 0.1
 _NO_PATH = (10, 11)
-"""Exceptions by which a gateway says that it has no such unit."""
+"""Exceptions of a gateway for an absent unit."""
 _SILENCE_S = 0.004
 """Twice the silence between frames at 19 200 baud."""
 
 
 @dataclass
 class Asker:
-    """Asks one thing after the other over a link. heard: units that have answered, if only by a refusal."""
+    """Sends requests in sequence over a link. heard: units that responded, even with a refusal."""
 
     link: Link
     wire: Wire
     heard: set[int] = field(default_factory=set)
 
     def read(self, place: Place, piece: Piece, timeout_s: float) -> tuple[int, ...] | None:
-        """Return the registers; None where they are refused or nothing comes. Raises LinkLost."""
+        """Return the registers; None after a refusal or time-out. Raises LinkLost."""
         unit, function = place
         clock.sleep(0.0 if self.wire.numbered else _SILENCE_S)
         while self.link.read(0.0):
@@ -181,7 +187,7 @@ class Asker:
 
 
 def scan_modbus(rig: Rig, say: Callable[[str], None]) -> Iterator[Finding]:
-    """Yield what each Modbus gauge of a rig is found to be. say: shows a person what to do now."""
+    """Yield findings about each Modbus gauge of a rig. say: shows instructions to the user."""
     gauges = {name: gauge for name, gauge in rig.gauges if isinstance(gauge, ModbusMap)}
     if not gauges:
         yield doubtful("scan", "the rig file has no gauge of interface modbus_map", "scan a rig with Modbus gauges")
@@ -192,7 +198,7 @@ def scan_modbus(rig: Rig, say: Callable[[str], None]) -> Iterator[Finding]:
 
 
 def scan_gauge(name: str, gauge: ModbusMap, stream: Stream, say: Callable[[str], None]) -> Finding:
-    """Find one gauge, at the line settings of the rig file or else at others."""
+    """Find one gauge, with the line settings of the rig file or others."""
     say(f"{name}: every unit number is asked on {stream.port}, for up to half a minute")
     lines = [stream.line]
     if stream.port.startswith("/"):
@@ -204,7 +210,7 @@ def scan_gauge(name: str, gauge: ModbusMap, stream: Stream, say: Callable[[str],
             return wrong(name, f"{stream.port}: {error.what}", error.remedy)
         with closing(link), suppress(LinkLost):
             asker = Asker(link, Wire(stream.port, gauge.framing, serving=False))
-            # Ask every unit for something; those that answer are heard.
+            # Poll every unit; the responding ones are recorded.
             units = UNITS if line == stream.line else _FIRST_UNITS
             until = clock.now_s() + _LONGEST_SWEEP_S
             for unit in (gauge.unit, *units):
@@ -218,7 +224,7 @@ def scan_gauge(name: str, gauge: ModbusMap, stream: Stream, say: Callable[[str],
 
 
 def _watch(asker: Asker, gauge: ModbusMap) -> dict[tuple[Place, Piece], dict[int, list[int]]]:
-    """What the registers around the described one hold, pass by pass."""
+    """Return the contents of the registers around the configured one, per pass."""
     pieces = [(place, piece) for unit in sorted(asker.heard) for place, piece in _readable(asker, gauge, unit)]
     seen: dict[tuple[Place, Piece], list[tuple[int, ...]]] = {piece: [] for piece in pieces}
     for _ in range(_PASSES):
@@ -234,7 +240,7 @@ def _watch(asker: Asker, gauge: ModbusMap) -> dict[tuple[Place, Piece], dict[int
 
 
 def _readable(asker: Asker, gauge: ModbusMap, unit: int) -> Iterator[tuple[Place, Piece]]:
-    """The pieces that this unit lets be read: whole windows, or where it refuses these single values."""
+    """Yield the readable pieces of this unit: whole windows, or single values if refused."""
     for function in (3, 4):
         place = (unit, function)
         for middle in (gauge.value.address - base for base in _BASES if gauge.value.address >= base):
@@ -249,7 +255,7 @@ def _readable(asker: Asker, gauge: ModbusMap, unit: int) -> Iterator[tuple[Place
 
 
 def _finding(name: str, gauge: ModbusMap, line: dict[str, object], moving: list[Way], asker: Asker) -> Finding:
-    """What was found, in words."""
+    """Describe the result."""
     if not moving:
         around = f"registers {gauge.value.address} ± {_AROUND}"
         observation = f"units {_list(asker)} answer, but nothing in {around} moves like a probe"

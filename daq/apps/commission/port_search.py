@@ -1,7 +1,7 @@
-"""Trying ports: each on its own thread, opened for this program alone and left with the settings that it had.
+"""Search ports in parallel, each opened exclusively and left with its original settings.
 
-An attempt that hears nothing ends after the instrument's time-out, and one that hears something after `_PATIENCE_S`.
-The first line settings at which a protocol fits end the search of a port, once every interface was tried at them.
+An attempt without data ends after the instrument's time-out, an attempt with data after `_PATIENCE_S`. The first line
+settings with a matching protocol end the search of a port, after all interfaces were tried with them.
 """
 
 from __future__ import annotations
@@ -33,20 +33,24 @@ from rigs.schema.gauges import Gauge
 from rigs.schema.links import Line, Port
 
 _ANSWER_S = 0.3
-"""What an answer may take while it is tried: 9 characters at 4800 baud take 21 ms, an FTDI adapter holds them for 16
-more, and a Heidenhain ND 281 B takes up to 50 ms."""
+"""Answer time during a search: 9 characters at 4800 baud take 21 ms, an FTDI adapter adds 16 ms, and a Heidenhain ND
+281 B
+takes up to 50 ms.
+"""
 _STOOD_STILL_NS = 250_000_000
-"""An answer may be missed when this program or the computer stands still for longer, so the attempt is made again."""
+"""After a longer stall of the program or computer an answer may have been missed, so the attempt is repeated."""
 _MOST_REPEATS = 3
 _PATIENCE_S = 2.0
 _SILENT_S = 20.0
-"""For a port that is built in, and so is there with nothing plugged in: the makers' own line settings and the two that
-are commonest. A port that is plugged in is tried at all of them."""
+"""Limit for a built-in port, which exists with nothing plugged in: only the makers' line settings and the two commonest
+are
+tried. Pluggable ports are tried with all settings.
+"""
 _CONFIRM_S = 0.5
-"""For more readings, once a protocol fits."""
+"""Time for further readings after a match."""
 LISTEN_S = 1.0
 _FORGIVING = ("sylvac_opto_rs", "mahr_c1202", "mitutoyo_qm_height", "mitutoyo_usb")
-"""Interfaces of which a message ends in a carriage return alone."""
+"""Interfaces whose messages end in a carriage return only."""
 _ROOT = Path("/")
 
 _PORT: TypeAdapter[str] = TypeAdapter(Port)
@@ -55,10 +59,11 @@ Progress = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Wanted:
-    """What to search. ports: serial devices and TCP addresses that a person named; no other is opened.
+    """Search options. ports: serial devices and TCP addresses named by the user; no other port is opened.
 
-    named: what to try on a port whose instrument is known, in place of everything. listen_s: how long to listen at
-    each setting. modbus_units: the units that are asked.
+    named: attempts for a port with a known instrument, instead of all. listen_s: listening time per setting.
+    modbus_units:
+    units to poll.
     """
 
     ports: tuple[str, ...]
@@ -68,7 +73,7 @@ class Wanted:
 
 
 def ports_here() -> dict[str, str]:
-    """Return the serial ports of this computer, each with what the system says of it; none is opened."""
+    """Return the serial ports of this computer with their system description; none is opened."""
     descriptions = {
         Path(port.device).resolve(): port.description for port in list_ports.comports() if port.description != "n/a"
     }
@@ -76,7 +81,7 @@ def ports_here() -> dict[str, str]:
 
 
 def search(options: Wanted, progress: Progress) -> list[PortReport]:
-    """Search all ports at once. On Ctrl-C each ends its attempt, and its port gets its settings back."""
+    """Search all ports in parallel. On Ctrl-C all attempts end, and ports regain their settings."""
     descriptions, reports, stop = ports_here(), dict[str, PortReport](), clock.Event()
 
     def search_one(port: str) -> None:
@@ -96,7 +101,7 @@ def search(options: Wanted, progress: Progress) -> list[PortReport]:
 
 
 def join_started(threads: Sequence[threading.Thread]) -> None:
-    """Wait for the threads that have begun; one that still begins sees at once that it has to stop."""
+    """Wait for all started threads; a thread still starting stops immediately."""
     for thread in threads:
         if thread.is_alive():
             thread.join()
@@ -126,7 +131,7 @@ def search_port(port: str, description: str, options: Wanted, progress: Progress
 
 
 def host_of(members: Sequence[Gauge], sends: Sends, listen_s: float, silences: int = 1) -> Host:
-    """Return our side of the conversation with gauges on trial. silences: see `Probing`."""
+    """Return a trial conversation with gauges. silences: see `Probing`."""
     timeout_s = listen_s if sends == "nothing" else _ANSWER_S if sends == "requests" else members[0].timeout_s
     return Probing(
         gauges.host([gauge.model_copy(update={"timeout_s": timeout_s}) for gauge in members]), sends, silences
@@ -152,7 +157,7 @@ def _tried(
         if stop.is_set() or (answered and attempt.line != answered[0].line):
             break
         asked = attempt.request, attempt.line
-        if asked in unanswered:  # as another interface's, which has the same request
+        if asked in unanswered:  # another interface with the same request
             continue
         progress(f"{number} of {len(tried)}: {attempt.interface} at {attempt.line} on {report.port}")
         trial = trial_of(attempt)
@@ -181,14 +186,18 @@ def _tried(
 
 
 def _rank(candidate: tuple[Attempt, Trial]) -> tuple[bool, float, bool, int]:
-    """Return what orders attempts that fit, the best highest. An interface of which a message ends in a carriage return
-    takes a line feed after it too, and so fits an instrument of another one that always sends both."""
+    """Return the sort key of a matching attempt, the best highest.
+
+    An interface with messages ending in a carriage return also accepts a following line feed, so it matches instruments
+    of
+    other interfaces that always send both.
+    """
     enough, understood, readings = evidence_of(candidate[1].items).rank
     return enough, understood, candidate[0].interface not in _FORGIVING, readings
 
 
 def _trial(port: str, stalls: StallWatch, listen_s: float, attempt: Attempt) -> Trial:
-    """Make an attempt, and again where no reading came while the computer stood still."""
+    """Make an attempt, repeated if the computer stalled and no reading arrived."""
     host = partial(host_of, attempt.gauges, attempt.sends, listen_s)
     stream = Stream(port, (), port, attempt.line, host, modem=attempt.gauges[0].modem)
     stalls.take()
@@ -200,7 +209,7 @@ def _trial(port: str, stalls: StallWatch, listen_s: float, attempt: Attempt) -> 
 
 
 def _with_gauges(report: PortReport, attempt: Attempt, trial: Trial, also: tuple[str, ...]) -> PortReport:
-    """A gauge for each channel that reads."""
+    """Add a gauge for each channel with readings."""
     gauges = []
     for column, gauge in enumerate(attempt.gauges):
         values = (sample.values[column] for sample in reversed(trial.samples))
@@ -231,7 +240,7 @@ def _failed(report: PortReport, problem: str, remedy: str) -> PortReport:
 
 @contextlib.contextmanager
 def _as_it_was(port: str) -> Iterator[None]:
-    """Keep a serial port open, so that its control lines stay still between attempts; then restore its settings."""
+    """Hold a serial port open to keep its control lines unchanged between attempts; restore its settings at the end."""
     if not port.startswith("/"):
         yield
         return
@@ -241,7 +250,7 @@ def _as_it_was(port: str) -> Iterator[None]:
         try:
             yield
         finally:
-            with contextlib.suppress(termios.error):  # unplugged meanwhile
+            with contextlib.suppress(termios.error):  # unplugged in the meantime
                 termios.tcsetattr(fd, termios.TCSANOW, before)
     finally:
         os.close(fd)

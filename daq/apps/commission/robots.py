@@ -1,13 +1,15 @@
-"""Trying a robot's address: RTDE at its port, a port that prints lines, or a port here that a controller calls.
+"""Detect a robot: RTDE at its port, a port printing lines, or a local port contacted by a controller.
 
-What is sent depends on the address alone. RTDE's read requests go to port 30004, the request for a status to port
-60015, FANUC's Stream Motion, and requests to browse and read to port 4840, OPC UA. Any other port is only listened to:
-bytes that it does not expect can stop the program that serves it, and Universal Robots' script ports run what they are
-sent. A person who names the interface has it spoken to as rigd would.
+The address alone determines the data sent: RTDE read requests to port 30004, FANUC Stream Motion status requests to
+port
+60015, OPC UA browse and read requests to port 4840. Other ports are only listened to: unexpected bytes can stop the
+serving program, and Universal Robots' script ports execute them. If the user names the interface, the complete
+conversation is used as in rigd.
 
-Of lines that a controller's program prints, separator, clock and six angles are guessed, and only what the numbers show
-is taken: a column that grows at the host's own pace is the clock. Whether angles are degrees or radians shows only
-where one is larger than a turn in radians; otherwise a person is asked.
+For printed lines the separator, the clock and six angles are guessed from the numbers alone: a column growing at the
+pace
+of the host's clock is the clock. Degrees and radians can only be distinguished if an angle exceeds a turn in radians;
+otherwise the user is asked.
 """
 
 from __future__ import annotations
@@ -38,12 +40,12 @@ _SEPARATORS = (",", ";", " ")
 _FEWEST_LINES = 5
 _CLOCKS = {"t_s": 1.0, "t_ms": 1e3, "t_us": 1e6}
 _PACE = 0.25
-"""How far, as a share, a clock's pace may be from the host's in half a second of lines."""
+"""Permitted relative difference between a clock and the host's clock over half a second of lines."""
 
 
 @dataclass(frozen=True)
 class Layout:
-    """The layout of a line: `fields` and `separator` as a rig file has them; sure: whether the unit is certain."""
+    """Line layout: `fields` and `separator` as in the rig file. sure: whether the unit is certain."""
 
     fields: tuple[str, ...]
     separator: str
@@ -51,7 +53,7 @@ class Layout:
 
 
 def layout_of(arrivals: Sequence[Arrival]) -> Layout | None:
-    """Return the layout of the lines in what arrived; None where they are not lines of at least six numbers."""
+    """Return the layout of the received lines; None for lines with fewer than six numbers."""
     frames = Lines(b"\n", joined_midway=True)
     lines = [
         (message.data.decode("ascii", "replace").strip(), message.last_byte_ns / 1e9)
@@ -87,7 +89,7 @@ def layout_of(arrivals: Sequence[Arrival]) -> Layout | None:
 
 
 def _clock(column: list[float | None], at_s: list[float]) -> str | None:
-    """The name of the clock that a column is, by how it keeps pace with the host's."""
+    """Return the name of the clock in a column, based on its pace."""
     lasted_s = at_s[-1] - at_s[0]
     values = [value for value in column if value is not None]
     rises = len(values) == len(column) and all(b >= a for a, b in pairwise(values))
@@ -102,22 +104,22 @@ Robot: its host name or IP address (Universal Robots);
   tcp://HOST:PORT, or a serial port, of a program that prints its joints;
   udp://HOST:60015 of FANUC's Stream Motion;
   udp://ADDRESS:PORT of this computer, which KUKA RSI or ABB EGM calls"""
-"""What an address says of the interface, for the person who gives one."""
+"""Forms of an address and their interfaces, as help for the user."""
 _LISTEN_S = 1.5
 _SILENCES = 3
-"""Time-outs within that time: a datagram that asks can be lost."""
+"""Time-outs per attempt: a request datagram can be lost."""
 _CONFIRM_S = 0.5
 _PATIENCE_S = 3.0
 _RTDE, _STREAM_MOTION, _OPC_UA = 30004, 60015, 4840
-"""The ports of Universal Robots' RTDE, of FANUC's Stream Motion and of OPC UA."""
+"""Ports of Universal Robots' RTDE, FANUC's Stream Motion and OPC UA."""
 _RATES_HZ = (500.0, 125.0)
-"""The rates of RTDE on e-Series and on CB3."""
+"""RTDE rates of e-Series and CB3."""
 _CYCLES_MS: tuple[Literal[4, 12], ...] = (4, 12)
 
 
 @dataclass(frozen=True)
 class _Tried:
-    """An interface that was tried, and what came of it. sure: whether the unit of the angles is certain."""
+    """Result for an interface. sure: whether the angle unit is certain."""
 
     feedback: Feedback
     trial: Trial
@@ -125,10 +127,9 @@ class _Tried:
 
 
 def search_robot(address: str, named: Feedback | None = None) -> RobotReport:
-    """Search a robot at a host, a `tcp://host:port` or serial port that prints lines, or a `udp://address:port`.
+    """Detect a robot at a host, at a `tcp://host:port` or serial port printing lines, or at a `udp://address:port`.
 
-    The UDP address may be one of this computer, which a controller calls. named: the interface that a person gave, in
-    place of every other.
+    A local UDP address waits for the controller. named: interface given by the user, instead of a search.
     """
     failed: list[str] = []
     answers = False
@@ -160,7 +161,7 @@ def search_robot(address: str, named: Feedback | None = None) -> RobotReport:
 
 
 def joints_of(robot: Feedback) -> tuple[float, ...]:
-    """Return where a robot's six joints stand now, in degrees. Raises CellError where it does not say."""
+    """Return the present joint angles in degrees. Raises CellError if the robot does not report them."""
     trial = _try(robot).trial
     if trial.error:
         raise trial.error
@@ -171,7 +172,7 @@ def joints_of(robot: Feedback) -> tuple[float, ...]:
 
 
 def _tries(address: str) -> Iterator[_Tried]:
-    """Try what is possible at an address, one after the other."""
+    """Try all interfaces possible at an address in sequence."""
     tcp, udp = tcp_address(address), udp_address(address)
     if udp and udp[1] == _STREAM_MOTION:
         yield _try(FANUCStreamMotion(interface="fanuc_stream_motion", port=address))
@@ -190,7 +191,7 @@ def _tries(address: str) -> Iterator[_Tried]:
 
 
 def _line_feed(address: str) -> _Tried:
-    """A line feed: listened to once, since some programs end with their connection, and read as its lines look."""
+    """Listen to a line feed once, because some programs end with their connection, and guess the layout."""
     plain = LineFeed(interface="line_feed", port=address)
     try:
         link = open_link(ROBOT, address, plain.line)
@@ -215,8 +216,8 @@ def _line_feed(address: str) -> _Tried:
 
 
 def _try(robot: Feedback) -> _Tried:
-    """Hold the conversation for a moment; a controller that calls is only listened to."""
-    # An RSI that expects no answers gets none.
+    """Run the conversation briefly; a controller that contacts us is only listened to."""
+    # RSI without expected answers receives none.
     limits = {"timeout_s": _LISTEN_S / _SILENCES} | ({"onlysend": True} if robot.interface == "kuka_rsi" else {})
     tried = robot.model_copy(update=limits)
     sends: Sends = "nothing" if robot.listens else "all"
@@ -225,7 +226,7 @@ def _try(robot: Feedback) -> _Tried:
 
 
 def _own_report(trial: Trial) -> str:
-    """The last that the controller itself reported: a warning, a refusal, something that it does not have."""
+    """Return the last report of the controller: a warning, a refusal, or a missing feature."""
     reports = [fault.detail for fault in faults_of(trial.items) if fault.kind in OF_THE_INSTRUMENT]
     return reports[-1] if reports else ""
 

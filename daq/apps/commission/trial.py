@@ -1,7 +1,8 @@
-"""A short conversation with an instrument, as the daemon would hold it, and the findings from what came.
+"""A short conversation with an instrument, as in the daemon, and findings from the result.
 
-Only the instrument's own conversation is held, which asks and never sets. Where it does not answer at the line settings
-of the rig file, the usual ones are tried one after the other.
+Only the regular conversation is used, which never configures the instrument. If there is no answer with the line
+settings
+of the rig file, common settings are tried in sequence.
 """
 
 from __future__ import annotations
@@ -28,11 +29,11 @@ from rigs.signedness import unsigned_readings
 
 _LISTEN_S = 2.0
 _TALK_S, _LONGEST_WAIT_S = 1.0, 5.0
-"""For the first readings, beside the waiting for a line to be quiet that a conversation may begin with."""
+"""Time for the first readings, after the drain at the start of a conversation."""
 _ENOUGH = 3
-"""Readings in a row that are hardly an accident at the wrong line settings."""
+"""Readings in a row that are hardly accidental with wrong line settings."""
 _FEW, _POOR_SHARE = 2, 0.05
-"""Faults, absolute and for each reading, that a conversation may begin with; more of them deserve attention."""
+"""Permitted faults, absolute and per reading; more deserve attention."""
 _SLOW = 0.5
 _POOR_PPM = 1000.0
 USUAL_LINES = tuple(
@@ -52,12 +53,12 @@ USUAL_LINES = tuple(
         "921600 8N1",
     )
 )
-"""What the makers of gauges deliver them with, the commonest first."""
+"""Delivery settings of gauge makers, the commonest first."""
 
 
 @dataclass(frozen=True)
 class Trial:
-    """The result of a short conversation. carried: bytes in both directions; error: why the port did not open."""
+    """Result of a short conversation. carried: bytes in both directions. error: reason for a port that did not open."""
 
     items: Sequence[Item] = ()
     seconds: float = 0.0
@@ -67,19 +68,19 @@ class Trial:
 
     @property
     def samples(self) -> list[Sample]:
-        """The readings that came."""
+        """Received readings."""
         return list(samples_of(self.items))
 
     @property
     def rate_hz(self) -> float:
-        """Readings a second; 0 where all came at once, as of a link that was then lost."""
+        """Readings per second; 0 if all arrived together, as before a lost link."""
         stamps_ns = samples_of(self.items).last_byte_ns
         lasted_ns = int(stamps_ns[-1] - stamps_ns[0]) if len(stamps_ns) else 0
         return (len(stamps_ns) - 1) * 1e9 / lasted_ns if lasted_ns else 0.0
 
     @property
     def understood(self) -> bool:
-        """Whether both sides understand each other: mostly readings, or the instrument's own errors."""
+        """Whether the protocol works: mostly readings, or errors of the instrument itself."""
         kinds = Counter[FaultKind]()
         for fault in faults_of(self.items):
             kinds[fault.kind] += fault.count
@@ -88,12 +89,12 @@ class Trial:
 
     @property
     def last_fault(self) -> str:
-        """The last fault in words; empty without one."""
+        """Text of the last fault; empty without faults."""
         return next((item.detail for item in reversed(self.items) if isinstance(item, Fault)), "")
 
 
 class _Counted:
-    """A link that counts its bytes."""
+    """Link with a byte counter."""
 
     def __init__(self, link: Link) -> None:
         self._link = link
@@ -117,7 +118,7 @@ Attempt = Callable[[Stream, Line, float, float], Trial]
 
 
 def try_line(stream: Stream, line: Line, patience_s: float, listen_s: float) -> Trial:
-    """Hold the stream's conversation at these line settings: until both understand each other, then `listen_s` more."""
+    """Run a conversation with these line settings until it works, and then for `listen_s`."""
     try:
         link = replace(stream, line=line).open()
     except CellError as error:
@@ -142,12 +143,12 @@ def try_line(stream: Stream, line: Line, patience_s: float, listen_s: float) -> 
         end.append(Fault(FaultKind.DISCONNECTED, clock.now_ns(), f"the link was lost: {lost}"))
     finally:
         link.close()
-    items += [*host.lost(clock.now_ns()), *link.take_ignored(), *end]  # with the faults that it still holds back
+    items += [*host.lost(clock.now_ns()), *link.take_ignored(), *end]  # including pending faults
     return Trial(items, clock.now_s() - began, counted.received, counted.carried)
 
 
 def examine_conversation(stream: Stream, timeout_s: float, attempt: Attempt = try_line) -> Iterator[Finding]:
-    """Examine whether the instrument answers, how fast, how its clock runs, and the condition of a robot.
+    """Check the answers, rate and clock of an instrument, and the condition of a robot.
 
     timeout_s: of the instrument.
     """
@@ -176,7 +177,7 @@ def _of_signs(stream: Stream, trial: Trial) -> Iterator[Finding]:
 
 
 def answers(stream: Stream, trial: Trial, search: Callable[[], Line | None]) -> Finding:
-    """Check whether both sides understand each other; `search` finds line settings at which they do."""
+    """Check that the protocol works; `search` finds working line settings."""
     if trial.error is not None:
         return wrong(stream.name, f"{stream.port}: {trial.error.what}", trial.error.remedy)
     how = f"{stream.port} at {stream.line}" if stream.port.startswith("/") else stream.port
@@ -198,7 +199,7 @@ def answers(stream: Stream, trial: Trial, search: Callable[[], Line | None]) -> 
 
 
 def _of_readings(stream: Stream, trial: Trial, how: str) -> Finding:
-    """Check readings that came: whether all gauges of the link gave some, and how many faults came with them."""
+    """Check the readings: whether all gauges of the link delivered some, and the number of faults."""
     readings = samples_of(trial.items)
     observation = f"{how}: {len(readings)} readings in {trial.seconds:.0f} s"
     silent = [stream.columns[k] for k in np.flatnonzero(np.isnan(readings.values).all(axis=0))]
@@ -214,7 +215,7 @@ def _of_readings(stream: Stream, trial: Trial, how: str) -> Finding:
 
 
 def pace(stream: Stream, trial: Trial) -> Finding | None:
-    """Compare the readings per second with what the line could carry."""
+    """Compare the rate with the capacity of the line."""
     readings, reached_hz = len(trial.samples), trial.rate_hz
     if readings < _ENOUGH or not reached_hz:
         return None
@@ -230,15 +231,15 @@ def pace(stream: Stream, trial: Trial) -> Finding | None:
 
 
 def pace_of_clock(about: str, samples: Sequence[Sample]) -> Finding | None:
-    """Compare the rate of the instrument's own clock with this computer's; None for one without a clock.
+    """Compare the rate of the instrument's clock with that of this computer; None without a clock.
 
-    The quickest arrivals of the first and of the last quarter lie closest to the truth: a delay only ever adds.
+    The earliest arrivals of the first and last quarter are closest to the truth, because delays are always positive.
     """
     quarter = len(samples) // 4
     if quarter < _ENOUGH or math.isnan(samples[0].device_time_s):
         return None
     begin_ns, end_ns = samples[0].last_byte_ns, samples[-1].last_byte_ns
-    if begin_ns == end_ns:  # all came at once, as of a link that was then lost
+    if begin_ns == end_ns:  # all arrived together, as before a lost link
         return None
     late_ns = [sample.last_byte_ns - begin_ns - sample.device_time_s * 1e9 for sample in samples]
     slope = (min(late_ns[-quarter:]) - min(late_ns[:quarter])) / (0.75 * (end_ns - begin_ns))

@@ -1,4 +1,4 @@
-"""Gauges that are all read at once, until one of them moves: a person pushes the one that is meant."""
+"""Identify a gauge: all gauges are read until the user pushes one of them."""
 
 from __future__ import annotations
 
@@ -19,22 +19,24 @@ from daq.wire.links import LinkLost
 from rigs.errors import CellError
 
 PUSH_MM = 0.2
-"""A finger moves a plunger by more; a ball link at rest, and a gauge's own noise, by far less."""
+"""Motion that counts as a push: a finger moves a plunger by more; a resting ball link and gauge noise are far
+smaller.
+"""
 _MORE = 3.0
-"""How many times as far as any other gauge, and as its own unrest, the pushed one has to move."""
+"""Required ratio of the push to the motion of every other gauge, and to the rest scatter of the gauge itself."""
 _AT_REST = 5
-"""Readings that say where a gauge stands."""
+"""Readings that define the rest position."""
 _KEPT = 200
 _SILENCES = 10
-"""Time-outs before the first reading after which a gauge is lost: it has answered before."""
+"""Time-outs before the first reading after which a gauge counts as lost, although it responded earlier."""
 _SETTLE_S = 5.0
-"""For those; the slowest gauges read some times a second."""
+"""Time for the rest position; the slowest gauges read a few times a second."""
 
 
 def pushed(rest_mm: Mapping[str, Sequence[float]], now_mm: Mapping[str, float]) -> str | None:
-    """Return the place of the gauge that was moved and no other; None where that is not clear.
+    """Return the place of the only moved gauge; None if it is not unique.
 
-    rest_mm: readings before, by place; now_mm: the present one.
+    rest_mm: rest readings by place. now_mm: present reading by place.
     """
     resting = {place: readings for place, readings in rest_mm.items() if len(readings) >= _AT_REST and place in now_mm}
     moved = {place: abs(now_mm[place] - sorted(readings)[len(readings) // 2]) for place, readings in resting.items()}
@@ -47,7 +49,7 @@ def pushed(rest_mm: Mapping[str, Sequence[float]], now_mm: Mapping[str, float]) 
 
 
 class Watch:
-    """Reads gauges on threads of their own; use it in a `with` statement."""
+    """Reads gauges in separate threads; used in a `with` statement."""
 
     def __init__(self, gauges: Sequence[FoundGauge]) -> None:
         self._gauges = gauges
@@ -77,14 +79,14 @@ class Watch:
         self._end()
 
     def readings_mm(self) -> dict[str, float]:
-        """Return the latest reading of each gauge by its place. Raises CellError where a port is lost."""
+        """Return the latest reading of each gauge by place. Raises CellError if a port is lost."""
         with self._changed:
             for place, why in self._lost.items():
                 raise CellError(place, f"was lost ({why})", "check its cable, and run rig init again: it goes on here")
             return {place: values[-1] for place, values in self._latest.items() if values}
 
     def rest(self) -> None:
-        """Take what comes now for the gauges at rest. Raises CellError where one sends nothing."""
+        """Measure the rest positions. Raises CellError if a gauge sends nothing."""
         with self._changed:
             for values in self._latest.values():
                 values.clear()
@@ -94,12 +96,12 @@ class Watch:
         self.readings_mm()
 
     def pushed(self, places: Sequence[str]) -> str | None:
-        """Return which of these gauges has moved since `rest`; None while none has."""
+        """Return the gauge among these that has moved since `rest`; None while there is none."""
         now_mm = self.readings_mm()
         return pushed({place: self._rest[place] for place in places}, now_mm)
 
     def grows(self, place: str) -> bool:
-        """Return whether the reading of a gauge that was pushed grew."""
+        """Return whether the push increased the reading."""
         with self._changed:
             rest_mm = sorted(self._rest[place])[len(self._rest[place]) // 2]
             return max(self._latest[place], key=lambda reading: abs(reading - rest_mm)) > rest_mm

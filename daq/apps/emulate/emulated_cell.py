@@ -1,7 +1,6 @@
-"""An emulated cell: every instrument of a rig file on a pty or a local port.
+"""Emulated cell: every instrument of a rig file on a pty or a local port.
 
-What stands behind the ports is not its business: instruments that measure a motion, or that say again what a capture
-heard.
+The devices may be instruments measuring a motion, or players of a capture.
 """
 
 from __future__ import annotations
@@ -30,25 +29,28 @@ _NOTICE_S = 0.05
 
 
 class Server(Protocol):
-    """A local port with an emulated instrument behind it."""
+    """Local port with an emulated instrument."""
 
     port: str
-    """As a rig file names it."""
+    """Port name for a rig file."""
     plugged: clock.Event
-    """Cleared while its cable is pulled."""
+    """Cleared while the cable is unplugged."""
 
     def serve(self, stop: clock.Event) -> None:
         """Serve until `stop` is set."""
 
     def hang_up(self) -> None:
-        """End the present conversation, and begin another."""
+        """End the present conversation and start a new one."""
 
 
 @dataclass(frozen=True)
 class Adversity:
-    """What keeps stamps from being true. latency_ms: how long an FTDI adapter on each serial line holds bytes;
-    jitter_ms: how late the robot's packets are on average; drift_ppm: how fast its controller's clock runs; unsteady:
-    the gauges' own cycles."""
+    """Timing disturbances.
+
+    latency_ms: latency of an FTDI adapter on each serial line. jitter_ms: mean delay of the robot's packets. drift_ppm:
+    rate
+    error of the controller's clock. unsteady: irregular cycles of the gauges.
+    """
 
     latency_ms: float = 0.0
     jitter_ms: float = 0.0
@@ -60,10 +62,11 @@ NONE = Adversity()
 
 
 class Cell:
-    """All instruments of a rig, each with its own thread, until `stop`.
+    """All instruments of a rig, each with a thread, until `stop`.
 
-    devices: what creates each instrument for every connection, by the name of its stream: `g1`, `g1_g2` where two
-    share a port, `robot`. names: a directory where serial ports get names that outlast their ttys, as udev makes them.
+    devices: creates the instrument for each connection, by stream name: `g1`, `g1_g2` for a shared port, `robot`.
+    names:
+    directory for permanent serial port names, like those of udev.
     """
 
     @classmethod
@@ -76,7 +79,7 @@ class Cell:
         *,
         paced: bool = True,
     ) -> Cell:
-        """Open the ports of a cell that is switched off. paced: see `PtyLine.open`."""
+        """Open the ports of a cell without starting it. paced: see `PtyLine.open`."""
         cell = cls()
         for stream in streams_of(rig):
             cell._open_port(stream, devices[stream.name], adversity, names and names / stream.name, paced)
@@ -91,15 +94,15 @@ class Cell:
         self._plugged: dict[str, clock.Event] = {}
         self._silenced: set[str] = set()
         self.ports: dict[str, str] = {}
-        """The ports by the names of the rig file: `g1`, `g2`, `feedback`."""
+        """Ports by their names in the rig file: `g1`, `g2`, `feedback`."""
 
     def start(self) -> None:
-        """Switch everything on."""
+        """Start all instruments."""
         for thread in self._threads:
             thread.start()
 
     def stop(self) -> dict[str, int]:
-        """Switch everything off, once; returns how many readings each instrument had sent."""
+        """Stop all instruments; return the number of readings sent by each."""
         if self._stop.is_set():
             return self.sent()
         self._stop.set()
@@ -110,28 +113,27 @@ class Cell:
         return self.sent()
 
     def silence(self, name: str) -> None:
-        """Let the instrument on this serial line send nothing any more."""
+        """Silence the instrument on a serial line."""
         self._silenced.add(name)
 
     def hang_up(self, name: str) -> None:
-        """Let the instrument on this network port end its conversation and begin a new one."""
+        """Make the instrument on a network port end its conversation and start a new one."""
         self._servers[name].hang_up()
 
     def unplug(self, name: str) -> None:
-        """Pull the instrument's cable: its tty and its name are gone, or its address refuses."""
+        """Unplug an instrument: tty and name disappear, or the address refuses connections."""
         self._plugged[name].clear()
 
     def plug(self, name: str) -> None:
-        """Plug the cable in again: another tty under the same name, or the same address."""
+        """Plug in again: a new tty with the same name, or the same address."""
         self._plugged[name].set()
 
     def sent(self) -> dict[str, int]:
-        """Return the number of readings sent so far, by stream."""
+        """Return the number of readings sent, by stream."""
         return {name: sum(device.sent for device in devices) for name, devices in self._devices.items()}
 
     def rig_text(self, text: str, *, emulated: bool = False) -> str:
-        """Return a rig file's text with the ports of this cell in place of its own; emulated: says that no robot is
-        there."""
+        """Return the text of a rig file with the ports of this cell; emulated: mark it as having no real robot."""
         data = data_of(as_emulated(text) if emulated else text)
         for name, port in self.ports.items():
             (data["feedback"] if name == "feedback" else data["gauges"][name])["port"] = port
@@ -190,7 +192,7 @@ class Cell:
 
 
 def as_emulated(text: str) -> str:
-    """Return a rig file's text that says that no robot is there: runs made by it say so, too."""
+    """Return the text of a rig file marked as having no real robot; runs made with it are marked too."""
     return _text_of(data_of(text) | {"emulated": True})
 
 

@@ -1,5 +1,7 @@
-"""Instruments that measure a motion: the device's side of each protocol, fed by a `Motion`, so that this package needs
-no kinematics. Of several on one line each hears everything, and answers what is addressed to it."""
+"""Instruments that measure a motion: the device side of each protocol, connected to a `Motion`.
+
+This package needs no kinematics. Instruments on a shared line receive everything and answer their own requests.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,7 @@ from rigs.schema.modbus import ModbusMap, SolartronOrbit
 
 
 class OneLine:
-    """The side of all instruments on a line."""
+    """Device side of all instruments on a line."""
 
     def __init__(self, devices: Sequence[Device]) -> None:
         self._devices = devices
@@ -49,13 +51,13 @@ class OneLine:
 
 
 class Motion(Protocol):
-    """What the emulated instruments measure, at any time of the host's monotonic clock."""
+    """Source of the measured values at any time of the host's monotonic clock."""
 
     def gauge_mm(self, name: str, now_ns: int) -> float:
-        """Return the reading of the gauge of that name; nan if its head is off."""
+        """Return the reading of a gauge by name; nan if the head is off."""
 
     def joints_deg(self, now_ns: int) -> Sequence[float]:
-        """Return the six joint angles that the controller reports."""
+        """Return the six joint angles reported by the controller."""
 
 
 def emulated(
@@ -66,10 +68,10 @@ def emulated(
     names: Path | None = None,
     condition: Callable[[int], Mapping[str, float]] = lambda _: {},
 ) -> Cell:
-    """Return a cell whose instruments measure a motion.
+    """Return a cell of instruments measuring a motion.
 
-    signal: number of the robot's program at a time, shown where the rig's feedback carries one. condition: what the
-    robot shows at a time that one which drives undisturbed does not. The rest: see `Cell`.
+    signal: program number of the robot at a time, if the feedback transmits it. condition: deviations from the normal
+    condition of the robot at a time. Other arguments: see `Cell`.
     """
     return Cell.open(rig, instruments_of(rig, motion, signal, adversity, condition), adversity, names)
 
@@ -81,7 +83,7 @@ def instruments_of(
     adversity: Adversity = NONE,
     condition: Callable[[int], Mapping[str, float]] = lambda _: {},
 ) -> dict[str, Callable[[], Device]]:
-    """Return what makes each instrument of a cell, newly for each connection, by the name of its stream."""
+    """Return the factory of each instrument, called for each connection, by stream name."""
     further_columns = columns_beside_joints(rig.feedback)
 
     def shown(now_ns: int) -> Sequence[float]:
@@ -96,9 +98,9 @@ def instruments_of(
 
 
 def gauge_device(rig: Rig, motion: Motion, group: Sequence[str], unsteady: Unsteady = STEADY) -> Callable[[], Device]:
-    """Return a function that makes what these gauges share, an instrument or a line, newly for each connection.
+    """Return a factory for a device with these gauges, called for each connection.
 
-    An instrument latches as the rig file's `timing` says; its own cycle begins at a phase that is its name's alone.
+    Latching follows `timing` in the rig file; the phase of the internal cycle depends on the name only.
     """
     members = {name: gauge for name, gauge in rig.gauges.recorded.items() if name in group}
 

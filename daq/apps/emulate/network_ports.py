@@ -1,12 +1,14 @@
-"""The instrument's end of a network port: TCP that is called and TCP that calls, and UDP.
+"""Instrument side of network ports: TCP server, TCP client and UDP.
 
-While a TCP port is unplugged it refuses connections, and comes back at the same port; each connection has a fresh
-conversation.
+An unplugged TCP port refuses connections and later returns at the same port; each connection has a new conversation.
 
-A controller that calls by UDP (RSI, EGM) sends unasked to the port that the rig file names as ours; one that is called
-(Stream Motion) waits at its own port for the first datagram. Either speaks to one peer. When the system says that no
-process has that peer's port any more, the controller's program ends and is started again, as an operator would: by a
-new conversation, and where it calls from a new port.
+A controller that contacts us by UDP (RSI, EGM) sends unprompted to the local port of the rig file; a passive one
+(Stream
+Motion) waits at its port for the first datagram. Both have one peer. When the system reports that the peer's port has
+no
+process, the controller's program ends and is restarted, as by an operator: with a new conversation and, if active, a
+new
+port.
 """
 
 from __future__ import annotations
@@ -29,7 +31,7 @@ _HOST = "127.0.0.1"
 
 
 class _Port:
-    """One conversation at a time, by a fresh device each. `port` is what the rig file names."""
+    """One conversation at a time, each with a new device. `port` is the name for the rig file."""
 
     def __init__(self, port: str, device: Callable[[], Conversation], jitter_ms: float) -> None:
         self.port = port
@@ -40,11 +42,11 @@ class _Port:
         self.plugged.set()
 
     def hang_up(self) -> None:
-        """End the present conversation; the next one begins soon."""
+        """End the present conversation; the next one starts soon."""
         self._hang_up.set()
 
     def _converse(self, sock: socket.socket, stop: clock.Event) -> None:
-        """Speak until `stop`, or until the peer is gone (no process has its UDP port), and close the socket."""
+        """Converse until `stop` or until the peer is gone (no process at its UDP port), and close the socket."""
 
         def ended() -> bool:
             return stop.is_set() or self._hang_up.is_set() or not self.plugged.is_set()
@@ -58,7 +60,7 @@ class _Port:
 
 
 class TcpPort(_Port):
-    """Listens on loopback at a free port and serves each client that connects."""
+    """TCP server at a free loopback port, one client after the other."""
 
     @classmethod
     def open(cls, device: Callable[[], Conversation], jitter_ms: float = 0.0) -> TcpPort:
@@ -71,7 +73,7 @@ class TcpPort(_Port):
         super().__init__(f"tcp://{_HOST}:{self._address[1]}", device, jitter_ms)
 
     def serve(self, stop: clock.Event) -> None:
-        """Serve until `stop` is set; when a connection ends, the next is accepted."""
+        """Serve until `stop` is set; after a connection ends, the next one is accepted."""
         self._accept(stop)
         while not stop.is_set():
             if not self.plugged.wait(_ACCEPT_S):
@@ -79,7 +81,7 @@ class TcpPort(_Port):
             try:
                 self._server = socket.create_server(self._address)
             except OSError:
-                continue  # somebody's connection was lent the port meanwhile; soon it is free again
+                continue  # the port was briefly assigned to an outgoing connection
             self._accept(stop)
 
     def _accept(self, stop: clock.Event) -> None:
@@ -95,7 +97,7 @@ class TcpPort(_Port):
 
 
 class TcpCaller(_Port):
-    """Calls a port of the host on loopback. `port` is what the rig file names: a port that was free."""
+    """TCP client for a local port. `port` is the name for the rig file: a formerly free port."""
 
     @classmethod
     def open(cls, device: Callable[[], Conversation], jitter_ms: float = 0.0) -> TcpCaller:
@@ -108,7 +110,7 @@ class TcpCaller(_Port):
         super().__init__(f"tcp://{_HOST}:{number}", device, jitter_ms)
 
     def serve(self, stop: clock.Event) -> None:
-        """Serve until `stop` is set; when a connection ends or is refused, call again."""
+        """Serve until `stop` is set; reconnect after the end or refusal of a connection."""
         while not stop.is_set():
             if self.plugged.wait(_AGAIN_S):
                 self._hang_up.clear()
@@ -118,7 +120,7 @@ class TcpCaller(_Port):
 
 
 class UdpPort(_Port):
-    """A UDP port on loopback. `port` is what the rig file names: a free port of the host if the controller calls."""
+    """UDP port on loopback. `port` is the name for the rig file: a free host port if the controller is active."""
 
     @classmethod
     def open(cls, device: Callable[[], Conversation], *, calls: bool, jitter_ms: float = 0.0) -> UdpPort:
@@ -132,7 +134,7 @@ class UdpPort(_Port):
         super().__init__(f"udp://{_HOST}:{number}", device, jitter_ms)
 
     def serve(self, stop: clock.Event) -> None:
-        """Serve until `stop` is set; when a conversation ends, the next begins."""
+        """Serve until `stop` is set, one conversation after the other."""
         while not stop.is_set():
             if not self.plugged.wait(_AGAIN_S):
                 continue

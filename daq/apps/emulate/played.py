@@ -1,7 +1,7 @@
-"""The device's side of a captured connection, on the timebase of its replay: one that streams, one that answers.
+"""Device side of a captured connection on the timebase of its replay: streaming and answering players.
 
-Host and capture are in step as long as the host asks in the rhythm in which it was captured, and it does so by itself:
-an answer never comes before its time, and the next question follows the answer.
+Host and capture stay in step as long as the host requests at the captured rate, which happens automatically: an answer
+never comes early, and the next request follows the answer.
 """
 
 from __future__ import annotations
@@ -18,18 +18,21 @@ from daq.protocol.conversation import Step
 from daq.wire.capture import Mark, Piece
 
 _LOOK_NS = 20_000_000
-"""How often it is looked whether the replay has begun."""
+"""Interval for checking whether the replay has started."""
 _PATIENCE_NS = 1_000_000_000
-"""For a word of the host that was captured; afterwards the instrument goes on without it."""
+"""Waiting time for captured data of the host; afterwards the instrument continues without it."""
 _AROUND = 8
-"""Exchanges before and after a request among which its own is sought: an instrument takes few kinds in turn."""
+"""Exchanges searched before and after a request: an instrument receives few kinds of requests in turn."""
 
 
 class StreamingPlayer:
-    """An instrument that sends by itself: each piece at its instant, and none before the host has sent its part."""
+    """Streaming instrument: each piece at its time, and after the corresponding data of the host."""
 
     def __init__(self, pieces: Sequence[Piece], time: Timebase, steps: Steps, *, hangs_up: bool, calls: bool) -> None:
-        """hangs_up: at the end, as over TCP. calls: it speaks to a port of the host's, and hears whether it is open."""
+        """Create a player.
+
+        hangs_up: at the end, as over TCP. calls: sends to a port of the host, and notices whether the port is open.
+        """
         self.sent = 0
         self._pieces = pieces
         self._time, self._steps = time, steps
@@ -65,14 +68,14 @@ class StreamingPlayer:
         self._turn = self._time.turn
         spoken = [piece for piece in self._pieces if piece.mark in (Mark.SENT, Mark.CAME)]
         while spoken and spoken[-1].mark is Mark.SENT:
-            spoken.pop()  # nothing was said after it
+            spoken.pop()  # no data followed it
         self._left, self._whole = deque(spoken), len(spoken)
         self._end_ns = self._pieces[-1].at_ns if self._pieces else 0
         self._replayed = bytearray()
         self._knocked_ns: int | None = None
 
     def _play(self, now_ns: int) -> Step:
-        """At most one piece that came: over UDP each is a datagram of its own."""
+        """Return at most one received chunk: over UDP each is a datagram."""
         if self._turn != self._time.turn:
             self._begin()
         shift_ns = self._time.shift_ns
@@ -100,7 +103,7 @@ class StreamingPlayer:
         return Step(hang_up=True) if now_ns >= over_ns else Step(wake_ns=over_ns)
 
     def _knock(self, now_ns: int) -> Step:
-        """Send the first piece; where no process has that port the link is lost, and otherwise this was its time."""
+        """Send the first piece; if the port has no process the link is lost, otherwise the timebase starts."""
         if self._knocked_ns is None:
             self._knocked_ns = now_ns
             self.sent += 1
@@ -111,16 +114,16 @@ class StreamingPlayer:
 
 @dataclass(frozen=True, slots=True)
 class Exchange:
-    """A request of the host and what came until the next, at their times in the capture."""
+    """Request of the host and the data until the next one, with capture times."""
 
     asked_ns: int
     question: bytes
     answers: tuple[Piece, ...]
 
     def answers_to(self, question: bytes) -> tuple[Piece, ...] | None:
-        """Return the answers to this request; None if it is another one.
+        """Return the answers to this request; None for a different request.
 
-        A number that a question carries and its answer repeats (Modbus TCP) may differ.
+        A number repeated in the answer (Modbus TCP) may differ.
         """
         if question == self.question:
             return self.answers
@@ -138,9 +141,9 @@ class Exchange:
 
 @dataclass(frozen=True, slots=True)
 class Exchanges:
-    """The exchanges of a connection, at their times asked_ns; end_ns: when it ended.
+    """Exchanges of a connection by request time asked_ns; end_ns: end of the connection.
 
-    period_ns: usual time from one to the next; longest: bytes of the longest question.
+    period_ns: usual interval. longest: bytes of the longest request.
     """
 
     all: Sequence[Exchange]
@@ -152,7 +155,7 @@ class Exchanges:
 
     @classmethod
     def of(cls, pieces: Sequence[Piece]) -> Exchanges:
-        """Return the exchanges in the pieces; what came before the first request is not an answer."""
+        """Return the exchanges in the pieces; data before the first request is not an answer."""
         questions = [number for number, piece in enumerate(pieces) if piece.mark is Mark.SENT]
         exchanges = [
             Exchange(
@@ -169,7 +172,7 @@ class Exchanges:
 
 
 class AnsweringPlayer:
-    """An instrument that answers: each request gets the answer to the captured one nearest in time."""
+    """Answering instrument: each request receives the answer to the nearest captured one."""
 
     def __init__(self, exchanges: Exchanges, time: Timebase, steps: Steps, *, hangs_up: bool) -> None:
         self.sent = 0
@@ -180,7 +183,7 @@ class AnsweringPlayer:
 
     @property
     def begun(self) -> bool:
-        """Whether anything was requested."""
+        """Whether a request was received."""
         return self._last >= 0
 
     def connected(self, now_ns: int) -> Step:
@@ -202,11 +205,11 @@ class AnsweringPlayer:
         self.done = not self._exchanges.all
         self._replayed = bytearray()
         self._last = -1
-        """The exchange that was played last."""
+        """Last exchange played."""
         self._saying: deque[Piece] = deque()
-        """What is still to be said, at the times of the capture."""
+        """Pieces to send, with capture times."""
         self._middle_ns: float | None = None
-        """The shift of the exchange that is being answered, until its answer begins."""
+        """Time shift of the present exchange, until its answer begins."""
         self._question_ns = 0
 
     def _play(self, now_ns: int, *, asked: bool = False) -> Step:
@@ -237,7 +240,7 @@ class AnsweringPlayer:
         return Step(wake_ns=next_ns + shift_ns)
 
     def _hear(self, at_ns: int) -> None:
-        """Choose what to say, once a question is complete."""
+        """Select the answer once a request is complete."""
         if at_ns >= self._exchanges.end_ns:
             return
         exchange = self._nearest(at_ns, bytes(self._replayed))
@@ -262,11 +265,13 @@ class AnsweringPlayer:
         self._steps.skipped += sum(bool(exchange.answers) for exchange in self._exchanges.all[self._last + 1 : number])
 
     def _nearest(self, at_ns: int, question: bytes) -> tuple[int, tuple[Piece, ...]] | None:
-        """Number and answers of the exchange with this question that was nearest.
+        """Return number and answers of the nearest exchange with this request.
 
-        A question that comes too early waits, and what is answered was measured while it did: that is half the error of
-        one that comes as much too late. So is that of a late one whose answer was still to come, which keeps the host
-        in step; it is answered then where the figures bear the error.
+        An early request waits, and the answer was measured in the meantime: half the error of an equally late request.
+        The same
+        holds for a late request whose answer is still due, which keeps the host in step; it is answered if the figures
+        tolerate
+        the error.
         """
         after = bisect_right(self._exchanges.asked_ns, at_ns)
         before = self._first_with(question, range(after - 1, max(after - 1 - _AROUND, -1), -1))

@@ -1,23 +1,23 @@
-"""The instrument's end of a serial line on a pty.
+"""Instrument side of a serial line on a pty.
 
-A pty passes bytes at once, whatever baud it is set to. A real line takes one character time for each, and
-that decides the stamps; so the delay is added here, a character at a time, on an absolute schedule. An FTDI adapter at
-the host's end holds them longer still: its latency timer is here as well, 0 for an adapter that has none. A pty keeps
-the baud that its far end was set to, though not data bits and parity: at another baud than the line's, both ends hear
-nonsense.
+A pty passes bytes immediately at any baud rate. A real line needs one character time each, which determines the stamps,
+so the delay is added here per character on an absolute schedule. The latency timer of an FTDI adapter is emulated too,
+0
+for none. A pty stores the baud rate of the far end, but not data bits and parity: at a wrong baud rate both ends
+receive
+garbage.
 
-An adapter that is unplugged takes its tty with it and comes back on another; what stays is its name under
-`/dev/serial/by-id`. So a line may be given such a name: a symbolic link that goes and comes with the tty.
+An unplugged adapter loses its tty and returns with a new one; its name in `/dev/serial/by-id` stays. A line can have
+such
+a name: a symbolic link that follows the tty.
 
-Characters that were sent at another baud become what a UART makes of them, which is why wrong line settings look as
-they do.
+Characters sent at a wrong baud rate are converted as by a UART, so wrong line settings look realistic.
 
-At an FTDI adapter bytes wait until its latency timer runs out, or until a USB packet is full. The chip sends what has
-come once every `latency_ms` (16 unless set), counted from when it last sent; with nothing to send it sends a packet of
-status alone, so the timer runs on. A packet carries 62 bytes beside its two of status, and goes at once when it is full
-(FTDI application note AN232B-04).
+Bytes wait in an FTDI adapter until the latency timer expires or a USB packet is full. The chip sends every `latency_ms`
+(16 by default), counted from the last packet; without data it sends a status packet, so the timer continues. A packet
+carries 62 bytes and two status bytes, and is sent immediately when full (FTDI application note AN232B-04).
 
-Of a network that delivers late each piece waits a random time, and none overtakes another.
+On a slow network each piece is delayed randomly, without reordering.
 """
 
 from __future__ import annotations
@@ -37,26 +37,26 @@ from daq.wire.links import LinkLost
 from rigs.schema.links import Line
 
 _LOOKS = 16
-"""A bit time: how often a UART looks for the edge that begins a character."""
+"""Samples per bit time for the start edge of a character in a UART."""
 
 
 def heard(data: bytes, sent: Line, at: Line) -> bytes:
-    """Return characters sent with one line's settings as the other end receives them with its own.
+    """Convert characters sent with one line's settings to those received with different settings.
 
-    Parity is not checked, and a character without its stop bit is passed on, as most drivers do.
+    Parity is not checked, and a character without a stop bit is passed on, as in most drivers.
     """
     return b"".join(bytes(_characters(character, sent, at)) for character in data)
 
 
 def _characters(character: int, line: Line, at: Line) -> Iterator[int]:
-    """Characters that a receiver finds, sampling each bit in its middle; the wire is idle afterwards."""
-    # The wire during the one that is sent, a bit time each: start, data with the lowest bit first, parity, stop
+    """Yield the characters found by a receiver sampling each bit in its middle; the wire is idle afterwards."""
+    # Wire levels of the sent character per bit: start, data with the lowest bit first, parity, stop
     data = [character >> n & 1 for n in range(line.bits)]
     parity = {"N": [], "E": [sum(data) % 2], "O": [1 - sum(data) % 2]}[line.parity]
     levels = [0, *data, *parity, *[1] * line.stop]
 
     def level(bits: float) -> int:
-        """Return the level of the line at a time in the receiver's bit times."""
+        """Return the line level at a time in the receiver's bit times."""
         sent = int(bits * line.baud / at.baud)
         return levels[sent] if sent < len(levels) else 1
 
@@ -75,7 +75,7 @@ _PACKET = 62
 
 
 class LatencyTimer:
-    """Holds bytes back as an FTDI adapter does; times in ns of any one clock. A latency of 0 holds nothing."""
+    """Latency timer of an FTDI adapter; times in ns of any clock. A latency of 0 delays nothing."""
 
     def __init__(self, latency_ms: float, now_ns: int) -> None:
         self._latency_ns = round(latency_ms * 1e6)
@@ -85,11 +85,11 @@ class LatencyTimer:
 
     @property
     def due_ns(self) -> int | None:
-        """When the bytes must be taken; None if nothing is held."""
+        """Time at which the bytes are due; None if empty."""
         return self._due_ns if self._held else None
 
     def add(self, data: bytes, now_ns: int) -> None:
-        """Take bytes that came through the line."""
+        """Add bytes received from the line."""
         if not self._held:
             self._due_ns = now_ns
             if self._latency_ns:
@@ -100,7 +100,7 @@ class LatencyTimer:
             self._due_ns = now_ns
 
     def take(self, now_ns: int) -> bytes:
-        """Return what the host gets now; empty before it is due."""
+        """Return the due bytes; empty before that time."""
         if not self._held or now_ns < self._due_ns:
             return b""
         data = bytes(self._held)
@@ -110,7 +110,7 @@ class LatencyTimer:
 
 
 class LateLink:
-    """A link whose sendings are late by `jitter_ms` on average, exponentially distributed."""
+    """Link with exponentially distributed delays, `jitter_ms` on average."""
 
     def __init__(self, link: ByteLink, jitter_ms: float, seed: int = 0) -> None:
         self._link = link
@@ -120,7 +120,7 @@ class LateLink:
         self._last_ns = 0
 
     def read(self, timeout_s: float) -> bytes:
-        """Read from the link, and meanwhile send what is due. Raises LinkLost."""
+        """Read from the link, sending due data in the meantime. Raises LinkLost."""
         until_ns = clock.now_ns() + round(timeout_s * 1e9)
         while True:
             self._send_due()
@@ -130,13 +130,13 @@ class LateLink:
                 return data
 
     def write(self, data: bytes) -> None:
-        """Take the data, which is sent when it is due. Raises LinkLost."""
+        """Queue data until it is due. Raises LinkLost."""
         self._last_ns = max(self._last_ns, clock.now_ns() + round(self._random.expovariate(self._rate)))
         self._waiting.append((self._last_ns, data))
         self._send_due()
 
     def set_dtr(self, on: bool) -> None:
-        """Set the line of the link. Raises LinkLost."""
+        """Set the modem line of the link. Raises LinkLost."""
         self._link.set_dtr(on)
 
     def _send_due(self) -> None:
@@ -146,22 +146,21 @@ class LateLink:
 
 _SPEEDS = {getattr(termios, name): int(name[1:]) for name in dir(termios) if name[0] == "B" and name[1:].isdigit()}
 _ISPEED, _OSPEED = 4, 5
-"""Places in what tcgetattr gives."""
+"""Indices in the result of tcgetattr."""
 
 
 class PtyLine:
-    """A pty whose far end, `port`, a program opens as its serial port, by its `name` where it has one."""
+    """Pty whose far end, `port`, is opened as a serial port, possibly by its `name`."""
 
     @classmethod
     def open(cls, line: Line, latency_ms: float = 0.0, name: Path | None = None, *, paced: bool = True) -> PtyLine:
-        """Create the pty, plugged in. paced: not where what is sent comes at the pace of the line already, as from a
-        capture."""
+        """Create the pty, plugged in. paced: false if the data already has the pace of the line, as from a capture."""
         made = cls(os.openpty(), line, latency_ms, name, paced)
         made.plug()
         return made
 
     def __init__(self, ends: tuple[int, int], line: Line, latency_ms: float, name: Path | None, paced: bool) -> None:
-        """ends: descriptors of the instrument's end and of the far end."""
+        """Create a line. ends: descriptors of the near and far end."""
         self._master, self._slave = ends
         self.port = str(name or os.ttyname(self._slave))
         self._line = line
@@ -169,13 +168,13 @@ class PtyLine:
         self._character_ns = line.character_ns if paced else 0
         self._name = name
         self.free_ns = 0
-        """When it has sent, or will have sent, all that it was given."""
+        """Time at which all data is or will be sent."""
         self._set_out_ns: int | None = None
 
     def plug(self) -> None:
-        """Create the pty, under its name."""
+        """Create the pty and its name."""
         tty.setraw(self._slave)
-        # For a program that opens the far end without settings; a baud that has no name stays unset.
+        # For programs opening the far end without settings; a baud rate without a constant stays unset.
         speed = next((speed for speed, baud in _SPEEDS.items() if baud == self._line.baud), None)
         if speed is not None:
             settings = termios.tcgetattr(self._slave)
@@ -187,13 +186,13 @@ class PtyLine:
             self._name.symlink_to(os.ttyname(self._slave))
 
     def unplug(self) -> None:
-        """Remove the tty and its name until `plug`, which creates another tty."""
-        following = os.openpty()  # before the old one goes, whose number would be given again
+        """Remove the tty and its name until `plug` creates a new tty."""
+        following = os.openpty()  # before closing the old one, whose number would be reused
         self.close()
         self._master, self._slave = following
 
     def read(self, timeout_s: float) -> bytes:
-        """Return bytes from the host, once the line would have carried them all."""
+        """Return bytes of the host after their transmission time."""
         until_ns = clock.now_ns() + round(timeout_s * 1e9)
         while not select.select([self._master], [], [], self._pause_s(until_ns))[0]:
             self._release()
@@ -210,11 +209,11 @@ class PtyLine:
         return heard(data, far, self._line) if far else data
 
     def set_out(self, at_ns: int) -> None:
-        """Let what is written next start at this time, even if it has passed."""
+        """Start the next transmission at this time, even in the past."""
         self._set_out_ns = at_ns
 
     def write(self, data: bytes) -> None:
-        """Send character by character; return when the line is free again. What is not read is lost."""
+        """Send character by character; return when the line is free. Unread data is lost."""
         if far := self._far_line():
             data = heard(data, self._line, far)
         begin_ns, self._set_out_ns = self._set_out_ns, None
@@ -227,7 +226,7 @@ class PtyLine:
         while sent < len(data):
             self.free_ns += self._character_ns
             self._wait_until(self.free_ns)
-            # A late wake-up sends what is due by now, as a UART would have.
+            # After a late wake-up all due characters are sent, as by a UART.
             late = max(0, clock.now_ns() - self.free_ns) // self._character_ns
             due = min(1 + late, len(data) - sent)
             self.free_ns += (due - 1) * self._character_ns
@@ -239,20 +238,20 @@ class PtyLine:
         """Do nothing: a pty has no modem lines."""
 
     def _far_line(self) -> Line | None:
-        """The far end's settings where its baud is another one."""
+        """Return the settings of the far end if its baud rate differs."""
         baud = _SPEEDS.get(termios.tcgetattr(self._slave)[_OSPEED])
         matches = baud in (None, self._line.baud) or self._line.baud not in _SPEEDS.values()
         return None if matches else Line.model_validate(f"{baud} 8N1")
 
     def close(self) -> None:
-        """Remove the pty for good."""
+        """Remove the pty."""
         if self._name is not None:
             self._name.unlink(missing_ok=True)
         os.close(self._master)
         os.close(self._slave)
 
     def _wait_until(self, at_ns: int) -> None:
-        """Meanwhile the adapter goes on sending."""
+        """Wait; the adapter continues to send."""
         while clock.now_ns() < at_ns:
             clock.sleep(self._pause_s(at_ns))
             self._release()

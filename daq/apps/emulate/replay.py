@@ -1,9 +1,10 @@
-"""A captured cell: every instrument of a capture on a pty or a local port again, for the real daemon.
+"""Replay of a captured cell: every instrument on a pty or local port, for the real daemon.
 
-All instruments share one timebase (`daq.apps.emulate.timebase`), so that gauges and robot are to each other as they
-were. What cannot be kept in step is counted, and written for rigd into a file that the rig file names: the run is
-marked.
-When a stream's pieces are played the instrument falls silent (serial) or hangs up (TCP).
+All instruments share one timebase (`daq.apps.emulate.timebase`), so gauges and robot keep their relative timing.
+Deviations
+are counted and written for rigd into a file named in the rig file: the run is marked. After its last piece an
+instrument
+falls silent (serial) or hangs up (TCP).
 """
 
 from __future__ import annotations
@@ -31,22 +32,23 @@ from rigs.schema.links import tcp_address, udp_address
 from rigs.yaml_text import data_of
 
 _OVER_NS = 5_000_000_000
-"""So long after the end, what is left is not fetched any more."""
+"""Time after the end of the capture when the replay ends regardless of unfetched data."""
 
 Player = StreamingPlayer | AnsweringPlayer
 
 
 class Replay:
-    """The instruments of a rig as they were captured, in a `cell` to start and to stop."""
+    """Captured instruments of a rig, in a `cell` to start and stop."""
 
     @classmethod
     def open(
         cls, rig: Rig, capture: Capture, marks: Path | None = None, *, opening: Callable[..., Cell] = Cell.open
     ) -> Replay:
-        """Open the ports of a capture. marks: the file that records what is out of step; None if it is not wanted.
-        opening: what opens the cell, with the arguments of `Cell.open`.
+        """Open the ports of a capture.
 
-        Raises FileError where the capture holds nothing of a stream of the rig, OSError where the file cannot be made.
+        marks: file for timing deviations, or None. opening: function with the arguments of `Cell.open` that opens the
+        cell.
+        Raises FileError if the capture lacks a stream of the rig, OSError if the file cannot be created.
         """
         streams, timebase = streams_of(rig), Timebase()
         heard = {stream.name: capture.of(stream.name) for stream in streams}
@@ -67,8 +69,9 @@ class Replay:
         replayed = {
             stream.name: _replayed(stream, heard[stream.name], timebase, steps[stream.name]) for stream in streams
         }
-        # A long capture is a million objects that stay: looking for garbage among them would stop every instrument for
-        # a tenth of a second now and then.
+        # A long capture has a million permanent objects: collecting garbage among them would occasionally stop every
+        # instrument for
+        # a tenth of a second.
         gc.collect()
         gc.freeze()
         end_ns = max((piece.at_ns for piece in capture.pieces), default=0)
@@ -83,13 +86,13 @@ class Replay:
         steps: Mapping[str, Steps],
         marks: Marks,
     ) -> None:
-        """end_ns: the time of the last piece; steps: how well each stream keeps its time."""
+        """Create a replay. end_ns: time of the last piece. steps: timing accuracy of each stream."""
         self.cell, self.steps = cell, steps
         self._time, self._end_ns, self._replayed, self._marks = timebase, end_ns, replayed, marks
 
     @property
     def unmarked(self) -> str:
-        """Why a mark could not be written: the replay then ends, since what is out of step could not be recorded."""
+        """Reason for a mark that could not be written: the replay then ends."""
         return self._marks.failure
 
     @property
@@ -100,16 +103,16 @@ class Replay:
 
     @property
     def restarts(self) -> int:
-        """How often everything restarted because the host left a connection before its end."""
+        """Number of restarts because the host closed a connection early."""
         return self._time.turn
 
     @property
     def otherwise(self) -> int:
-        """The number of pieces that the host sent differently from the capture."""
+        """Number of pieces that the host sent differently from the capture."""
         return sum(steps.otherwise for steps in self.steps.values())
 
     def rig_text(self, text: str) -> str:
-        """Return the rig file's text with the ports of this cell and the file that says what is out of step."""
+        """Return the text of a rig file with the ports of this cell and the file of timing deviations."""
         data = data_of(self.cell.rig_text(text)) | ({"replay": str(self._marks.path)} if self._marks.path else {})
         written: str = yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=110)
         return written
@@ -117,7 +120,7 @@ class Replay:
 
 @dataclass
 class Marks:
-    """The file that records what is out of step, if one is wanted; `failure` says why a mark could not be written."""
+    """File of timing deviations, if requested; `failure` is the reason for a mark that could not be written."""
 
     path: Path | None
     failure: str = ""
@@ -128,7 +131,7 @@ class Marks:
             self.path.write_text("", encoding="utf-8")
 
     def add(self, stream: str, off_ns: float) -> None:
-        """Record that a stream was out of step for a second, by this much."""
+        """Record the timing deviation of a stream in one second."""
         if self.path is None:
             return
         try:
@@ -139,14 +142,13 @@ class Marks:
 
 
 class ReplayedStream:
-    """What one stream sent in the capture, one connection after the other; called for the device of the next one.
+    """Connections of one stream in the capture; called to obtain the player of the next connection.
 
-    When the host leaves a connection before its end, everything restarts for all streams: else this one would be
-    out of step with them.
+    If the host closes a connection early, all streams restart, because this one would be out of step.
     """
 
     def __init__(self, connections: Sequence[Callable[[], Player]], over: Callable[[], Player], time: Timebase) -> None:
-        """What makes the player of each connection, and of those that come when all is played."""
+        """Create a stream from the player factories of all connections, and of connections after the end."""
         self._connections, self._over, self._time = connections, over, time
         self._turn = -1
         self._number = 0
@@ -158,7 +160,7 @@ class ReplayedStream:
         return self._turn == self._time.turn and self._playing.done and self._number >= len(self._connections) - 1
 
     def __call__(self) -> Player:
-        """Return the player of the next connection; one that the host left before anything was sent is kept."""
+        """Return the player of the next connection; a player closed by the host before sending is reused."""
         if self._turn == self._time.turn:
             if self._playing.done:
                 self._number += 1
@@ -172,7 +174,7 @@ class ReplayedStream:
 
 
 def _replayed(stream: Stream, pieces: Sequence[Piece], time: Timebase, steps: Steps) -> ReplayedStream:
-    """Return what plays a stream."""
+    """Return the player of a stream."""
     hangs_up = tcp_address(stream.port) is not None
     calls = udp_address(stream.port) is not None and stream.listens
     connections: list[Callable[[], Player]] = [
@@ -189,7 +191,7 @@ def _is_asked(stream: Stream) -> bool:
 
 
 def _u_ns(stream: Stream, pieces: Sequence[Piece]) -> float:
-    """Standard uncertainty of the time of what a captured stream says, as the analysis has it."""
+    """Return the standard uncertainty of a captured stream's times, as in the analysis."""
     if _is_asked(stream):
         return u_asked_ns(pieces)
     if stream.name == ROBOT or not stream.port.startswith("/"):
@@ -198,7 +200,7 @@ def _u_ns(stream: Stream, pieces: Sequence[Piece]) -> float:
 
 
 def _connections(stream: Stream, pieces: Sequence[Piece]) -> Iterable[Sequence[Piece]]:
-    """The pieces of each time that the link was open and something came; only over TCP can they be distinguished."""
+    """Yield the pieces of each connection with data; only TCP connections can be distinguished."""
     if not tcp_address(stream.port):
         return [pieces]
     connections: list[list[Piece]] = []

@@ -1,4 +1,4 @@
-"""A cell and a daemon in simulated time: the emulated instruments, lines in memory, and the disk of this computer."""
+"""Cell and daemon in simulated time: emulated instruments, lines in memory, and the disk of this computer."""
 
 from __future__ import annotations
 
@@ -25,12 +25,13 @@ _ROUND_S = 0.2
 
 
 class SimulatedLine:
-    """A cable from an instrument to the daemon. character_ns: of a serial line, 0 over a network. datagrams: whether a
-    read gives what was sent at once, and no more.
+    """Cable from an instrument to the daemon.
 
-    change: what becomes of what the instrument sends, and how much later it comes, ns. sent: is called with each piece
-    that the instrument sends, as it set out and as it goes, when it will be there, and by how much that is later; what
-    it returns is called when the daemon reads the piece.
+    character_ns: character time of a serial line, 0 over a network. datagrams: whether a read returns exactly one
+    datagram.
+    change: alters the data of the instrument and returns an additional delay in ns. sent: called with each piece before
+    and
+    after the change, its arrival time and delay; the returned function is called when the daemon reads the piece.
     """
 
     def __init__(self, name: str, character_ns: int, *, datagrams: bool = False) -> None:
@@ -39,11 +40,11 @@ class SimulatedLine:
         self.sent: Callable[[bytes, bytes, int, int], Callable[[], None]] = lambda *_: _nothing
         self.connections = 0
         self.ends: tuple[_End, _End] | None = None
-        """The daemon's and the instrument's, while the daemon has it open."""
+        """Ends of the daemon and the instrument while the link is open."""
         self._character_ns = character_ns
 
     def open(self) -> _End:
-        """The daemon's end of a new connection. Raises CellError while it is unplugged."""
+        """Return the daemon's end of a new connection. Raises CellError while unplugged."""
         if not self.plugged:
             raise CellError(self.name, "does not exist", "plug it in")
         ours, theirs = _End(self, self._character_ns), _End(self, self._character_ns)
@@ -53,11 +54,11 @@ class SimulatedLine:
         return ours
 
     def serve(self, make: Callable[[], Device]) -> None:
-        """Put what `make` makes for each connection behind it, on a thread."""
+        """Serve devices created by `make` for each connection, in a thread."""
         clock.Thread(target=_serving(self, make, []), name=f"emulated {self.name}", daemon=True).start()
 
     def unplug(self) -> None:
-        """Pull the cable: what is on its way is gone."""
+        """Unplug the cable: data in transit is lost."""
         self.plugged = False
         self.reset()
 
@@ -69,7 +70,7 @@ class SimulatedLine:
 
 
 class _End:
-    """One end of a line: what `daq.wire.links.Link` is to the daemon."""
+    """One end of a line, in place of `daq.wire.links.Link`."""
 
     def __init__(self, line: SimulatedLine, character_ns: int) -> None:
         self.name, self.lost, self.sends_changed = line.name, False, False
@@ -81,7 +82,7 @@ class _End:
     def read(self, timeout_s: float) -> bytes:
         until_ns = clock.now_ns() + max(0.0, timeout_s) * 1e9
         if timeout_s <= 0:
-            clock.sleep(0)  # as a system call, it takes some time
+            clock.sleep(0)  # a system call takes some time
         while not (self.coming and self.coming[0][0] <= clock.now_ns()):
             if self.lost:
                 raise LinkLost("unplugged")
@@ -112,7 +113,7 @@ class _End:
         note_read = self._line.sent(data, changed, at_ns, later_ns) if self.sends_changed else _nothing
         if changed:
             self.other.coming.append((at_ns, changed, note_read))
-        if self.sends_changed:  # an instrument goes on when its line is free; a computer's port has a buffer
+        if self.sends_changed:  # an instrument waits for its line; a computer's port has a buffer
             clock.sleep(max(0, self._free_ns - clock.now_ns()) / 1e9)
 
     def set_dtr(self, on: bool) -> None:
@@ -129,7 +130,7 @@ class _End:
 
 
 class SimulatedCell:
-    """The instruments of a rig, which measure a motion, each on a line; `daemon` starts one that reads them."""
+    """Instruments of a rig measuring a motion, each on a line; `daemon` starts a daemon for them."""
 
     @classmethod
     def switched_on(
@@ -143,8 +144,12 @@ class SimulatedCell:
         *,
         paced: bool = True,
     ) -> SimulatedCell:
-        """Start the instruments of a rig. devices: what makes the instrument of each stream instead. paced: not where
-        what they send comes at the pace of the line already, as from a capture."""
+        """Start the instruments of a rig.
+
+        devices: factories by stream in place of the default instruments. paced: false if the data already has the pace
+        of the
+        line, as from a capture.
+        """
         cell = cls(time, folder, text)
         devices = devices or instruments_of(cell.rig, motion, signal)
         with time.process("cell"):
@@ -158,7 +163,7 @@ class SimulatedCell:
         return cell
 
     def __init__(self, time: SimulatedClock, folder: Path, text: str) -> None:
-        """text: of the rig file; runs are in `runs` of the folder."""
+        """Create a cell. text: of the rig file; runs are in `runs` of the folder."""
         self.time, self.folder, self.text = time, folder, text
         self.rig = parse(text, "simulated")
         self.lines: dict[str, SimulatedLine] = {}
@@ -176,7 +181,7 @@ class SimulatedCell:
         return opened
 
     def kill(self, daemon: Daemon) -> None:
-        """SIGKILL: its threads end where they are, and the system closes its files and its lines."""
+        """Kill a daemon: its threads end immediately, and the system closes its files and lines."""
         self.time.kill(f"rigd {self.daemons}")
         daemon._control.close()  # private _control: what a kill closes
         for line in self.lines.values():
@@ -200,7 +205,7 @@ def _serving(line: SimulatedLine, make: Callable[[], Device], made: list[Device]
 
 
 def _converse(line: SimulatedLine, end: _End, device: Device) -> None:
-    """As `run_conversation`, but an instrument that has nothing to do does not wake: quiet hours are cheap."""
+    """Like `run_conversation`, but an idle instrument does not wake up: quiet hours are cheap."""
     with contextlib.suppress(LinkLost):
         step = device.connected(clock.now_ns())
         while True:

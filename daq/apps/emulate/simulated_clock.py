@@ -1,7 +1,7 @@
-"""A clock for the daemon's threads in one process: one runs at a time, and time passes only while all of them wait.
+"""Clock for the daemon's threads in one process: one runs at a time, and time passes only while all of them wait.
 
-Which thread goes on where several could is drawn from a seed, and so is the little time that each takes. So a run is
-the same each time, whatever else the computer does, and a failure is found again by its seed.
+A seed determines the next thread among several candidates, and the short time taken by each. So a run is reproducible,
+independent of the computer, and a failure can be reproduced by its seed.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ _BEGIN_NS = 1000 * S
 _WALL_NS = 1_767_225_600 * S
 """2026-01-01 UTC."""
 _STEP_NS = (1_000, 20_000)
-"""What a thread takes from one wait to the next."""
+"""Time taken by a thread between two waits."""
 _HANGS_S = 60.0
-"""A thread that comes to no wait for so long in real time waits for what the clock cannot see."""
+"""Real time after which a thread without a wait is assumed to wait for something outside the clock."""
 
 
 class Deadlock(Exception):
-    """Every thread waits, and none for a time."""
+    """All threads wait without a time-out."""
 
 
 class Killed(BaseException):
@@ -43,23 +43,27 @@ class _Task:
     due_ns: int | None = None
     killed: bool = False
     go: threading.Lock = field(default_factory=threading.Lock)
-    """Held while it is not this one's turn."""
+    """Locked except during the turn of this thread."""
 
     def __post_init__(self) -> None:
         self.go.acquire()
 
 
 class SimulatedClock:
-    """The clock; the thread that enters `running` is one of its threads, and drives it by waiting."""
+    """Simulated clock, driven by the waits of the thread that enters `running`."""
 
     def __init__(self, seed: int, hangs_s: float = _HANGS_S, began_wall_ns: int = _WALL_NS + _BEGIN_NS) -> None:
-        """hangs_s: a thread that comes to no wait for so long in real time never will. began_wall_ns: time of day at
-        the beginning, ns since 1970 UTC."""
+        """Create a clock.
+
+        hangs_s: real time after which a thread without a wait counts as hanging. began_wall_ns: initial wall time, ns
+        since 1970
+        UTC.
+        """
         self.seed, self._hangs_s, self._began_wall_ns = seed, hangs_s, began_wall_ns
         self.errors: list[BaseException] = []
-        """What threads died of."""
+        """Exceptions that ended threads."""
         self.slept_ns = self.set_ns = 0
-        """For how long the computer slept, and by how much its wall clock was set, until now."""
+        """Total suspend time, and total change of the wall clock."""
         self._dice = random.Random(seed)
         self._ns = _BEGIN_NS
         self._tasks: dict[threading.Thread, _Task] = {}
@@ -71,7 +75,7 @@ class SimulatedClock:
 
     @contextmanager
     def running(self) -> Iterator[SimulatedClock]:
-        """Take the place of the host's clock; what runs at the end is killed. An error names the seed."""
+        """Replace the host's clock; remaining threads are killed at the end. Errors name the seed."""
         main = threading.current_thread()
         self._tasks[main] = self._driver = self._running = _Task(main, "")
         try:
@@ -86,7 +90,7 @@ class SimulatedClock:
 
     @property
     def elapsed_s(self) -> float:
-        """The simulated time that has passed."""
+        """Elapsed simulated time."""
         return (self._ns - _BEGIN_NS) / S
 
     def now_ns(self) -> int:
@@ -139,7 +143,7 @@ class SimulatedClock:
 
     @contextmanager
     def process(self, name: str) -> Iterator[None]:
-        """Let the threads that are begun here, and those that they begin, be of a process of this name."""
+        """Assign threads started in this block, and those started by them, to a named process."""
         me = self._tasks[threading.current_thread()]
         before, me.group = me.group, name
         try:
@@ -148,11 +152,11 @@ class SimulatedClock:
             me.group = before
 
     def threads(self, process: str) -> list[str]:
-        """The names of the threads of a process that run."""
+        """Return the names of the running threads of a process."""
         return [task.thread.name for task in self._tasks.values() if task.group == process]
 
     def kill(self, *processes: str) -> None:
-        """End all threads of these processes where they wait, one after the other."""
+        """End all threads of these processes at their waits, in sequence."""
         doomed = [task for task in self._tasks.values() if task.group in processes]
         for task in doomed:
             task.killed, task.ready = True, lambda: True
@@ -162,13 +166,13 @@ class SimulatedClock:
             self._hand_over(me)
 
     def interrupt(self) -> None:
-        """Raise KeyboardInterrupt in the thread that drives the clock, which calls this: when it is its turn."""
+        """Raise KeyboardInterrupt in the driving thread, the caller, at its next turn."""
         if self._running is self._driver:
             raise KeyboardInterrupt
         self._interrupted = True
 
     def _hand_over(self, me: _Task | None) -> None:
-        """Let the next thread go on, and come back when it is this one's turn; None for one that is at its end."""
+        """Let the next thread run, and return at the turn of this one; None for a thread that ends."""
         chosen = self._next()
         self._ns += self._dice.randrange(*_STEP_NS)
         self._turns += 1
@@ -195,7 +199,7 @@ class SimulatedClock:
 
 
 def close_files_in(folder: Path) -> None:
-    """Close every file and directory of this folder that this process has open, as a kill does."""
+    """Close every file and directory of this folder that is open in this process, as a kill does."""
     for entry in Path("/proc/self/fd").iterdir():
         with contextlib.suppress(OSError):
             if str(entry.readlink()).startswith(f"{folder}/"):

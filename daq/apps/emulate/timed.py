@@ -1,13 +1,14 @@
-"""Instruments that latch, filter, wait and pace as a rig file's `timing` says of them, each by a clock of its own.
+"""Instruments with the latching, filtering, delay and rate of `timing` in a rig file, each with a separate clock.
 
-Such a clock runs at its own rate: everything the instrument does and stamps drifts against the host's clock.
+Such a clock has its own rate: all actions and stamps of the instrument drift relative to the host's clock. An
+instrument
+with an internal cycle answers with the latest value. Real cycles are imperfect: the crystal is off and drifts, and a
+busy
+processor delays or skips ticks.
 
-An instrument with a cycle of its own answers with the last of it. No real cycle is perfect: its crystal is off and
-drifts, a busy processor is late at a tick or leaves one out.
-
-A real gauge on a serial line that sends whenever its line is free keeps the pace of its UART, however late its computer
-wakes it. An emulated one that went on from where a busy computer woke it would wait a little after every message, more
-or less as the load changes, and its pace would be no pace.
+A real serial gauge sending whenever its line is free keeps the pace of its UART, however late a computer wakes. An
+emulated gauge that continued from its wake-up would wait after every message, depending on the load, without a steady
+pace.
 """
 
 from __future__ import annotations
@@ -26,10 +27,10 @@ Read = Callable[[int], Sequence[float]]
 
 
 class OwnClock:
-    """A device's side on a clock that runs `ppm` fast against the clock of its caller, from 0 on."""
+    """Device side with a clock `ppm` faster than the caller's clock, starting at 0."""
 
     def __init__(self, make: Callable[[Read], Device], read: Read, ppm: float) -> None:
-        """`make` makes the device from what it reads; `read` is asked in the host's time."""
+        """Create the clock. make: creates the device from a read function. read: called with host time."""
         self._fast = ppm * 1e-6
         self._device = make(lambda own_ns: read(self._host(own_ns)))
 
@@ -53,21 +54,21 @@ class OwnClock:
         return own_ns - round(own_ns * self._fast / (1 + self._fast))
 
     def _step(self, step: Step) -> Step:
-        # One ns later than the device asked, so that rounding never wakes it before its time.
+        # One ns late, so that rounding never wakes the device early.
         return step if step.wake_ns is None else replace(step, wake_ns=self._host(step.wake_ns) + 1)
 
 
 _DRIFT_S = 40.0
-"""Period of the slow swing of a cycle: as long as a lap takes, so that it does not average out."""
+"""Period of the slow rate variation: as long as a lap, so that it does not average out."""
 
 
 @dataclass(frozen=True)
 class Unsteady:
-    """How far a cycle is from steady.
+    """Irregularity of a cycle.
 
-    ppm: its rate, off by up to this and swinging by half of it; jitter: each tick, by up to this share of a cycle;
-    missed: share of the ticks at which nothing new is read; pace: each interval, by up to this share, the next being
-    counted from there.
+    ppm: limit of the rate error, with a variation of half of it. jitter: limit per tick, as a share of a cycle. missed:
+    share
+    of ticks without a new value. pace: limit per interval, accumulating.
     """
 
     ppm: float = 0.0
@@ -80,7 +81,7 @@ STEADY = Unsteady()
 
 
 class OwnCycle:
-    """What an instrument with its own cycle shows: it reads at every tick and shows the mean of `length` readings."""
+    """Instrument with an internal cycle: reads at every tick and shows the mean of `length` readings."""
 
     def __init__(self, read: Read, cycle_ns: float, length: int, unsteady: Unsteady, chance: random.Random) -> None:
         self._read = read
@@ -93,7 +94,7 @@ class OwnCycle:
         self._tick_ns = 0
 
     def __call__(self, now_ns: int) -> list[float]:
-        """The reading at now_ns, which never falls from call to call."""
+        """Return the reading at now_ns, which must not decrease between calls."""
         if math.isnan(self._grid_ns):
             self._grid_ns = now_ns - (self._chance.random() + (self._latched.maxlen or 1)) * self._cycle_ns
             self._next()
@@ -114,7 +115,7 @@ class OwnCycle:
 
 
 def timed_read(read: Read, timing: Timing, unsteady: Unsteady, chance: random.Random) -> Read:
-    """Return a function for what the instrument shows of what `read` measures."""
+    """Return a function for the readings shown by the instrument."""
     if timing.latch == "own_cycle" and timing.cycle_ms is not None:
         length = 1 + round(2 * timing.filter_ms / timing.cycle_ms)
         return OwnCycle(read, timing.cycle_ms * 1e6, length, unsteady, chance)
@@ -130,14 +131,14 @@ def timed_read(read: Read, timing: Timing, unsteady: Unsteady, chance: random.Ra
 
 
 def timed_device(device: Device, timing: Timing, unsteady: Unsteady, chance: random.Random) -> Device:
-    """Return the instrument's side of its protocol, answering late or streaming at a pace."""
+    """Return the device side with a delay or at a fixed rate."""
     if timing.latch == "streamed" and timing.cycle_ms is not None:
         return _Paced(device, timing.cycle_ms * 1e6, unsteady.pace, chance)
     return _Late(device, round(timing.answer_delay_ms * 1e6)) if timing.answer_delay_ms else device
 
 
 class _Late:
-    """An instrument that latches when it is asked and answers `delay_ns` later."""
+    """Instrument that latches on request and answers `delay_ns` later."""
 
     def __init__(self, device: Device, delay_ns: int) -> None:
         self._device = device
@@ -171,7 +172,7 @@ class _Late:
 
 
 class _Paced:
-    """A streaming instrument that would send whenever its line is free, held to a pace."""
+    """Streaming instrument limited to a rate."""
 
     def __init__(self, device: Device, pace_ns: float, uneven: float, chance: random.Random) -> None:
         self._device = device
@@ -203,17 +204,17 @@ class _Paced:
 
 
 class Scheduled(Protocol):
-    """A line that sends on an absolute schedule."""
+    """Line with an absolute schedule."""
 
     free_ns: int
-    """When it has sent, or will have sent, all that it was given."""
+    """Time at which all data is or will be sent."""
 
     def set_out(self, at_ns: int) -> None:
-        """Let what is written next start at this time, even if it has passed."""
+        """Start the next transmission at this time, even in the past."""
 
 
 class Punctual:
-    """An instrument that acts at the time it asked to be woken, or when its line became free, if that was later."""
+    """Instrument acting at the requested wake-up time, or when its line became free if later."""
 
     def __init__(self, device: Device, line: Scheduled) -> None:
         self._device = device

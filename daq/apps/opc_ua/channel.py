@@ -1,15 +1,14 @@
-"""OPC UA over TCP, without encryption: messages in chunks, as either side sends and reads them (OPC 10000-6, 6.7, 7.1).
+"""OPC UA over TCP without encryption: chunked messages, for both sides (OPC 10000-6, 6.7, 7.1).
 
-A chunk begins with three letters, one more for whether others follow, and its size; then come the numbers of the
-channel, of its token, of the chunk and of the request, and the message itself or a part of it. asyncua makes the
-messages; they are read here.
+A chunk starts with three letters, a flag for further chunks and the size. The numbers of channel, token, chunk and
+request follow, then the message or a part of it. asyncua encodes the messages; they are decoded here, as objects of
+asyncua's types (OPC 10000-6, 5.2).
 
-Messages are read from bytes as objects of asyncua's types (OPC 10000-6, 5.2).
-
-asyncua's decoder believes what a message claims: an array of 2^31 nulls, a matrix of a million elements or an array of
-texts of negative length, each in some twenty bytes, fills the memory. Here each length is held against the bytes that
-remain before anything is made of it. The fields of structures, and what reads numbers, texts, times and node ids, are
-asyncua's.
+asyncua's decoder trusts the lengths in a message: an array of 2^31 nulls, a matrix of a million elements or texts of
+negative length, each in some twenty bytes, fill the memory. Here each length is compared with the remaining bytes
+before
+anything is allocated. The fields of structures and the readers of numbers, texts, times and node ids are those of
+asyncua.
 """
 
 from __future__ import annotations
@@ -35,8 +34,10 @@ from asyncua.ua.uatypes import type_from_optional, type_is_list, type_is_optiona
 from daq.protocol.framing import Sized
 
 ELEMENTS = 65_536
-"""Elements of all arrays of a message: six times the references that fit into it. An element may be one byte of the
-message and take 200 bytes of memory (a DataValue without a value)."""
+"""Limit of array elements per message: six times the references that fit into a message. An element may take one byte
+in
+the message and 200 bytes in memory (a DataValue without a value).
+"""
 _IS_ARRAY, _HAS_DIMENSIONS, _TYPE = 0x80, 0x40, 0x3F
 """Bits of a variant's first byte (OPC 10000-6, 5.2.2.16)."""
 _BINARY_BODY, _UNKNOWN_SIZE = 1, -1
@@ -50,7 +51,7 @@ _UNREADABLE = (
     ArithmeticError,
     RecursionError,
 )
-"""What asyncua's types and readers raise at bytes that are no such message."""
+"""Exceptions of asyncua's types and readers for invalid bytes."""
 _EXTENSIONS = {
     ua.typeid_by_extension_objects[kind]: kind
     for kind in (
@@ -60,15 +61,15 @@ _EXTENSIONS = {
         ua.AnonymousIdentityToken,
     )
 }
-"""The structures that are read where any may stand; others stay bytes."""
+"""Structures to decode in places of variable type; others stay bytes."""
 
 
 class Unreadable(Exception):
-    """What came is no message of OPC UA, or not of this conversation."""
+    """The data is not a valid OPC UA message of this conversation."""
 
 
 class Bounded:
-    """Bytes that are read from their begin on, also by asyncua. No length is negative or more than there is."""
+    """Bytes with a read position, also usable by asyncua; every length is checked against the remainder."""
 
     def __init__(self, data: bytes) -> None:
         self._data = data
@@ -79,14 +80,14 @@ class Bounded:
         return len(self._data) - self._at
 
     def read(self, size: int) -> bytes:
-        """Return the next bytes, so many."""
+        """Return the next `size` bytes."""
         begin, self._at = self._at, self._at + size
         if not begin <= self._at <= len(self._data):
             raise ValueError(f"a length of {size} where {len(self._data) - begin} bytes remain")
         return self._data[begin : self._at]
 
     def elements(self) -> int:
-        """Read how many elements an array has; none where it is null. All but nulls take at least one byte each."""
+        """Read the number of array elements, 0 for a null array. Every element except null takes at least one byte."""
         claimed: int = Primitives.Int32.unpack(self)
         if claimed > min(len(self), self._elements):
             raise ValueError(f"an array of {claimed} elements in {len(self)} bytes")
@@ -99,12 +100,12 @@ Reader = Callable[[Bounded], Any]
 
 
 def decoded(kind: type[Any], body: bytes) -> Any:
-    """Return a message as an object of asyncua's types. Raises Unreadable."""
+    """Decode a message into an object of asyncua's types. Raises Unreadable."""
     return structure(kind, Bounded(body))
 
 
 def structure(kind: Any, data: Bounded) -> Any:
-    """Read a structure of asyncua's types. Raises Unreadable."""
+    """Decode a structure of asyncua's types. Raises Unreadable."""
     size = len(data)
     try:
         return _reader(kind)(data)
@@ -113,7 +114,7 @@ def structure(kind: Any, data: Bounded) -> Any:
 
 
 def type_of(body: bytes) -> Any:
-    """Return the number of a message's type, as `TypeId.Identifier` of asyncua's types. Raises Unreadable."""
+    """Return the type number of a message, as `TypeId.Identifier` of asyncua's types. Raises Unreadable."""
     try:
         return nodeid_from_binary(Bounded(body)).Identifier
     except _UNREADABLE as error:
@@ -122,7 +123,7 @@ def type_of(body: bytes) -> Any:
 
 @cache
 def _reader(kind: Any) -> Reader:
-    """What reads values of a type that asyncua describes."""
+    """Return the reader of an asyncua type."""
     if type_is_list(kind):
         return _array_reader(_reader(*get_args(kind)))
     if issubclass(kind, Enum):
@@ -137,7 +138,7 @@ def _array_reader(element: Reader) -> Reader:
 
 
 def _structure_reader(kind: type[Any]) -> Reader:
-    """What reads one field after the other; those that may be absent have a bit each in the field `Encoding`."""
+    """Return a reader for all fields in order; optional fields have a bit each in the field `Encoding`."""
     hints = get_safe_type_hints(kind, {"ua": ua})
     parts, next_bit = list[tuple[str, int, Reader]](), 1
     for field in fields(kind):
@@ -159,7 +160,7 @@ def _structure_reader(kind: type[Any]) -> Reader:
 
 
 def _variant(data: Bounded) -> Any:
-    """Read a value with its type. A matrix is left in one row: nothing that is read here is one."""
+    """Read a value with its type. A matrix is flattened, because none of the values used here is a matrix."""
     encoding = data.read(1)[0]
     kind = ua.VariantType(encoding & _TYPE)
     is_array = bool(encoding & _IS_ARRAY)
@@ -171,7 +172,7 @@ def _variant(data: Bounded) -> Any:
 
 
 def _extension_object(data: Bounded) -> Any:
-    """Read a structure that is of one of several types, as it says itself."""
+    """Read a structure of the type stated in the data."""
     type_id, encoding = nodeid_from_binary(data), data.read(1)[0]
     kind = _EXTENSIONS.get(type_id)
     if not encoding:
@@ -192,31 +193,31 @@ _OTHERS: dict[Any, Reader] = {
     ua.Variant: _variant,
     ua.ExtensionObject: _extension_object,
 }
-"""What reads types that do not simply follow from their fields."""
+"""Readers of types that do not follow from their fields."""
 
 
 HELLO, ACKNOWLEDGE, ERROR, OPEN, MESSAGE, CLOSE = b"HEL", b"ACK", b"ERR", b"OPN", b"MSG", b"CLO"
 _PLAIN = (HELLO, ACKNOWLEDGE, ERROR)
-"""Messages in no channel."""
+"""Messages outside of channels."""
 CHUNK = 65_536
-"""Bytes of a chunk, the size that either side states; larger ones are refused."""
+"""Stated chunk size in bytes; larger chunks are refused."""
 LIMIT = 1 << 20
-"""Bytes of a message: the references of some ten thousand nodes."""
+"""Limit of a message in bytes: the references of about ten thousand nodes."""
 _SMALLEST_CHUNK = 8192
-"""Either side has to receive chunks of this size (OPC 10000-6, 7.1.2.3)."""
+"""Minimum chunk size that every side must accept (OPC 10000-6, 7.1.2.3)."""
 CHUNKS = LIMIT // _SMALLEST_CHUNK
-"""Chunks of a message. LIMIT, CHUNK and CHUNKS are stated to the other side and hold whether or not it heeds them."""
+"""Limit of chunks per message. LIMIT, CHUNK and CHUNKS are announced to the peer and enforced."""
 _INTERMEDIATE, _FINAL, _ABORT = b"C", b"F", b"A"
 NO_SECURITY = "http://opcfoundation.org/UA/SecurityPolicy#None"
 NO_STAMP = datetime(1601, 1, 1, tzinfo=UTC)
-"""No time, as OPC UA writes it. The time of a request or an answer is for logs only, and is not known here."""
+"""Null time in OPC UA notation. The time of a request or answer is only for logs and unknown here."""
 _HEADER = struct.Struct("<3scI")
 _NUMBERS = struct.Struct("<II")
 
 
 @dataclass(frozen=True, slots=True)
 class Received:
-    """A whole message: its three letters, the number of its request, and what it says."""
+    """Complete message: three letters, request number and content."""
 
     kind: bytes
     request: int
@@ -224,7 +225,7 @@ class Received:
 
 
 def chunks() -> Sized:
-    """Return what cuts a stream into chunks."""
+    """Return a framer for chunks."""
 
     def size_of(header: bytes) -> int | None:
         kind, _, size = _HEADER.unpack(header)
@@ -235,7 +236,7 @@ def chunks() -> Sized:
 
 
 class Channel:
-    """One side of a secure channel without security. number, token: as the server gave them."""
+    """One side of a secure channel without security. number, token: assigned by the server."""
 
     def __init__(self) -> None:
         self.number = self.token = 0
@@ -245,13 +246,13 @@ class Channel:
         self._parts: list[bytes] = []
 
     def agree(self, size: int) -> None:
-        """Send no longer chunks than the other side receives. Raises Unreadable."""
+        """Limit the chunk size to the limit of the peer. Raises Unreadable."""
         if size < _SMALLEST_CHUNK:
             raise Unreadable(f"chunks of at most {size} bytes, where {_SMALLEST_CHUNK} have to be received")
         self._longest = min(CHUNK, size)
 
     def packed(self, kind: bytes, message: Any, request: int = 0) -> bytes:
-        """Return the chunks with a message of asyncua's types."""
+        """Return the chunks of a message of asyncua's types."""
         body: bytes = struct_to_binary(message)
         if kind in _PLAIN:
             return _HEADER.pack(kind, _FINAL, _HEADER.size + len(body)) + body
@@ -267,7 +268,7 @@ class Channel:
         return b"".join(chunks)
 
     def read(self, chunk: bytes) -> Received | None:
-        """Return the message that a chunk completes; None where more has to come. Raises Unreadable."""
+        """Return the message completed by a chunk; None if further chunks are needed. Raises Unreadable."""
         kind, final, _ = _HEADER.unpack_from(chunk)
         if kind in _PLAIN:
             return Received(kind, 0, chunk[_HEADER.size :])

@@ -1,19 +1,22 @@
-"""Finding a robot in the address space of an OPC UA server, by the browse names of OPC 40010-1, and its condition
-there, in the columns and codes of `rigs.schema.condition`.
+"""Find a robot in the address space of an OPC UA server by the browse names of OPC 40010-1.
 
-    Objects / DeviceSet / <system> / MotionDevices / <robot> / Axes / <axis> / ParameterSet / ActualPosition
-                                                             / ParameterSet / SpeedOverride, InControl
-                                                             / FlangeLoad / Mass
-                                                             / PowerTrains / <train> / <motor>
-                                   / SafetyStates / <state> / ParameterSet / EmergencyStop, ProtectiveStop ...
-                                   / Controllers / <controller> / TaskControls / <task> / TaskControlOperation
+The condition of the robot is mapped to the columns and codes of `rigs.schema.condition`.
 
-What is in angle brackets is named by the maker, so it is browsed for. Functions here are talks: they yield requests of
-asyncua's types and are sent the responses. A session with a server and a subscription in it are talks too.
+Objects / DeviceSet / <system> / MotionDevices / <robot> / Axes / <axis> / ParameterSet / ActualPosition
+/ ParameterSet / SpeedOverride, InControl
+/ FlangeLoad / Mass
+/ PowerTrains / <train> / <motor>
+/ SafetyStates / <state> / ParameterSet / EmergencyStop, ProtectiveStop ...
+/ Controllers / <controller> / TaskControls / <task> / TaskControlOperation
 
-The session is anonymous and only reads. The server samples each axis at the interval asked for and keeps the values of
-up to a second; each has its stamp, so that nothing depends on when the server sends them. A value is sent whenever its
-stamp has changed, whether or not the axis moved.
+Names in angle brackets are chosen by the maker and therefore browsed. The functions here are generators: they yield
+requests of asyncua's types and receive the responses. Sessions and subscriptions are also such generators.
+
+The session is anonymous and read-only. The server samples each axis at the requested interval and queues the values of
+up
+to a second, each with a stamp, so the transmission time does not matter. A value is sent whenever its stamp has
+changed,
+even if the axis did not move.
 """
 
 from __future__ import annotations
@@ -39,19 +42,22 @@ FRONT = (MODE, EMERGENCY, PROTECTIVE, DRIVES, OVERRIDE)
 _MANUAL_REDUCED = 1
 """OperationalModeEnumeration: MANUAL_REDUCED_SPEED."""
 _STATES = {"Executing": ProgramState.RUNNING, "Ready": ProgramState.STOPPED, "Idle": ProgramState.STOPPED}
-"""States of the TaskControlStateMachineType. A server may translate them; then they are not known."""
+"""States of the TaskControlStateMachineType. Names translated by a server are unknown."""
 _SUSPENDED = "Suspended"
-"""State of the ReadySubstateMachineType in which a program was stopped in its midst."""
+"""State of the ReadySubstateMachineType for an interrupted program."""
 
 
 def condition_of(shown: Mapping[str, Any]) -> dict[str, float]:
-    """Return all columns of the condition. shown: values by browse name (temperatures by column); nan: not shown."""
+    """Return all columns of the condition; nan if not available.
+
+    shown: values by browse name (temperatures by column).
+    """
     state, drives = shown.get(STATE), shown.get(DRIVES)
     program = float(_STATES.get(state, math.nan)) if isinstance(state, str) else math.nan
     if state == "Ready" and shown.get(READY) == _SUSPENDED:
         program = float(ProgramState.PAUSED)
     motors = float(drives) if isinstance(drives, bool) else math.nan
-    # Both stops have to be shown for a robot to be called free of them.
+    # Both stop signals must be present before the robot is reported as free of stops.
     emergency, protective, safety = shown.get(EMERGENCY), shown.get(PROTECTIVE), math.nan
     if emergency is True:
         safety = float(SafetyState.EMERGENCY_STOP)
@@ -65,7 +71,7 @@ def condition_of(shown: Mapping[str, Any]) -> dict[str, float]:
 
 
 def shown_of(condition: Mapping[str, float]) -> dict[str, Any]:
-    """Return what a controller shows of a condition, the other way round: by browse name."""
+    """Return the values by browse name for a condition, the inverse of `condition_of`."""
     program, safety = condition[PROGRAM], condition[SAFETY]
     return {
         MODE: _MANUAL_REDUCED if safety == SafetyState.REDUCED else 3,
@@ -93,22 +99,26 @@ _HIERARCHICAL = ua.NodeId(33)
 _ALL_RESULTS = 63
 _MOST_PAGES = 100
 _MOST_NODES = 10_000
-"""Nodes that are kept of what is below others: as many as one message may bring, and far more than robots have."""
+"""Limit of child nodes: the most in one message, and far more than robots have."""
 DEGREE, _RADIAN, CELSIUS, KILOGRAM = 17476, 4405297, 4408652, 4933453
-"""Units as OPC 10000-8 numbers them: the letters of their UNECE codes (DD, C81, CEL, KGM) as bytes."""
+"""Units by their numbers in OPC 10000-8: the letters of their UNECE codes (DD, C81, CEL, KGM) as bytes."""
 _DEG_PER = {DEGREE: 1.0, _RADIAN: math.degrees(1)}
 _DEG_PER_NAME = {"°": 1.0, "deg": 1.0, "degree": 1.0, "degrees": 1.0, "rad": math.degrees(1), "radian": math.degrees(1)}
 _NUMBERED = re.compile(r"\D*(\d+)\D*")
 
 
 class Unfit(Exception):
-    """What the server shows cannot be read as the rig file says; in words, with the remedy."""
+    """The server does not offer the data required by the rig file; the text includes the remedy."""
 
 
 @dataclass(frozen=True)
 class RobotNodes:
-    """Where a robot is read. axes: of the positions of q1 … q6; deg_per_unit: of each; condition: the nodes of what is
-    shown of its condition, by the names of `daq.apps.opc_ua.nodes`."""
+    """Nodes of a robot.
+
+    axes: position nodes of q1 … q6. deg_per_unit: scale of each position. condition: available condition nodes, by the
+    names
+    of `daq.apps.opc_ua.nodes`.
+    """
 
     axes: tuple[Any, ...]
     deg_per_unit: tuple[float, ...]
@@ -116,7 +126,7 @@ class RobotNodes:
 
     @property
     def all(self) -> list[Any]:
-        """All nodes, those of the axes first."""
+        """All nodes, the axes first."""
         return [*self.axes, *self.condition.values()]
 
 
@@ -138,7 +148,7 @@ def robot_nodes(feedback: OPCUARobotics) -> Talk[RobotNodes]:
 
 
 def _system_and_robot(feedback: OPCUARobotics) -> Talk[tuple[Children, Children]]:
-    """What is below the motion device system, and below the robot in it."""
+    """Return the children of the motion device system, and those of the robot."""
     objects = yield from _below(OBJECTS)
     devices = yield from children(list((yield from _below(objects.get("DeviceSet"))).values()))
     systems = [below for below in devices if "MotionDevices" in below]
@@ -157,7 +167,7 @@ def _system_and_robot(feedback: OPCUARobotics) -> Talk[tuple[Children, Children]
 
 
 def _in_order(axes: Children, feedback: OPCUARobotics) -> Children:
-    """The axes q1 … q6: as the rig file names them, or by their numbers."""
+    """Return the axes q1 … q6, by the names in the rig file or by their numbers."""
     names = ", ".join(axes)[:300] or "none"
     if feedback.axes:
         if missing := [axis for axis in feedback.axes if axis not in axes]:
@@ -170,7 +180,7 @@ def _in_order(axes: Children, feedback: OPCUARobotics) -> Children:
 
 
 def _deg_per_unit(names: Sequence[str], positions: Sequence[Any], feedback: OPCUARobotics) -> Talk[tuple[float, ...]]:
-    """Degrees of a unit of each position; what the server states goes before what the rig file says."""
+    """Return degrees per unit of each position; the server has precedence over the rig file."""
     units = yield from engineering_units(positions)
     stated = [
         None if unit is None else _DEG_PER.get(unit.UnitId) or _DEG_PER_NAME.get(_name(unit).lower()) for unit in units
@@ -189,7 +199,7 @@ def _name(unit: Any) -> str:
 
 
 def _shown(system: Children, robot: Children, axes: Sequence[Any]) -> Talk[Mapping[str, Any]]:
-    """The nodes of the condition that the server has. Of several safety states or tasks, none."""
+    """Return the available condition nodes; none if there are several safety states or tasks."""
     nodes: dict[str, Any] = {}
     (parameters,) = yield from _parameters_of_children([robot])
     safety = (yield from _below(system.get("SafetyStates"))).values()
@@ -206,7 +216,7 @@ def _shown(system: Children, robot: Children, axes: Sequence[Any]) -> Talk[Mappi
 
 
 def _motors(robot: Children, axes: Sequence[Any]) -> Talk[dict[str, Any]]:
-    """The temperatures of the motors by their columns: a power train shows the axis that it moves beside its motors."""
+    """Return the motor temperature nodes by column; a power train lists its motors and the axis it drives."""
     trains = yield from children(list((yield from _below(robot.get("PowerTrains"))).values()))
     temperatures: dict[str, Any] = {}
     for train in trains:
@@ -219,7 +229,7 @@ def _motors(robot: Children, axes: Sequence[Any]) -> Talk[dict[str, Any]]:
 
 
 def _task(system: Children) -> Talk[dict[str, Any]]:
-    """The state of the only task, and of it while it is ready."""
+    """Return the state nodes of the only task, and of its ready substate."""
     controllers = yield from children(list((yield from _below(system.get("Controllers"))).values()))
     folders = yield from children([below["TaskControls"] for below in controllers if "TaskControls" in below])
     tasks = [task for folder in folders for task in folder.values()]
@@ -233,14 +243,14 @@ def _task(system: Children) -> Talk[dict[str, Any]]:
 
 
 def _below(node: Any | None) -> Talk[Children]:
-    """What is below a node; nothing where there is no such node."""
+    """Return the children of a node; empty for None."""
     if node is None:
         return {}
     return (yield from children([node]))[0]
 
 
 def _parameters(nodes: Sequence[Any]) -> Talk[list[Children]]:
-    """What is in the ParameterSet of each node."""
+    """Return the content of the ParameterSet of each node."""
     return (yield from _parameters_of_children((yield from children(nodes))))
 
 
@@ -251,7 +261,7 @@ def _parameters_of_children(below: Sequence[Children]) -> Talk[list[Children]]:
 
 
 def engineering_units(variables: Sequence[Any]) -> Talk[list[Any | None]]:
-    """Return the EUInformation of each variable; None where it has none."""
+    """Return the EUInformation of each variable; None if absent."""
     below = yield from children(variables)
     units = yield from values([node["EngineeringUnits"] for node in below if "EngineeringUnits" in node])
     remaining = iter(units)
@@ -260,7 +270,7 @@ def engineering_units(variables: Sequence[Any]) -> Talk[list[Any | None]]:
 
 
 def values(variables: Sequence[Any]) -> Talk[list[Any]]:
-    """Return the value of each variable; None where it cannot be read."""
+    """Return the value of each variable; None if unreadable."""
     if not variables:
         return []
     results = (yield read_request(variables)).Results or ()
@@ -269,7 +279,7 @@ def values(variables: Sequence[Any]) -> Talk[list[Any]]:
 
 
 def read_request(variables: Sequence[Any]) -> Any:
-    """Return a request for values as they are now, with the stamps of their source."""
+    """Return a request for present values with source timestamps."""
     request = ua.ReadRequest()
     request.Parameters.TimestampsToReturn = ua.TimestampsToReturn.Source
     request.Parameters.NodesToRead = [ua.ReadValueId(node, ua.AttributeIds.Value) for node in variables]
@@ -277,7 +287,7 @@ def read_request(variables: Sequence[Any]) -> Any:
 
 
 def children(nodes: Sequence[Any]) -> Talk[list[Children]]:
-    """Return what is below each node, by browse name; nothing below one that cannot be browsed."""
+    """Return the children of each node by browse name; empty if a node cannot be browsed."""
     if not nodes:
         return []
     request = ua.BrowseRequest()
@@ -309,33 +319,33 @@ def _named(references: Sequence[Any] | None) -> dict[str, Any]:
 
 
 CHANNEL_MS = 3_600_000
-"""How long a channel is asked to live before it is renewed."""
+"""Requested lifetime of a channel before renewal."""
 _SHORTEST_SESSION_S = 10.0
-"""A session that was left is soon given up by the server, which has few."""
+"""Short session time-out, because servers have few sessions and an abandoned one should expire soon."""
 _NONCE = bytes(32)
-"""Some servers want one of 32 bytes even where nothing is encrypted with it."""
+"""Some servers require 32 bytes even without encryption."""
 _QUEUED_S = 1.0
 _LIFETIME = 10
-"""Times without any message after which the server gives the subscription up."""
+"""Publishing intervals without a message after which the server deletes the subscription."""
 
 
 class Refused(Exception):
-    """The server refuses a request; the name of its status code."""
+    """The server refused a request; the text is the name of the status code."""
 
 
 def hello(feedback: OPCUARobotics) -> Any:
-    """Return what opens a connection."""
+    """Return the hello message."""
     sizes = {"ReceiveBufferSize": CHUNK, "SendBufferSize": CHUNK, "MaxMessageSize": LIMIT}
     return ua.Hello(**sizes, MaxChunkCount=CHUNKS, EndpointUrl=endpoint(feedback))
 
 
 def endpoint(feedback: OPCUARobotics) -> str:
-    """Return the address of the server as OPC UA writes it."""
+    """Return the server address in OPC UA notation."""
     return f"opc.{feedback.port}{feedback.path}"
 
 
 def channel_request(*, renew: bool) -> Any:
-    """Return the request for a channel without security, or for the next token of the one that is open."""
+    """Return a request for a channel without security, or for the next token of the open channel."""
     request = ua.OpenSecureChannelRequest()
     kind = ua.SecurityTokenRequestType
     request.Parameters.RequestType = kind.Renew if renew else kind.Issue
@@ -345,7 +355,7 @@ def channel_request(*, renew: bool) -> Any:
 
 
 def session(feedback: OPCUARobotics) -> Talk[None]:
-    """Open a session without a user. Raises Unfit where the server wants one."""
+    """Open an anonymous session. Raises Unfit if the server requires a user."""
     request = ua.CreateSessionRequest()
     asked = request.Parameters
     asked.ClientDescription.ApplicationUri = "urn:rig"
@@ -366,7 +376,7 @@ def session(feedback: OPCUARobotics) -> Talk[None]:
 
 
 def subscribed(nodes: RobotNodes, feedback: OPCUARobotics) -> Talk[None]:
-    """Subscribe to all nodes, by their places as handles. Raises Refused where the server does not serve that."""
+    """Subscribe to all nodes, with their indices as handles. Raises Refused if the server has no subscriptions."""
     interval_ms = 1e3 / feedback.rate_hz
     request = ua.CreateSubscriptionRequest()
     asked = request.Parameters
@@ -384,7 +394,8 @@ def subscribed(nodes: RobotNodes, feedback: OPCUARobotics) -> Talk[None]:
         yield change
     items = ua.CreateMonitoredItemsRequest()
     items.Parameters.SubscriptionId = made.SubscriptionId
-    items.Parameters.TimestampsToReturn = ua.TimestampsToReturn.Both  # the server's own, where there is no source's
+    # the server's timestamp if there is no source timestamp
+    items.Parameters.TimestampsToReturn = ua.TimestampsToReturn.Both
     items.Parameters.ItemsToCreate = []
     for place, node in enumerate(nodes.all):
         item = ua.MonitoredItemCreateRequest()
@@ -402,12 +413,12 @@ def subscribed(nodes: RobotNodes, feedback: OPCUARobotics) -> Talk[None]:
 
 
 def _keep_alive(interval_ms: float, feedback: OPCUARobotics) -> int:
-    """After how many intervals without anything new the server says so: three times within the time-out."""
+    """Return the keep-alive count: three messages within the time-out."""
     return max(1, int(1e3 * feedback.timeout_s / 3 / max(interval_ms, 1.0)))
 
 
 def publish_request(acknowledged: Any | None = None) -> Any:
-    """Return a request that the server answers with what is new. acknowledged: the answer before."""
+    """Return a publish request. acknowledged: the previous response."""
     request = ua.PublishRequest()
     if acknowledged is not None:
         number = acknowledged.NotificationMessage.SequenceNumber

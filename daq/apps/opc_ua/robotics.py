@@ -1,9 +1,11 @@
-"""OPC UA for Robotics (OPC 40010-1; its origin has what is in doubt): the axes of a robot and its condition, read only.
+"""OPC UA for Robotics (OPC 40010-1; open questions are listed in the origin): axes and condition of a robot, read only.
 
-The host opens an anonymous session without encryption, finds the robot by browsing, and subscribes to the positions of
-its six axes, whose stamps (SourceTimestamp) are kept as the controller's clock. Where the server refuses that, or its
-stamps stand still while the robot does, the values are read `rate_hz` times a second; the instant is then between
-request and answer. A value that the server calls bad is a fault; one that it calls uncertain is kept, with its code.
+The host opens an anonymous session without encryption, browses for the robot, and subscribes to the positions of the
+six
+axes, whose stamps (SourceTimestamp) become the controller clock. If the server refuses, or the stamps stand still with
+the
+robot, the values are read `rate_hz` times a second; the time is then between request and answer. Values marked bad are
+faults; uncertain values are kept with their code.
 """
 
 from __future__ import annotations
@@ -48,25 +50,25 @@ from daq.protocol.streamed import Reaction, Streamed
 from rigs.schema.feedback import OPCUARobotics
 
 _PUBLISH = 3
-"""Requests that the server may have at once: one for each answer on its way."""
+"""Simultaneous publish requests: one for each answer in transit."""
 _RENEW = 0.75
-"""Share of a token's lifetime after which the next one is asked for (OPC 10000-4, 5.6.2)."""
+"""Share of the token lifetime before renewal (OPC 10000-4, 5.6.2)."""
 _SHORTEST_MS = 1000
-"""A token that is said to live shorter is not asked for more often."""
+"""Shortest renewal interval, also for shorter token lifetimes."""
 
 
 def host(feedback: OPCUARobotics) -> Host:
-    """Return our side of the conversation."""
+    """Return the host side."""
     return _Host(_Client(feedback), feedback.timeout_s)
 
 
 def device(feedback: OPCUARobotics, read: Read) -> Device:
-    """Return the controller's side of the conversation."""
+    """Return the controller side."""
     return RobotServer(feedback, read)
 
 
 class _Host(Streamed):
-    """Our side. What the server sends is received; where it is polled, requests go out in time."""
+    """Host side: receives published data, or sends read requests on schedule."""
 
     def __init__(self, client: _Client, timeout_s: float) -> None:
         super().__init__(client, timeout_s)
@@ -87,7 +89,7 @@ class _Host(Streamed):
 
 
 class _Client:
-    """What is said to the server, and what its answers mean. due_ns: when to read the values, None while not."""
+    """Client logic: requests and the meaning of answers. due_ns: time of the next poll, None without polling."""
 
     def __init__(self, feedback: OPCUARobotics) -> None:
         self.frames = chunks()
@@ -110,7 +112,7 @@ class _Client:
         return Reaction(hang_up=True)
 
     def poll(self, now_ns: int) -> bytes:
-        """Return the request for all values."""
+        """Return the read request for all values."""
         self.due_ns = None
         return self._request(self._values.request(), asked_ns=now_ns) if self._values else b""
 
@@ -160,7 +162,7 @@ class _Client:
         return Reaction(tuple(self._values.polled(response.Results or (), asked_ns, message)))
 
     def _next(self, response: Any, message: Message) -> Reaction:
-        """Go on with the preparations; they end with a subscription, or in polling."""
+        """Continue the set-up, which ends with a subscription or polling."""
         if isinstance(response, ua.CreateSessionResponse):
             self._session = response.Parameters.AuthenticationToken
         try:
@@ -188,7 +190,7 @@ class _Client:
             if _name(response) == "BadTooManyPublishRequests":
                 return Reaction()
             raise Refused(f"{_name(response)}; reconnecting")
-        if self._polls:  # an answer from before
+        if self._polls:  # an earlier answer
             return Reaction()
         note = response.Parameters.NotificationMessage
         if ended := [data for data in note.NotificationData or () if isinstance(data, ua.StatusChangeNotification)]:
@@ -201,7 +203,7 @@ class _Client:
 
 
 def _prepared(feedback: OPCUARobotics) -> Talk[tuple[RobotNodes, bool]]:
-    """Open a session, find the robot and subscribe to it; returns whether it is subscribed to."""
+    """Open a session, find the robot and subscribe; return whether the subscription succeeded."""
     try:
         yield from session(feedback)
     except Refused as error:
@@ -216,7 +218,7 @@ def _prepared(feedback: OPCUARobotics) -> Talk[tuple[RobotNodes, bool]]:
 
 
 def _response(request: Any, body: bytes) -> Any:
-    """The answer to a request: the response of its kind, or a ServiceFault. Raises Unreadable."""
+    """Return the response to a request, or a ServiceFault. Raises Unreadable."""
     kind = getattr(ua, type(request).__name__.removesuffix("Request") + "Response")
     number = type_of(body)
     if number not in (kind().TypeId.Identifier, ua.ObjectIds.ServiceFault_Encoding_DefaultBinary):

@@ -1,7 +1,7 @@
-"""The controller's side of OPC UA for Robotics: a server with one robot in its address space, for one client.
+"""Controller side of OPC UA for Robotics: a server with one robot in its address space, for one client.
 
-It has what OPC 40010-1 asks of a robot and no more, answers the services that reading takes, and sends a subscription
-everything at each of its intervals, on time.
+It contains the parts of OPC 40010-1 required for a robot, answers the services needed for reading, and sends all values
+of a subscription at each interval, on time.
 """
 
 from __future__ import annotations
@@ -53,21 +53,25 @@ from rigs.schema.condition import TEMPERATURES, UNDISTURBED
 from rigs.schema.feedback import OPCUARobotics, are_nodes, condition_columns
 
 _OURS = 4
-"""The number of the namespace in which this server's nodes are."""
+"""Namespace index of this server's nodes."""
 _UNIT_NAMES = {DEGREE: "°", CELSIUS: "°C", KILOGRAM: "kg"}
 
 
 @dataclass
 class Space:
-    """Nodes. below: of each its children, as (browse name, node); variables: the names of what they show; units: of
-    those that state one, by the node of the statement."""
+    """Address space.
+
+    below: children of each node as (browse name, node). variables: names of the values of variables. units: units by
+    the
+    node that states them.
+    """
 
     below: dict[Any, list[tuple[str, Any]]] = field(default_factory=dict)
     variables: dict[Any, str] = field(default_factory=dict)
     units: dict[Any, int] = field(default_factory=dict)
 
     def add(self, path: str, shows: str | None = None, unit: int | None = None, node: Any | None = None) -> Any:
-        """Add a node by its path below Objects, with those above it that are missing; returns it."""
+        """Add a node and missing parents by its path below Objects; return the node."""
         above, _, name = path.rpartition("/")
         parent = self.add(above) if above else OBJECTS
         node = node or ua.NodeId(path, _OURS)
@@ -81,7 +85,7 @@ class Space:
         return node
 
     def browsed(self, node: Any) -> Any:
-        """Return what a client finds below a node."""
+        """Return the browse result of a node."""
         references = [
             ua.ReferenceDescription(NodeId=child, BrowseName=ua.QualifiedName(name, _OURS))
             for name, child in self.below.get(node, [])
@@ -89,15 +93,15 @@ class Space:
         return ua.BrowseResult(References=references)
 
     def shows(self, node: Any) -> str | None:
-        """Return the name of what a variable shows; None for any other node."""
+        """Return the name of a variable's value; None for other nodes."""
         return self.variables.get(node)
 
     def is_position(self, node: Any) -> bool:
-        """Return whether a node is the position of an axis."""
+        """Return whether a node is an axis position."""
         return (self.variables.get(node) or "").startswith("q")
 
     def constant(self, node: Any) -> Any:
-        """Return the value of a unit; of any other node, that it has none."""
+        """Return the value of a unit node; other nodes have none."""
         if node not in self.units:
             return ua.DataValue(StatusCode=ua.StatusCode(ua.StatusCodes.BadAttributeIdInvalid))
         unit = self.units[node]
@@ -105,10 +109,13 @@ class Space:
 
 
 def robot_space(feedback: OPCUARobotics) -> Space:
-    """Return a robot with the axes that a rig file names. Where that states the unit of angles, the server does not."""
+    """Return the address space of a robot with the axes of a rig file.
+
+    The server omits the angle unit if the rig file states it.
+    """
     space, unit = Space(), None if feedback.units else DEGREE
     system, robot = "DeviceSet/System", f"DeviceSet/System/MotionDevices/{feedback.device or 'Robot'}"
-    # Names of q1 … q6, or the nodes of their positions where the rig file gives those
+    # Names of q1 … q6, or the nodes of their positions if the rig file contains them
     axes: Sequence[str] = feedback.axes or [f"Axis_{number}" for number in range(1, 7)]
     by_nodes = bool(feedback.axes) and are_nodes(axes)
     for number, declared in enumerate(axes, 1):
@@ -148,14 +155,15 @@ _LONGEST_TOKEN_MS = 3_600_000
 
 
 class RobotServer:
-    """The server. read: the angles of the axes, and then what `condition_columns` names, at a time.
+    """The server.
 
-    subscriptions: whether it serves them; otherwise it can only be polled. space: what it shows in place of one robot
-    that is as `feedback` has it.
+    read: returns the axis angles and the columns of `condition_columns` at a time. subscriptions: whether they are
+    supported;
+    otherwise the client must poll. space: an address space in place of the default robot of `feedback`.
     """
 
     EPOCH = datetime(2023, 11, 14, 22, 13, 20, tzinfo=UTC)
-    """Its clock when it begins."""
+    """Initial time of the server's clock."""
 
     def __init__(
         self,
@@ -194,8 +202,7 @@ class RobotServer:
         return self._step(answers)
 
     def tick(self, now_ns: int) -> Step:
-        """Send everything that is subscribed to, as of one instant; a tick that is late is followed by the next at
-        once."""
+        """Send all subscribed values of one instant; after a late tick the next one follows immediately."""
         if self._pace is None or not self._waiting:
             return Step()
         instant_ns = self._pace.step(now_ns)
@@ -257,7 +264,7 @@ class RobotServer:
         return self._channel.packed(MESSAGE, response, number)
 
     def _served(self, request: Any, now_ns: int) -> Any:
-        """The response to a request."""
+        """Return the response to a request."""
         response = getattr(ua, type(request).__name__.removesuffix("Request") + "Response")()
         asked: Any = getattr(request, "Parameters", None)
         match request:
@@ -299,7 +306,7 @@ class RobotServer:
         return self.EPOCH + timedelta(microseconds=(now_ns - self._start_ns) / 1e3)
 
     def _values(self, now_ns: int) -> dict[str, Any]:
-        """What the robot shows, by the names of its variables."""
+        """Return the values of the robot by variable name."""
         values = self._read(now_ns)
         condition = UNDISTURBED | dict(zip(condition_columns(self._feedback), values[6:], strict=True))
         in_rad = self._feedback.units == "rad"

@@ -1,7 +1,7 @@
-"""What the values of a robot's nodes mean: samples of all axes together, and faults.
+"""Convert node values of a robot into samples of all axes, and faults.
 
-A server samples each axis for itself, and what it sends at once may hold several samples of an axis or only some of the
-axes. Samples whose stamps lie together are one position; an axis without one then is where it was.
+A server samples each axis separately, and a message may contain several samples of an axis or only some of the axes.
+Samples with adjacent stamps form one position; an axis without a new sample has not moved.
 """
 
 from __future__ import annotations
@@ -25,8 +25,12 @@ _AXES = 6
 
 @dataclass(frozen=True, slots=True)
 class AxisValue:
-    """A value of an axis 0 … 5. angle_deg: nan where the server calls it bad. clock_s: since 1970, nan without a stamp.
-    status: 0 good, else the server's code."""
+    """Value of an axis 0 … 5.
+
+    angle_deg: nan if the server marks it bad. clock_s: time since 1970, nan without a stamp. status: 0 for good,
+    otherwise
+    the server's code.
+    """
 
     axis: int
     angle_deg: float
@@ -36,7 +40,7 @@ class AxisValue:
 
 @dataclass(frozen=True, slots=True)
 class ArmPosition:
-    """All axes at one time. apart_s: how far the stamps of the axes lie apart."""
+    """Position of all axes. apart_s: spread of the stamps."""
 
     angles_deg: tuple[float, ...]
     clock_s: float
@@ -45,7 +49,7 @@ class ArmPosition:
 
 
 class Together:
-    """Collects values. together_s: stamps no further apart than this are of one position."""
+    """Groups values into positions. together_s: largest spread of the stamps of one position."""
 
     def __init__(self, together_s: float) -> None:
         self._together_s = together_s
@@ -53,10 +57,11 @@ class Together:
         self._open: dict[int, AxisValue] = {}
 
     def take(self, values: Iterable[AxisValue]) -> Iterator[ArmPosition]:
-        """Yield every position that these values complete, or that a later value shows to be complete."""
+        """Yield the positions completed by these values, directly or by a later value."""
         ordered = sorted(values, key=lambda value: value.clock_s)
         if any(math.isnan(value.clock_s) for value in ordered):
-            ordered = list({value.axis: value for value in ordered}.values())  # which belong together is not known
+            # it is unknown which ones belong together
+            ordered = list({value.axis: value for value in ordered}.values())
         for value in ordered:
             since_s = value.clock_s - min((begun.clock_s for begun in self._open.values()), default=value.clock_s)
             if value.axis in self._open or since_s > self._together_s:
@@ -66,7 +71,7 @@ class Together:
                 yield from self.end()
 
     def end(self) -> Iterator[ArmPosition]:
-        """Yield the position that has begun, since no more of it comes."""
+        """Yield the unfinished position at the end of the data."""
         if not self._open:
             return
         stamps_s = [value.clock_s for value in self._open.values()]
@@ -80,18 +85,17 @@ class Together:
 
 
 _TOGETHER = 0.5
-"""Stamps of axes within this share of the interval are of one sample."""
+"""Spread of the stamps of one sample, as a share of the interval."""
 _APART_S = 1e-3
-"""Stamps further apart than this are reported: axes at 50 deg/s are then 0.05 deg from where they were together."""
+"""Spread of stamps above which a fault is reported: at 50 deg/s the axes are then 0.05 deg off."""
 _UNCERTAIN, _SEVERITY, _CODE = 1, 30, 0xFFFF0000
-"""A status code begins with two bits of severity, 0 good and 1 uncertain; its number is the upper half (OPC 10000-4,
-7.39)."""
+"""Status codes: two bits of severity, 0 good and 1 uncertain, and the code in the upper half (OPC 10000-4, 7.39)."""
 _OVERFLOW = 0x480
-"""Bits of a status code: it is of a data value, and values before it found no room in the server's queue."""
+"""Status bits of a data value after an overflow of the server's queue."""
 
 
 class RobotValues:
-    """Makes samples of the values of a robot's nodes, which go by their places in `RobotNodes.all`."""
+    """Converts values, identified by their index in `RobotNodes.all`, into samples."""
 
     def __init__(self, feedback: OPCUARobotics, nodes: RobotNodes) -> None:
         self._nodes = nodes
@@ -103,21 +107,20 @@ class RobotValues:
         self._apart_reported = False
 
     def request(self) -> Any:
-        """Return the request for all values."""
+        """Return a request for all values."""
         return read_request(self._nodes.all)
 
     def stand_still(self, note: Any) -> bool:
-        """Return whether a message of the subscription shows that stamps stand still: after the first position it
-        brings nothing new."""
+        """Return whether a subscription message shows stalled stamps: after the first position no new data arrives."""
         return bool(self._notes) and self._positions < 2 and not note.NotificationData
 
     def published(self, note: Any, message: Message) -> Iterator[Item]:
-        """Yield what a message of the subscription brings."""
+        """Yield the items of a subscription message."""
         at_ns = message.last_byte_ns
         if not note.NotificationData:
             yield from self._samples(self._together.end(), NO_TIME, message)
             return
-        # Each message with data has the next number; one without has that of the next to come.
+        # A message with data has the next sequence number; a keep-alive repeats the number of the following message.
         missing, self._last_number = note.SequenceNumber - self._last_number - 1, note.SequenceNumber
         if missing > 0 and self._notes:
             yield Fault(FaultKind.SKIPPED, at_ns, "messages of the subscription are missing", missing)
@@ -130,7 +133,7 @@ class RobotValues:
         yield from self._samples(self._together.take(values), NO_TIME, message)
 
     def polled(self, results: Sequence[Any], asked_ns: int, message: Message) -> Iterator[Item]:
-        """Yield what an answer to `request` brings. Its stamps may be old, so the answer has none."""
+        """Yield the items of an answer to `request`; they have no stamp, because the server's stamps may be old."""
         values = list[AxisValue]()
         for place, value in enumerate(results):
             yield from self._take(place, value, values, message.last_byte_ns)
@@ -139,7 +142,7 @@ class RobotValues:
         yield from self._samples(together.take(unstamped), asked_ns, message)
 
     def _take(self, place: int, value: Any, values: list[AxisValue], at_ns: int) -> Iterator[Fault]:
-        """Add the value of an axis to `values`, or note what is shown of the condition; faults are yielded."""
+        """Store an axis value or a condition value; yield faults."""
         code = value.StatusCode.value if value.StatusCode else 0
         severity, plain = code >> _SEVERITY, None if value.Value is None else value.Value.Value
         axes = len(self._nodes.axes)
