@@ -50,8 +50,7 @@ _MOST_TERMS = 20_000
 """Limit of terms. A diagnosis of poses has 1500; the covariance root of more terms would exceed the file size limit."""
 _NOTHING = 1e-4
 """Limit in healthy sizes below which a term is dropped: five hundred such terms have less than a hundredth of the
-effect of
-one healthy effect, at the cost of a large one each.
+effect of one healthy effect, at the cost of a large one each.
 """
 _ROWS = 4096
 """Rows of a curve computed together: 135 waves take 4 MB."""
@@ -130,16 +129,12 @@ class CalibratedModel(Part):
     """Content of a calibration file.
 
     `factor` is the lower triangle, row by row, of a root L of the covariance L L' of the `parameters`: little-endian
-    float32,
-    base64. `joints_deg` is the range of each joint in the runs, and `rail_mm` the range of the rail, if any; outside,
-    the terms
-    equal their prior. `reach_mm`, for touches only, is the largest distance between a validating placement and the
-    other
-    sockets. `held_out_um` is the rms in µm at places without a part in the fit, None if there were none. `widened` is
-    the
-    factor in L by which misses at such places, or in neighbourhoods of poses held out, exceed the expectation from the
-    readings
-    used. `judged` is the assessment of the diagnosis, None in files of earlier versions.
+    float32, base64. `joints_deg` is the range of each joint in the runs, and `rail_mm` the range of the rail, if any;
+    outside, the terms equal their prior. `reach_mm`, for touches only, is the largest distance between a validating
+    placement and the other sockets. `held_out_um` is the rms in µm at places without a part in the fit, None if there
+    were none. `widened` is the factor in L by which misses at such places, or in neighbourhoods of poses held out,
+    exceed the expectation from the readings used. `judged` is the assessment of the diagnosis, None in files of earlier
+    versions.
     """
 
     format: Literal[1] = 1
@@ -214,8 +209,8 @@ Ground = Literal["not_judged", "explained", "gains_elsewhere", "unknown_cause", 
 """Reason for using a model for correction, or not.
 
 No run validated it; the runs used are explained; it reduces the error at places without a part; an unknown cause
-remains;
-it does not reduce the error there; or the runs cannot show the fault, for example four poses with more unknowns.
+remains; it does not reduce the error there; or the runs cannot show the fault, for example four poses with more
+unknowns.
 """
 _LEAST_GAIN = 0.3
 """Share of the mean square at places without a part that a model must remove to be used despite an unknown cause.

@@ -1,10 +1,8 @@
 """Edit a rig file in place: changed values or added effects, with all other text and comments preserved.
 
 YAML nodes give the position of each value. Numbers are replaced in place; missing keys are inserted at the start of
-their
-mapping, in any style, or at the end of the file for top-level keys. The result is parsed and compared with the request,
-so
-styles that use a place twice (anchors) are refused instead of changed partially.
+their mapping, in any style, or at the end of the file for top-level keys. The result is parsed and compared with the
+request, so styles that use a place twice (anchors) are refused instead of changed partially.
 """
 
 from __future__ import annotations
@@ -147,8 +145,7 @@ def _rounded(value: float | Sequence[float]) -> float | list[float]:
 
 def extended(text: str, effects: Sequence[Effect], where: str, calibration: CalibrationFile | None = None) -> str:
     """Return the text of a rig file with added effects, and optionally a new calibration. Raises RigFileError if the
-    result is
-    invalid.
+    result is invalid.
     """
     grown = _with_effects(text, effects) if effects else text
     if calibration:

@@ -1,8 +1,7 @@
 """Exceptions: every expected failure is a `RigError`, reported in one line with an exit code.
 
 A message says where, what and what to do. Programs print it and exit with `exit_code`; any other traceback shown to a
-user
-is a bug.
+user is a bug.
 """
 
 from __future__ import annotations

@@ -21,8 +21,7 @@ class Interface:
     """Interface. line: settings of the serial line, `NO_DEFAULT`, or empty. keys: specific keys.
 
     modem: modem lines required by the cables, empty if none. timing, timing_source: default latching time of a gauge,
-    and its
-    source.
+    and its source.
     """
 
     name: str

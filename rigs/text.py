@@ -2,8 +2,7 @@ r"""Sanitise text from devices, files, names and peers for terminals, logs and p
 
 Foreign text may contain escape sequences, line ends that forge log lines, marks that reverse the reading direction, and
 lone surrogates. Each such character is replaced by its escape (`\x1b`), so nothing is hidden, and sanitising twice
-changes
-nothing. Every output of the programs passes through here: docs/decisions/0018-one-gate-for-text.md.
+changes nothing. Every output of the programs passes through here: docs/decisions/0018-one-gate-for-text.md.
 
 Names may be spelled freely: UR10E, ur-10e and Ur 10e are ur10e.
 """

@@ -43,7 +43,7 @@ SHAPE = re.compile(r"\((?:\.\.\.|…|\d|[A-Za-z])[\w\s.+·*/…-]*,[^()]*\)|\(\d
 UNIT = re.compile(
     r"(?<!\w)(mm|rad|deg|degrees|s|ns|Hz|Nm|ppm|relative|ratio|shares?|weights?|turns?|standard deviations?|poses?"
     r"|whitened|healthy sizes?|log evidence|µm|mm²|counts?|numbers?|index|indices|mask|whether|which|directions?"
-    r"|orders?|power|unit|figures)(?!\w)|°|_(mm|rad|deg|s|ns|um)\b"
+    r"|orders?|power|units?|sum|figures)(?!\w)|°|_(mm|rad|deg|s|ns|um)\b"
 )
 """A unit, or a word for what has none, as a share, a number, a mask, or whitened values (standard deviations)."""
 

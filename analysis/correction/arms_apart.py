@@ -1,8 +1,7 @@
 """Compare two arms of one model pose by pose: the distance between their tools at equal joint angles.
 
 This answers whether a program can be moved from one arm to the other. In the robots' bases it is the complete
-difference;
-with frame and tool taught for each arm, the remaining one.
+difference; with frame and tool taught for each arm, the remaining one.
 """
 
 from __future__ import annotations

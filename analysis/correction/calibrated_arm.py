@@ -32,10 +32,8 @@ from rigs.schema.vocabulary import DRIVEN_AXES
 
 _SEEDS = 128
 """Start postures for an arm without a list of branches, in addition to the given one. Measured: of 100 random postures
-of an
-FR3, an iiwa 14 and a WAM 128 starts reach all within the limits, 32 reach 99, 100 and 98, and 8 reach 70, 94 and 91; 65
-to
-165 ms per pose.
+of an FR3, an iiwa 14 and a WAM 128 starts reach all within the limits, 32 reach 99, 100 and 98, and 8 reach 70, 94 and
+91; 65 to 165 ms per pose.
 """
 _ORTHONORMAL = 1e-6
 """Permitted deviation of rotation rows from orthonormality: rounding to ten digits."""
@@ -51,8 +49,7 @@ class ArmPoses:
 
     T (n, 4, 4): in the world of the rig file, lengths in mm. u_mm (n,): standard uncertainty of the position, all three
     coordinates together, NaN if unknown or not covered. covered (n,): False if a joint is outside the range of the
-    model's runs,
-    or the tool further from the sockets than validated; None if unknown.
+    model's runs, or the tool further from the sockets than validated; None if unknown.
     """
 
     T: Array
@@ -65,10 +62,8 @@ class ArmAngles:
     """Joint angles of poses.
 
     q_deg (n, axes): NaN if there are none within the limits. reached (n,): mask of solutions. u_mm, covered: as in
-    ArmPoses, at
-    these angles. turned_deg (n,): rotation from the requested orientation, unavoidable for some arms with fewer than
-    six axes; 0
-    with six.
+    ArmPoses, at these angles. turned_deg (n,): rotation from the requested orientation, unavoidable for some arms with
+    fewer than six axes; 0 with six.
     """
 
     q_deg: Array
@@ -176,8 +171,7 @@ class CalibratedArm:
 
     def _solved_in_part(self, pose: Array, near: Array) -> Array | None:
         """Return the angles of an arm with fewer axes at the position of a pose (4, 4), with the smallest rotation;
-        among equal
-        rotations those near others.
+        among equal rotations those near others.
         """
         starts = self._starts(near)
         nominal, solved = newton_in_part(self._model.arm, np.repeat(pose[None], len(starts), axis=0), starts)

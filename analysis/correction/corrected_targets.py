@@ -2,8 +2,7 @@
 
 The real arm is the model with the correctable effects. The command is shifted by the error of the real arm until it
 vanishes; effects are small, so each round leaves about a thousandth. The controller is assumed to use the nominal arm,
-so a
-corrected pose is the pose of the nominal arm at the corrected angles.
+so a corrected pose is the pose of the nominal arm at the corrected angles.
 """
 
 from __future__ import annotations
@@ -63,12 +62,9 @@ class WorkError:
     robot there.
 
     `before_um`: without correction. `after_um`: with corrected targets, the standard uncertainty, including `u_um` of
-    the model
-    and the uncorrectable error. `model_um`: correctable part. `base`: the same in the robot's base. `base_u_um`:
-    contribution of
-    the arm's position on its base to the uncertainty. `unknown`: share of postures not covered by runs, for which these
-    figures
-    are estimates of the model.
+    the model and the uncorrectable error. `model_um`: correctable part. `base`: the same in the robot's base.
+    `base_u_um`: contribution of the arm's position on its base to the uncertainty. `unknown`: share of postures not
+    covered by runs, for which these figures are estimates of the model.
     """
 
     before_um: float
@@ -84,8 +80,7 @@ class WorkError:
         """Return the error of positions displaced by sizes_mm (5, n) mm.
 
         Rows: displacement in the base and in a taught frame, uncertainties in both, and uncorrectable part. inside:
-        mask of covered
-        ones.
+        mask of covered ones.
         """
         off_mm, taught_mm, u_mm, u_frame_mm, stays_mm = sizes_mm
 
@@ -233,8 +228,7 @@ def reached_angles(model: Model, wanted: Array, q: Array) -> tuple[Array, Mask]:
     (n,).
 
     Starts at q (n, axes) rad, where the nominal arm is close to `wanted`. With fewer than six axes the position is
-    reached with
-    the closest possible orientation.
+    reached with the closest possible orientation.
     """
     if model.arm.axes < DRIVEN_AXES:
         return newton_in_part(model.arm, wanted, q, lambda angles: tool_poses(model, angles))
@@ -299,8 +293,7 @@ def _doubts(rig: Rig, uncertainty: PoseUncertainty, q: Array) -> list[str]:
 
 def _turned(rig: Rig, supported: Sequence[Support], q: Array, at: Array) -> list[str]:
     """Return remarks on the remaining rotation of an arm with few axes, corrected to angles `at` (n, axes) rad for the
-    positions of
-    q (n, axes) rad.
+    positions of q (n, axes) rad.
     """
     if (axes := len(rig.robot.axes)) >= DRIVEN_AXES or not len(q):
         return []

@@ -48,8 +48,7 @@ class Work(Part):
     """Position error of the tool over the work area of the rig file, µm rms, without and with the correction.
 
     u_um: standard uncertainty of the model there, part of after_um. unknown: share of the work area not covered by
-    runs, for
-    which both are estimates of the model.
+    runs, for which both are estimates of the model.
     """
 
     before_um: float

@@ -32,8 +32,7 @@ def joint_traits(rig: Rig, friction_nm: Mapping[int, float] | None = None) -> Jo
     """Return the well-known backlash and the compliance of a rig's model, named and calibrated.
 
     friction_nm: Coulomb friction of joints in Nm, by axis from 1. Terms of one axis add up; a sum that is not positive
-    is not a
-    compliance and is left out.
+    is not a compliance and is left out.
     """
     play_deg, soft = defaultdict[int, float](float), defaultdict[int, float](float)
     for effect in known_plays(rig):

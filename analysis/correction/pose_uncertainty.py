@@ -4,8 +4,7 @@ A correction needs tool displacements at joint angles, each of one standard unce
 support them. Elsewhere the uncertainty is unknown, and no figure is given.
 
 A term turns a joint, changes a constant or moves the tool, and the pose changes by its derivative times the uncertainty
-of
-the term. Derivatives by joints are computed once, because most of a thousand terms turn a joint.
+of the term. Derivatives by joints are computed once, because most of a thousand terms turn a joint.
 """
 
 from __future__ import annotations
@@ -108,8 +107,7 @@ class CalibratedUncertainty:
     @property
     def unexplained_mm(self) -> float:
         """Unexplained rms position error where a diagnosis validated the model: equal in three coordinates, and varying
-        between
-        places, so that a taught frame cannot remove it.
+        between places, so that a taught frame cannot remove it.
         """
         judged = self.calibrated.judged
         return 0.0 if judged is None else np.sqrt(3.0) * judged.unexplained_um / 1e3
@@ -152,8 +150,7 @@ class PoseUncertainty(Protocol):
 
     def pose_displacements(self, q: Array) -> Array:
         """Return independent tool displacements (k, n, 6), mm and rad, of one standard uncertainty each, at joint
-        angles q (n, 6) rad:
-        their sum of squares is the covariance.
+        angles q (n, 6) rad: their sum of squares is the covariance.
         """
 
     def is_within_reach(self, q: Array) -> Mask:
@@ -247,8 +244,7 @@ def position_u_mm(uncertainty: PoseUncertainty, q: Array) -> Array:
 
 def places_u_mm(rig: Rig, uncertainty: PoseUncertainty, q: Array, taught: Array) -> tuple[Array, Array]:
     """Return the standard uncertainty (n,) mm of the tool position at joint angles q (n, 6) rad in the robot's base,
-    and with frame
-    and tool taught at joint angles `taught` (m, 6) rad, both including the unexplained error.
+    and with frame and tool taught at joint angles `taught` (m, 6) rad, both including the unexplained error.
     """
     taught = taught[:: -(-len(taught) // _TAUGHT)]
     frame = TaughtFrame(tool_poses(model_of(rig, ()), taught))
@@ -287,8 +283,7 @@ def covered(uncertainty: PoseUncertainty, q: Array) -> Mask | None:
 
 def why_unknown(rig: Rig, uncertainty: PoseUncertainty, q: Array) -> list[str]:
     """Return reasons for unknown uncertainties at joint angles q (n, axes) rad: joints beyond the runs, with both
-    ranges; empty if
-    known.
+    ranges; empty if known.
     """
     inside, joints = covered(uncertainty, q), uncertainty.joints_rad
     if inside is None or joints is None:

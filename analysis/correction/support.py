@@ -2,8 +2,7 @@
 
 A target can compensate posture-dependent effects, but not effects of direction, time or instruments. An effect not
 significantly different from zero is not corrected. Several effects on one constant (a second diagnosis adds to the
-first)
-are summed, with uncertainties added in quadrature.
+first) are summed, with uncertainties added in quadrature.
 
 If the diagnosis says *correct nothing* (`rigs.calibration.verdict_of`), a correction is refused, or written and marked.
 """
@@ -33,8 +32,7 @@ _HOW: dict[Use, str] = {
 @dataclass(frozen=True)
 class Support:
     """Use of an effect for a correction: `value` and `u`, size and standard uncertainty in its own unit, u NaN if
-    unknown; `reason`:
-    explanation.
+    unknown; `reason`: explanation.
     """
 
     effect: Effect

@@ -5,13 +5,10 @@ because the program's approach is unknown. The rms error of an effect over these
 uncertainty of the position: half the backlash of a joint, the remainder of a spike on arrival, thermal growth.
 
 Frame and tool are taught with the robot itself: a rigid motion of the whole arm and a shift of the tool on the flange
-are
-invisible. A tracker or a ball cannot show the position of an arm on its base, nor of the target on the last link: the
-zero
-of joint 1, the height of the shoulder and the length of the last link are visible in no run, nor in work with a frame
-and a
-tool centre taught with the same arm. So errors over the work area are stated after removing these nine terms, by least
-squares over the tool positions, as set-ups are fitted elsewhere.
+are invisible. A tracker or a ball cannot show the position of an arm on its base, nor of the target on the last link:
+the zero of joint 1, the height of the shoulder and the length of the last link are visible in no run, nor in work with
+a frame and a tool centre taught with the same arm. So errors over the work area are stated after removing these nine
+terms, by least squares over the tool positions, as set-ups are fitted elsewhere.
 """
 
 from __future__ import annotations
@@ -36,8 +33,7 @@ from rigs.rig import Rig
 
 _FEWEST, _SPREAD = 12, 60
 """Number of postures below which the work area is too small for judging a correction, and the number used instead.
-Chosen:
-about 24 constants need several times as many numbers.
+Chosen: about 24 constants need several times as many numbers.
 """
 _AROUND_RAD = np.radians(30.0)
 """Range around the work area if the runs' joint angles are unknown. Chosen: a usual range."""
@@ -47,8 +43,7 @@ _STEP_RAD = np.radians(15.0)
 
 def work_angles(rig: Rig) -> Array:
     """Return the joint angles (n, 6) rad of the rig's circle and hemisphere, as far as reachable, or the middle of the
-    limits if
-    neither is.
+    limits if neither is.
     """
     angles = []
     arm, circle, hemisphere = arm_of(rig.robot), rig.tests.circle, rig.tests.hemisphere
@@ -215,8 +210,7 @@ class TaughtFrame:
 
     def _columns(self, poses: Array) -> Array:
         """Return the derivatives (n, 3, 9) at poses (n, 4, 4) by shifts in mm, rotations about the centre, in mm at the
-        lever, and
-        shifts of the tool on the flange in mm.
+        lever, and shifts of the tool on the flange in mm.
         """
         shifts = np.tile(np.eye(3), (len(poses), 1, 1))
         turns = np.cross(np.eye(3)[None], ((poses[:, :3, 3] - self._middle) / self._lever_mm)[:, None, :])

@@ -66,8 +66,7 @@ from rigs.schema.effect import label_of, name_of
 
 _BETTER = 0.97
 """Ratio of the gap without an effect of the rig file to that with it, below which the effect is doubted. Chosen: 3 % of
-the rms
-is more than a refitted set-up gains by chance.
+the rms is more than a refitted set-up gains by chance.
 """
 
 
@@ -319,8 +318,7 @@ def _verdicts_of(
     """Return the verdicts, for readings (m, k): a diagnosis without calibrated model, next test, doubts and actions.
 
     `both`: gaps with the complete model, which decide the condition, and with the exported model. `early`: whether
-    poses were
-    read before standstill.
+    poses were read before standstill.
     """
     whole, gaps = both
     remainder, is_material = remainder_of(result, named, result.scatter_limits_um, gaps.train)
@@ -390,8 +388,7 @@ def _names(runs: Sequence[Measured]) -> list[str]:
 
 def _next_test(named: Sequence[Named], further: FurtherTests) -> tuple[NextTest | None, list[str]]:
     """Return the shortest test that, together with the existing runs, separates the first ambiguous name from its
-    closest rival;
-    otherwise a doubt.
+    closest rival; otherwise a doubt.
     """
     open_ones = [(name, name.rivals) for name in ambiguous_names(named)]
     open_ones += [(name, tuple(fault_rivals(name))) for name in named]

@@ -260,8 +260,8 @@ def read_file(
     """Read a table of docs/tables.md: a CSV file, or a bag of ROS 2 from which one is made.
 
     direction: of a circle whose table has no direction column; the column is then added after t_s. joints: which of two
-    sets of columns are the robot's; the other is kept under a name that says what it is.
-    Raises FileError for a file that cannot be read, TableFileError with every mistake in it.
+    sets of columns are the robot's; the other is kept under a name that says what it is. Raises FileError for a file
+    that cannot be read, TableFileError with every mistake in it.
     """
     data = read_whole(path)
     has_direction = "direction" in kind_named(test).layout().required

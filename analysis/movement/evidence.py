@@ -171,7 +171,7 @@ class Prediction:
 
     @cached_property
     def chol(self) -> Array:
-        """The lower Cholesky factor (n, n) of the covariance, in units of the assumed scatter."""
+        """The lower Cholesky factor (n, n) of the whitened covariance."""
         return np.asarray(np.linalg.cholesky(self.cov), dtype=float)
 
     def whitened(self, columns: Array) -> Array:

@@ -1,10 +1,8 @@
 """Combine runs of one test: mean, spread between runs, and pairs of acw and cw; and the figures as columns per
-direction, the
-basis of displays and limits.
+direction, the basis of displays and limits.
 
 u of one run is the uncertainty of that run's figure; the spread between runs is not included and only visible in
-repeated
-runs. The mean of m runs follows Student's distribution with m - 1 degrees of freedom.
+repeated runs. The mean of m runs follows Student's distribution with m - 1 degrees of freedom.
 """
 
 from __future__ import annotations
@@ -33,8 +31,7 @@ ONE_RUN = (
 )
 _SPREADS = 5.0
 """A ball further from the others than `BALL_ELSEWHERE_MM`, and than this multiple of the usual distance in these runs,
-which
-includes joint scatter, was remounted; …
+which includes joint scatter, was remounted; …
 """
 _TWO_MM = 0.35
 """… for two runs, without information about the scatter: 2 √2 times the table's largest at the end of a one-metre
@@ -42,8 +39,7 @@ arm.
 """
 _SAME_POSE_RAD = math.radians(1.0)
 """Joint difference below which poses of a table are equal. Chosen: far above the differences between runs, and far
-below those
-between poses.
+below those between poses.
 """
 _ANYWHERE_DEG = 180.0 / math.sqrt(3)
 """Standard uncertainty of a position anywhere around the circle."""
@@ -100,8 +96,7 @@ def pooled(group: Sequence[Result]) -> list[Pooled]:
 
 def between(runs: Sequence[Mapping[str, Quantity]]) -> dict[str, BetweenRuns]:
     """Return the figures common to all runs, over the runs. The u of a mean is at least the smallest u of a run, part
-    of which (the
-    gauges' time and baseline) is common to all runs.
+    of which (the gauges' time and baseline) is common to all runs.
     """
     over_runs = {}
     for name in (name for name in runs[0] if all(name in run for run in runs)):
@@ -201,8 +196,7 @@ class FigureColumn:
     """Figures by name, of the mean of `count` runs, of one `run`, or of `count` pairs of acw and cw.
 
     `direction` is that of the runs, empty for pairs and tests without direction; `run` names a single run. `sd`
-    contains the
-    standard deviation between runs of repeated figures.
+    contains the standard deviation between runs of repeated figures.
     """
 
     kind: Literal["mean", "run", "pairs"]

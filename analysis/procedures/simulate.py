@@ -29,8 +29,7 @@ def simulate(
     """Simulate a run of a test; `seed` None for no noise.
 
     effects: in place of those of the rig file. Poses and paths are those of ISO 9283. Raises FileError if the robot
-    cannot do
-    the test.
+    cannot do the test.
     """
     require_test(rig, test)
     return kind_named(test).simulated(rig, direction, Simulation(seed, effects, noise))
@@ -53,8 +52,7 @@ def simulated_run(
     """Return a simulated run like a measured one, named after test, direction and seed. Raises FileError.
 
     seed: of the noise, different in both directions; None for no noise. effects: in place of those of the rig. The run
-    contains
-    the rig file, without the simulated effects; its source states the seed.
+    contains the rig file, without the simulated effects; its source states the seed.
     """
     draw = None if seed is None else noise_seed(seed, direction)
     run = table_run(

@@ -87,7 +87,7 @@ def arms_apart_tables(apart: ArmsApart) -> RenderableType:
 def fitting_arm_table(fitting: FittingArm) -> RenderableType:
     """Which arm fits the runs and by how much, in a line, and what each leaves."""
     better = fitting.better
-    head = "These runs do not tell the two arms apart."
+    head = "These runs do not distinguish the two arms."
     if better is not None:
         (worse,) = (fit for fit in fitting.fits if fit is not better)
         head = (

@@ -1,12 +1,11 @@
 """Align a recorded run to one table: each gauge reading with the joint angles at the same instant.
 
 Gauge 1 defines the rows; the second gauge and the robot are interpolated to its instants. A row in a gap of either is
-left
-out and counted, because interpolation across missing data is not a measurement.
+left out and counted, because interpolation across missing data is not a measurement.
 
 A stream with stamps that `rigd` cannot have written was modified, regardless of its checksums: the clock never
-decreases, and
-no time can be derived from one that does, so such a run is refused. Impossible values are left out and counted.
+decreases, and no time can be derived from one that does, so such a run is refused. Impossible values are left out and
+counted.
 """
 
 from __future__ import annotations
@@ -71,8 +70,7 @@ JUMPS_NS = 5e6
 """… for a gauge longer than this: at a reversal, backlash is crossed in about ten milliseconds."""
 _OFTEN = 0.05
 """Rows lost in gauge gaps are reported above this share, or if a gap is as long as a robot's: rigd itself delays polled
-gauges
-occasionally (daq.protocol.polled), for less.
+gauges occasionally (daq.protocol.polled), for less.
 """
 _BLOCK = 1 << 14
 """Rows per block, to fit the processor's cache."""
@@ -101,8 +99,7 @@ class Aligned:
 
     t_s (n,): since its first row. q (n, 6) rad: as reported. g_mm (n, k): of g1 and, on a circle, g2. u_lag_s: standard
     uncertainty of the gauges' time relative to the robot's, common to all rows; u_t_s (n,): individual part of each
-    row. doubts:
-    as text.
+    row. doubts: as text.
     """
 
     t_s: Array
@@ -116,8 +113,7 @@ class Aligned:
 @dataclass(frozen=True)
 class Track:
     """Values (n, k) of an instrument at increasing times (n,) ns, with common and individual (n,) uncertainty in s.
-    inside (n,):
-    mask of the rows in the requested part of a run, None for all.
+    inside (n,): mask of the rows in the requested part of a run, None for all.
     """
 
     ns: Array
@@ -132,10 +128,8 @@ class Seen:
     """Observations about an instrument in a run, or in a part of it.
 
     restarts, wrong, wanders_s, held, arrived and doubts: as in `Instants`. Numbers of doubtful rows: odd (no reading),
-    stalled
-    (uncertain time) and dropped (shared instant). gaps: rows of gauge 1 in its gaps, the longest being longest_ns.
-    before, after:
-    rows of gauge 1 before its first row and after its last, if it has any here.
+    stalled (uncertain time) and dropped (shared instant). gaps: rows of gauge 1 in its gaps, the longest being
+    longest_ns. before, after: rows of gauge 1 before its first row and after its last, if it has any here.
     """
 
     restarts: int = 0
@@ -227,8 +221,7 @@ def join(path: Path, streams: Streams, test: TestName, rig: Rig, part: tuple[flo
     """Return the streams of a test on the rows of gauge 1, optionally in a part [begin, end) ns of the run.
 
     At targets only gauge 1 is used: a second gauge is irrelevant. Raises FileError like `align`, NotTogether if the
-    part may be
-    the reason.
+    part may be the reason.
     """
     tracks, seen = _read(path, streams, test, rig, part)
     if "g1" not in tracks:
@@ -479,8 +472,7 @@ def _stream(path: Path, streams: Streams, columns: Sequence[str], instrument: st
 
 def gaps_ns(rows: Array, times: Array, short_ns: float) -> Array:
     """Return the distance (n,) ns of the two `times` (m,) ns around each row (n,) ns: 0 if usual, or if a row has one
-    of the times.
-    Both increase.
+    of the times. Both increase.
     """
     apart = np.diff(times)
     wide = np.flatnonzero(apart > max(short_ns, _GAP * np.median(apart)))

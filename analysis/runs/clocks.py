@@ -1,10 +1,8 @@
 """Determine the measurement times from host stamps, transmission times and instrument clocks.
 
 A byte can only arrive late, and a requested reading was taken after the request was transmitted and before its answer
-was
-sent. So the tightest bound from all stamps is the best, and the remaining interval is the uncertainty: one part common
-to all
-readings, one part of each reading.
+was sent. So the tightest bound from all stamps is the best, and the remaining interval is the uncertainty: one part
+common to all readings, one part of each reading.
 """
 
 from __future__ import annotations
@@ -44,16 +42,14 @@ _SAMPLE = 20_000
 _STIRRED = 5
 _STIRRED_NS = 2e6
 """With this many requests not directly after the previous answer, and answer times of this variation, a buffering
-adapter is
-visible (`daq.protocol.polled` gives the reason).
+adapter is visible (`daq.protocol.polled` gives the reason).
 """
 
 _LONGER = 1.2
 """Readings constant for more than this multiple of the stated cycle contradict the cycle."""
 _SPARSE_NS = 50e6
 """At a reversal, backlash is crossed in about ten milliseconds: five times that makes it visible to one gauge long
-before the
-other.
+before the other.
 """
 _SPARSE = (
     "its readings are {:.0f} ms apart, too far to follow a joint that turns back: a band may be too large by what the "
@@ -202,8 +198,7 @@ def robot_instants(stream: Columns) -> Instants:
     """Return the times of reported positions.
 
     A controller reports a value latched during the previous cycle, so a cycle is the uncertainty. A controller polled
-    over a
-    network (registers) was read between request and answer.
+    over a network (registers) was read between request and answer.
     """
     if (stream["requested_ns"] >= 0).all():
         asked_ns = stream["requested_ns"].astype(float)

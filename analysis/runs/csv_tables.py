@@ -29,8 +29,7 @@ class Rows:
     @cached_property
     def axes(self) -> int:
         """Number of joints in the table; cells of unrelated columns, such as a gripper, stay text. Fewer than the
-        minimum means six
-        joints with missing columns.
+        minimum means six joints with missing columns.
         """
         joints = list(takewhile(self._is_measured, joint_columns(MOST_AXES)))
         return len(joints) if len(joints) >= FEWEST_AXES else DRIVEN_AXES
@@ -62,7 +61,7 @@ class Rows:
         return array_of(self.columns[name])
 
     def words(self, name: str) -> NDArray[np.str_]:
-        """Return a column (n,) of words."""
+        """Return a column (n,) of words without a unit."""
         return np.array(self.columns[name].to_pylist(), dtype=np.str_)
 
     def times(self) -> Array:

@@ -1,9 +1,9 @@
 """Joint angles beside the limits of the rig file, and rows that state a joint whole turns further than the others.
 
-A posture is the same whether a joint stands at -106° or at 254°. Two things may be behind it. The controller counts
-its turns anew, or an export does: the joint did not turn. Or the joint really turned once more, which only an error
+A posture is the same whether a joint stands at -106° or at 254°. Two things may be behind it. The controller or an
+export restarts its count of turns: the joint did not turn. Or the joint really turned once more, which only an error
 that does not repeat with the turn could show. A joint that really turns further stands at angles all over its range;
-a joint that was counted anew stands in one window, and a whole number of turns away from it. So rows are turned back
+a joint whose count restarted stands in one window, and a whole number of turns away from it. So rows are turned back
 if they leave the limits of the joint, or if all angles of the table, modulo a turn, leave a gap that so many angles
 all over a turn would hardly leave. A joint is kept if the rig file has an error of it that does not repeat with the
 turn.
@@ -15,7 +15,6 @@ import numpy as np
 
 from analysis.robot.kinematics.arm import Array, Integers, Mask, arm_of
 from analysis.runs.tables import Table
-from rigs.effects.transmission_error import TransmissionError
 from rigs.rig import Rig
 from rigs.text import listed
 
@@ -87,9 +86,7 @@ def beyond_limits(table: Table, rig: Rig) -> tuple[str, ...]:
 def _has_fractional_wave(rig: Rig, axis: int) -> bool:
     """Return whether the rig file has an error of an axis that does not repeat with its turn."""
     effects = (*rig.effects, *(rig.calibrated.effects if rig.calibrated else ()))
-    return any(
-        isinstance(effect, TransmissionError) and effect.axis == axis and effect.order % 1 > 0 for effect in effects
-    )
+    return any(getattr(effect, "axis", None) == axis and not effect.repeats_each_turn for effect in effects)
 
 
 def _counted_further(table: Table, axis: int, turns: Integers, count: int) -> str:

@@ -56,9 +56,8 @@ class Laps:
     """Whole laps in order of time.
 
     t_s (n,), q (n, 6) rad, g_mm (n, k). phi (n,) rad: continuous from lap to lap, whatever happened in between. notes:
-    about the
-    selection. count: number of laps. lap_s: mean duration. apart_s: time between the starts of laps. u_t_s: rms of the
-    individual time uncertainties.
+    about the selection. count: number of laps. lap_s: mean duration. apart_s: time between the starts of laps. u_t_s:
+    rms of the individual time uncertainties.
     """
 
     direction: Direction
@@ -95,10 +94,8 @@ def laps_of(table: CircleTable, rig: Rig, where: str) -> Laps:
     """Return all whole laps of a circle table in its direction; `where` names the run in errors.
 
     Laps may be consecutive, or have returns in between, because few wrists have two spare turns. Laps of short tables
-    are cached
-    with the table, for all parts of a diagnosis, others as long as they are referenced. Raises FileError if the robot
-    did not
-    drive the circle of the rig file.
+    are cached with the table, for all parts of a diagnosis, others as long as they are referenced. Raises FileError if
+    the robot did not drive the circle of the rig file.
     """
     key, cell = id(table), (rig.robot, rig.tests.circle)
     if (kept := _LAPS.get(key)) is not None and kept[0]() is table and kept[1] == cell and (laps := kept[2]()):
@@ -241,8 +238,7 @@ def _on_circle(t_s: Array, tool: Array, frame: CircleFrame, seen: Integers) -> l
     """Return the rows (n,) of each stay on the circle, for tool positions (m, 3) mm in rows seen (m,).
 
     Approach and departure, which may have any angle, are excluded. One or two rows off the circle belong to their stay,
-    and are
-    detected later.
+    and are detected later.
     """
     on = np.flatnonzero(is_on_circle(tool, frame))
     if not len(on):

@@ -39,7 +39,7 @@ from rigs.schema.vocabulary import Direction
 
 ONLY_COMMANDED = (
     "only commanded joint angles are known: an angle that was not reached, by deflection under gravity or by a "
-    "following error, cannot be told from an error of zeros, lengths, compliance or gears"
+    "following error, cannot be distinguished from an error of zeros, lengths, compliance or gears"
 )
 """What is assumed of a run without measured angles; kept in its manifest."""
 SIMULATED = "simulated, "

@@ -1,18 +1,13 @@
 """Lower envelope of points raised by delays: a line through the least delayed points.
 
 Straight over a short span; over a long one, where a clock's rate follows the temperature, a continuous polyline of
-windows.
-Both are the lines below all points with the smallest mean distance (Olson, A Passive Solution to the Sensor
-Synchronization
-Problem, IROS 2010, for the straight one).
+windows. Both are the lines below all points with the smallest mean distance (Olson, A Passive Solution to the Sensor
+Synchronization Problem, IROS 2010, for the straight one).
 
 The polyline is a linear program on a chain, in which each corner involves only the two adjacent knots: its normal
-equations
-are tridiagonal, and a step costs as little for the clock of a day as for that of a minute. It is solved by a predictor
-and
-corrector (Mehrotra, On the implementation of a primal-dual interior point method, 1992); importing `scipy.optimize`
-takes
-longer than this solution.
+equations are tridiagonal, and a step costs as little for the clock of a day as for that of a minute. It is solved by a
+predictor and corrector (Mehrotra, On the implementation of a primal-dual interior point method, 1992); importing
+`scipy.optimize` takes longer than this solution.
 """
 
 from __future__ import annotations
@@ -151,8 +146,7 @@ def low_outliers(x: Array, y: Array) -> Mask:
     stamps.
 
     Block minima are compared with their neighbours. At most one in 500 (or three) is treated as wrong: repeated low
-    points are
-    short delays.
+    points are short delays.
     """
     none = np.zeros(len(x), dtype=bool)
     size = max(_BLOCK, len(x) // _BLOCKS)
@@ -184,7 +178,7 @@ def low_outliers(x: Array, y: Array) -> Mask:
 
 
 def lower_line(x: Array, y: Array) -> tuple[float, float]:
-    """Return intercept and slope of the line below all points (n,) with the smallest mean distance.
+    """Return intercept and slope (units of x and y) of the line below all points (n,) with the smallest mean distance.
 
     It is the edge of the lower convex hull above the mean of x.
     """

@@ -7,8 +7,7 @@ fitted in
 pieces.
 
 An instrument that sends unprompted without a clock has a steady pace. Message n was sent at n periods and arrived with
-a
-delay; with n as its clock the lower envelope gives the time. This works through an adapter that buffers bytes for 16
+a delay; with n as its clock the lower envelope gives the time. This works through an adapter that buffers bytes for 16
 ms.
 """
 
@@ -48,8 +47,7 @@ class FittedClock:
     """Host times (n,) ns of an instrument's stamps; u_s (n,): only for times not given by its clock.
 
     restarted: rows at which the clock changes. wrong: number of stamps left out. wanders_s: permanent change of the
-    delay of an
-    instrument's pace; shared_u_s: resulting common uncertainty.
+    delay of an instrument's pace; shared_u_s: resulting common uncertainty.
     """
 
     ns: Array

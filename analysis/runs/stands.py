@@ -1,15 +1,13 @@
 """Detect standstills of the robot, assign them to targets, and average their readings without outliers.
 
 A radial or repeatability program stops at each target. At standstill of all joints the gauge is averaged; the closest
-target
-of the rig file is assigned; the side of approach is the tool's radial position since the last stop there. Standstills
-outside
-the program's order are not visits: before its start, after its end, or additional waits. They are counted but not used.
+target of the rig file is assigned; the side of approach is the tool's radial position since the last stop there.
+Standstills outside the program's order are not visits: before its start, after its end, or additional waits. They are
+counted but not used.
 
 In a table several readings of one standstill count as one, because only a visit after a move shows repeatability:
-otherwise
-only the instrument's scatter is seen. Treated as visits, three of them gave an RP of 0.008 mm, and tripled the data in
-calibration fits and held-out sets.
+otherwise only the instrument's scatter is seen. Treated as visits, three of them gave an RP of 0.008 mm, and tripled
+the data in calibration fits and held-out sets.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Measurements as the tables of docs/tables.md, the common input of evaluation, simulation and fits.
 
 Recorded runs become tables by alignment, imported ones by reading; simulation fills the same tables. Angles are radians
-and
-lengths mm here; in files (`analysis.runs.csv_tables`) degrees and mm.
+and lengths mm here; in files (`analysis.runs.csv_tables`) degrees and mm.
 """
 
 from __future__ import annotations
@@ -50,8 +49,7 @@ class CircleTable(Table):
     """One circle driven in one direction, including recorded lead-in and lead-out.
 
     t_s (n,); q (n, 6) rad as reported; g_mm (n, 2) of g1 and g2; u_t_s (n,): individual standard uncertainty of each
-    row's time,
-    None if unknown.
+    row's time, None if unknown.
     """
 
     test: CircleTest
@@ -67,8 +65,7 @@ class RadialTable(Table):
     """Readings at targets of a hemisphere, in order of time.
 
     target, orientation (n,): from 1; polar, azimuth (n,) rad; q (n, 6) rad; g_mm (n,): |B - TCP| less the link's
-    nominal length;
-    t_s (n,), zeros if the table has no time.
+    nominal length; t_s (n,), zeros if the table has no time.
     """
 
     test: ClassVar[TestName] = "radial"
@@ -103,10 +100,8 @@ class PoseTable(Table):
 
     q (n, axes) rad, with a rail position in m as additional column (`rail`); xyz_mm (n, 3); rpy (n, 3) rad, fixed-axis
     roll-pitch-yaw, or None if only positions were measured; row (n,): from 1, file row of each, or the first of
-    several; None for
-    1 … n; came_from (n, axes) rad: joint angles before the last move, which determine the side of backlash, or None if
-    the robot
-    came from the previous pose.
+    several; None for 1 … n; came_from (n, axes) rad: joint angles before the last move, which determine the side of
+    backlash, or None if the robot came from the previous pose.
     """
 
     test: ClassVar[TestName] = "pose"

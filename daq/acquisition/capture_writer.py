@@ -1,14 +1,12 @@
 """Write a capture of all links while the daemon runs.
 
 Recording a piece appends it to a list, so readers never wait for the disk. The list is bounded, and the file records
-the
-number of pieces dropped. The capture ends with a log message when it reaches `LARGEST` bytes or the disk fails; the
+the number of pieces dropped. The capture ends with a log message when it reaches `LARGEST` bytes or the disk fails; the
 daemon continues.
 
 While a replayed cell is recorded, rigd also follows the file in which `rig replay` marks each second that was out of
 step (`replay:` in the rig file). Each line becomes a fault of that stream in the current run, and such a run is
-excluded
-from evaluation.
+excluded from evaluation.
 """
 
 from __future__ import annotations

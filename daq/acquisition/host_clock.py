@@ -1,9 +1,8 @@
 """Watch the clocks: steps of the wall clock, suspends, stalls of rigd, and the drift of instrument clocks.
 
 All stamps use the monotonic clock, which none of these events affect. Only the mapping from stamps to wall time
-changes.
-NTP slews both clocks together, so wall minus monotonic time is constant until somebody steps the wall clock. The clock
-CLOCK_BOOTTIME minus monotonic time grows by the duration of each suspend and is otherwise constant.
+changes. NTP slews both clocks together, so wall minus monotonic time is constant until somebody steps the wall clock.
+The clock CLOCK_BOOTTIME minus monotonic time grows by the duration of each suspend and is otherwise constant.
 
 A thread that only sleeps measures whether rigd runs at all: it reports each sleep of excessive length. A suspended or
 overloaded computer, or a stopped process, delays all readers simultaneously. Readers report their own stalls
@@ -11,8 +10,7 @@ overloaded computer, or a stopped process, delays all readers simultaneously. Re
 
 The clock of an instrument is watched for metrics only. A message can only be late, so the smallest difference (host −
 device) in ten seconds is close to the true offset, and a line through these minima gives the drift. Runs keep raw
-stamps;
-the analysis fits them again.
+stamps; the analysis fits them again.
 """
 
 from __future__ import annotations

@@ -45,8 +45,7 @@ HELD_STEPS = 5.0
 INCH_MM = 25.4
 BEFORE, AFTER = 9, 3
 """Readings before and after a change of unit that must confirm it: enough before to show the usual motion, and enough
-after
-to exclude a single wrong reading.
+after to exclude a single wrong reading.
 """
 _STILL_DEG = 0.1
 """Joint motion below this value counts as standstill."""

@@ -1,9 +1,8 @@
 """Robot feedback interfaces, one per file; the file name is the `interface` in the rig file.
 
 Each file offers `host(feedback)`, the listening conversation (values q1_deg … q6_deg, always all six in this order,
-then
-those of `rigs.schema.feedback.columns_beside_joints`: signal and condition of the robot), and `device(feedback, read)`,
-the controller side, where `read(now_ns)` returns the same values.
+then those of `rigs.schema.feedback.columns_beside_joints`: signal and condition of the robot), and `device(feedback,
+read)`, the controller side, where `read(now_ns)` returns the same values.
 """
 
 from __future__ import annotations

@@ -9,10 +9,8 @@ the clock is the header's {2 tm}, 32 bits of ms, which wraps after 49 days. A ru
 analysis fits it piecewise.
 
 The Protocol Buffers decoder (public encoding guide) covers a few field types. A message is a list of fields, each with
-a
-key (number and wire type, as a varint) and a value. Fields may come in any order, and unknown fields are skipped.
-Groups
-(wire types 3 and 4) are obsolete.
+a key (number and wire type, as a varint) and a value. Fields may come in any order, and unknown fields are skipped.
+Groups (wire types 3 and 4) are obsolete.
 """
 
 from __future__ import annotations

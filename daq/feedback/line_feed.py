@@ -1,15 +1,13 @@
 """Text lines printed by a user program on the controller, one sample per line: KAREL or any program with sockets.
 
 Fields, units and separators are configuration, since there is no standard. A line that differs from the configured
-fields
-is GARBLED. Nothing is ever sent. On a serial port the first line may be incomplete and still look valid: it is
-discarded.
-A datagram contains complete lines; delayed datagrams are recognised by their clock and ignored (LATE). `signal` is a
-program number, for example 0 for none. Empty fields for the signal or the condition are nan: unknown at that time.
+fields is GARBLED. Nothing is ever sent. On a serial port the first line may be incomplete and still look valid: it is
+discarded. A datagram contains complete lines; delayed datagrams are recognised by their clock and ignored (LATE).
+`signal` is a program number, for example 0 for none. Empty fields for the signal or the condition are nan: unknown at
+that time.
 
 The emulated controller prints `RATE_HZ` lines a second, an estimate for a KAREL task that reads the joints and writes
-to
-a socket in a loop (not confirmed); the host assumes no rate.
+to a socket in a loop (not confirmed); the host assumes no rate.
 """
 
 from __future__ import annotations

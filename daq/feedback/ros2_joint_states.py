@@ -4,8 +4,7 @@ The host subscribes to the topic and sends nothing else. Each `sensor_msgs/msg/J
 radians in the same order, and the header stamp (s and ns), used as the controller clock; a zero stamp means that the
 driver leaves it empty. Several nodes may publish on a topic: a message without any of the six joints belongs to a
 different device (a hand), and is ignored after the first complete message. A message not later than the previous one
-was
-published twice or by a second node, and is ignored (LATE).
+was published twice or by a second node, and is ignored (LATE).
 
 pydantic validates the messages, because it names the invalid field.
 """

@@ -1,6 +1,5 @@
 """Universal Robots Real-Time Data Exchange, protocol version 2, read only (UR's documents and client, confirmed; only
-the
-layout of `M` is an assumption).
+the layout of `M` is an assumption).
 
 The host requests the version (`V`), the recipe `timestamp, actual_q` at a rate (`O`) and the start (`S`), each with an
 answer. The recipe also contains the signal of the rig file (`actual_digital_output_bits`, UINT64, or
@@ -14,13 +13,11 @@ text, length, source, level 0 exception … 3 information. `v` requests the cont
 client does so first. Packets of other types are ignored; several in a row mean a stream out of step.
 
 In three cases the conversation requests a new link (`Step.hang_up`): a binary stream out of step cannot be
-resynchronised
-safely, a refused request will not be granted later, and a silent controller is gone (it also streams at standstill, and
-TCP would not notice).
+resynchronised safely, a refused request will not be granted later, and a silent controller is gone (it also streams at
+standstill, and TCP would not notice).
 
 Packets are big-endian, `>HB`: size including the header, type. A recipe is a list of typed fields; a data packet has
-the
-recipe number and then the fields in order.
+the recipe number and then the fields in order.
 
 The condition consists of `runtime_state` (RuntimeState of UR's clients), `safety_status` or, in older software,
 `safety_mode` (SafetyMode and SafetyStatus of UR's clients, identical up to 9), `speed_scaling` times

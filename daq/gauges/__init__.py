@@ -2,8 +2,7 @@
 
 Each file offers `host(gauges)`, the conversation that reads the gauges on a shared link (mm, one value per gauge, in
 order), and `device(gauges, read)`, the instrument side, where `read(now_ns)` returns the measured values in mm; nan
-means
-a head in error.
+means a head in error.
 """
 
 from __future__ import annotations

@@ -6,9 +6,8 @@ on the same unit (weak). `channel` is the field, from 1 (ID 00) on.
 
 A head out of range answers a number: all nines, or `-99.998` while it has no value (DL-RS1A/SK-1000 manual p. 11, which
 also gives `+EE.EEE` for an amplifier error; weak for GT2, whose table was not available). So all nines are never
-accepted
-as a reading. The GT2 manual gives nine characters, `±***.****`; the number of digits is not checked. M0 answers from a
-buffer refreshed periodically by the DL-RS1A: readings are older than the request by one cycle.
+accepted as a reading. The GT2 manual gives nine characters, `±***.****`; the number of digits is not checked. M0
+answers from a buffer refreshed periodically by the DL-RS1A: readings are older than the request by one cycle.
 """
 
 from __future__ import annotations

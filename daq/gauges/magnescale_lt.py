@@ -1,12 +1,10 @@
 """Magnescale LT20A and LT30: `R` requests all channels; channel 1 is A, 2 is B.
 
 `A+12.3456`, optionally with letters before the sign: mode (N current, P peak to peak, I minimum, A maximum), unit (M
-mm,
-I inch), comparator (U, G, L, E). `A+F…` is an overflow, `AE` an alarm (LT20A/LT30 manual p. 100-101, confirmed). A
+mm, I inch), comparator (U, G, L, E). `A+F…` is an overflow, `AE` an alarm (LT20A/LT30 manual p. 100-101, confirmed). A
 two-channel counter sends B after A and a blank, or in a separate line if so configured, which looks like a late answer:
 configure the blank. `R` and CR LF are taken from the related LT10A (its manual p. 43), and the line settings are
-unknown:
-weak.
+unknown: weak.
 """
 
 from __future__ import annotations

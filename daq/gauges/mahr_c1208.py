@@ -2,8 +2,7 @@
 
 OPTORSD and OPTORSS: the answer to `?` is `xxx.xxx<unit>`; M1240: the answer to `M` is `M1, xxx.xxx` without a unit
 (maker's manual p. 67-70, confirmed; baud not given). Each `x` is a digit of the display, with a sign only if shown.
-While
-the menu is open or the master is being measured the instrument is silent, an additional cause of silence.
+While the menu is open or the master is being measured the instrument is silent, an additional cause of silence.
 """
 
 from __future__ import annotations

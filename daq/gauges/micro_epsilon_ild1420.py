@@ -1,17 +1,14 @@
 """Micro-Epsilon optoNCDT 1420 on RS-422: a stream of three bytes per value without a request or timestamp.
 
 The two top bits identify the bytes: 00 low, 01 middle, 10 high, each with six bits of the value; 11 is the high byte of
-a
-further value in the same block (maker's manual p. 84). A distance x counts from the start of the measuring range, d =
+a further value in the same block (maker's manual p. 84). A distance x counts from the start of the measuring range, d =
 (102/65520 x - 1)/100 range, and is in range for x of 643 … 64877 (p. 65). Codes from 262075 on are assumed to be
-errors,
-not confirmed. `OUTPUT RS422` starts the stream (p. 108), and its ASCII answer appears between the values.
+errors, not confirmed. `OUTPUT RS422` starts the stream (p. 108), and its ASCII answer appears between the values.
 
 The stream is synchronised after a high byte, and a misplaced byte costs the data up to the next one: ASCII has none, so
-it
-can neither be taken for a value nor complete one. If a block contains more than the distance, the meaning of the values
-is unknown, so a value is accepted only if the previous one was alone in its block. Mastering (zero setting) shifts the
-formula and must be off.
+it can neither be taken for a value nor complete one. If a block contains more than the distance, the meaning of the
+values is unknown, so a value is accepted only if the previous one was alone in its block. Mastering (zero setting)
+shifts the formula and must be off.
 """
 
 from __future__ import annotations

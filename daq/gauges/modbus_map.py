@@ -99,8 +99,7 @@ class _Readings:
         """Return the reason for rejecting the number: alone, or as a repeated value below a nanometre.
 
         A swapped number of a resting probe may repeatedly be that small. A rounding error may be too, but is hardly a
-        length in a
-        different order.
+        length in a different order.
         """
         fine_before, self._fine = self._fine, 0 < abs(value_mm) < _FINE_MM
         refused = refusal(value_mm, self._gauge)

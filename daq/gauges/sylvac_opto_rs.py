@@ -7,8 +7,7 @@ and
 `MOD?`, and the absence of answers to `OUT0` and `OUT1`, are assumptions; the host uses none of them.
 
 The cable is powered by the port: a duplex cable needs DTR on and RTS off, a simplex cable both on. A simplex cable
-receives
-no commands and sends a reading when DTR goes off (same manuals, confirmed).
+receives no commands and sends a reading when DTR goes off (same manuals, confirmed).
 
 The sign is mandatory: without it a lost first byte would change the sign.
 """

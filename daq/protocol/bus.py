@@ -35,8 +35,7 @@ class Member:
     """Instrument on the line.
 
     name: for display. exchange: requests and answers. timeout_ns: limit for an answer. wake_ns: time of the next
-    request or
-    of the time-out. turns: number of requests. silences: time-outs in a row.
+    request or of the time-out. turns: number of requests. silences: time-outs in a row.
     """
 
     name: str

@@ -9,8 +9,7 @@ nanoseconds of the host's monotonic clock.
 
 Repeated faults are reported once a second. The first fault is reported immediately. Subsequent ones without a valid
 message in between are counted, and reported as one fault after a second or when they end. Kinds with a separate count
-or
-rate (SILENT, LATE, SKIPPED) pass unchanged.
+or rate (SILENT, LATE, SKIPPED) pass unchanged.
 """
 
 from __future__ import annotations
@@ -72,10 +71,8 @@ class Sample:
     """One message with a reading.
 
     values: in the order of the columns, in file units (mm, degrees); nan for a value absent from the message. size:
-    bytes of
-    the message, for the transmission time. device_time_s: time of the device's clock, or nan. status: 0 for good,
-    otherwise
-    the device's code for a doubtful reading.
+    bytes of the message, for the transmission time. device_time_s: time of the device's clock, or nan. status: 0 for
+    good, otherwise the device's code for a doubtful reading.
     """
 
     values: tuple[float, ...]
@@ -92,8 +89,7 @@ class Fault:
     """Description of a problem with advice; `count` messages were affected.
 
     A count of 0 adds details to an earlier fault. column: index of the affected gauge among the columns if gauges are
-    polled
-    separately; not stored.
+    polled separately; not stored.
     """
 
     kind: FaultKind
@@ -183,8 +179,7 @@ class Step:
     """Actions requested by a conversation: bytes to send, items to pass on, wake-up time.
 
     hang_up: the link is of no further use (stream out of step, refusal) and should be reopened. dtr: new state of the
-    modem
-    line DTR; None leaves it unchanged.
+    modem line DTR; None leaves it unchanged.
     """
 
     send: bytes = b""

@@ -78,8 +78,7 @@ class Lines:
     """Messages with a delimiter at the end; with `joined_midway` the bytes before the first delimiter are discarded.
 
     echo: sent data that some instruments and adapters return before the answer; it is skipped. A line feed after a
-    carriage
-    return as the delimiter is also skipped, because some gauges can send either.
+    carriage return as the delimiter is also skipped, because some gauges can send either.
     """
 
     echo = b""

@@ -20,8 +20,7 @@ for each reading answered in time. A later request is `doubtful`, because its an
 
 RTU frames end with silence, which a pure protocol cannot observe and adapters do not preserve. Both sides therefore
 recognise a frame by the length in its first bytes and by its checksum. A host also receives other frames: the echo of
-its
-request from some adapters, and requests of a second host.
+its request from some adapters, and requests of a second host.
 """
 
 from __future__ import annotations

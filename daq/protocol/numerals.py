@@ -39,8 +39,7 @@ AGREED = 20
 """Replies needed to learn a format: with one damaged reply in 200, damaged ones cannot be the majority."""
 _LASTING = 3
 """Replies in a row with a new number of decimals that count as a change: with one damaged reply in 200, three equal
-damaged
-ones in a row occur less than once in ten million.
+damaged ones in a row occur less than once in ten million.
 """
 _PADDED = re.compile(rb"[+\- ]?( |0\d)")
 _DIGITS = b"0123456789"
@@ -241,8 +240,7 @@ class PassesShapes:
 
 def hand_on(earlier: object, later: object) -> None:
     """Pass on learned formats to the next conversation of a link: reconnecting a plug does not change a gauge, and an
-    in/mm
-    press in the meantime is detected.
+    in/mm press in the meantime is detected.
     """
     if isinstance(earlier, Shaped) and isinstance(later, Shaped):
         later.shapes = earlier.shapes

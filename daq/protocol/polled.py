@@ -10,8 +10,7 @@ is *drained*: received data is discarded until the line was silent for `timeout_
 
 Draining also fills the time in which `rate_hz` permits no request (a slightly late request does not delay later ones;
 otherwise a busy computer could not reach the rate), and occasional pauses (`Stirring`). On a shared line an instrument
-is
-polled in turn, and data in the meantime belongs to other instruments (`daq.protocol.bus`).
+is polled in turn, and data in the meantime belongs to other instruments (`daq.protocol.bus`).
 
 An answer later than twice `timeout_s` can still be misassigned if the protocol offers neither number nor length
 (`daq.protocol.modbus`): set `timeout_s` to at least half the slowest answer time. After an error answer the line pauses
@@ -26,10 +25,8 @@ as the instrument allows, and the latching time is unknown. So after `STIR` requ
 with varying duration and at intervals of at least `STIR_EVERY_NS`, because each pause leaves a gap in the readings.
 
 Some instruments are polled by a modem line: DTR goes off briefly and the instrument sends a reading, as with cables
-that
-have no receive line. `Polled` handles such an exchange; the request is then a pulse of the line. DTR stays on between
-two
-requests for at least the duration of a pulse.
+that have no receive line. `Polled` handles such an exchange; the request is then a pulse of the line. DTR stays on
+between two requests for at least the duration of a pulse.
 """
 
 from __future__ import annotations

@@ -5,10 +5,8 @@ step sends one datagram. `DatagramLines` is for texts: a datagram contains compl
 end. Both are framers like those of `daq.protocol.framing`, so conversations are independent of the transport.
 
 The numbers reveal lost, repeated and reordered datagrams. A repeated or overtaken sample is ignored and reported as
-LATE,
-because a decreasing clock would look like a restarted controller. Missing samples are a SKIPPED fault with the count,
-so
-an overtaken sample is first reported as missing and then as late.
+LATE, because a decreasing clock would look like a restarted controller. Missing samples are a SKIPPED fault with the
+count, so an overtaken sample is first reported as missing and then as late.
 
 A device of constant rate (`SteadyDevice`) sends by an absolute schedule without drift (`Pace`).
 

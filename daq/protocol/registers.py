@@ -2,11 +2,9 @@
 
 The block is read in a single request, because a value of several registers must not be split (Baumer OM20/OM30 manual
 p. 22, confirmed) and all values must be of the same instant. Over TCP the transaction id identifies an old answer. An
-RTU
-answer has no number, so after a time-out the line is drained (`daq.protocol.polled`), followed by a read of a different
-length with an unmistakable answer (`daq.protocol.modbus`). It has a unit number, which identifies a late answer on a
-line
-with several units (`daq.protocol.bus`).
+RTU answer has no number, so after a time-out the line is drained (`daq.protocol.polled`), followed by a read of a
+different length with an unmistakable answer (`daq.protocol.modbus`). It has a unit number, which identifies a late
+answer on a line with several units (`daq.protocol.bus`).
 """
 
 from __future__ import annotations
@@ -62,7 +60,7 @@ _RESPONSE = {3: ReadHoldingRegistersResponse, 4: ReadInputRegistersResponse}
 def on_one_wire(gauges: Sequence[GaugeT], exchange: Callable[[GaugeT, Wire, bool], Polled]) -> Host:
     """Return the host side of a line with these gauges.
 
-    exchange: creates the exchange of one gauge; its last argument tells whether the line is shared.
+    exchange: creates the exchange of one gauge; its last argument states whether the line is shared.
     """
     first, shared = gauges[0], len(gauges) > 1
     wire = Wire(first.port, first.framing, serving=False)
@@ -222,8 +220,7 @@ class RegisterDevice:
         """Create the device side.
 
         served: blocks with their content at a time, None if there is neither a reading nor a status. silently: blocks
-        without
-        readings.
+        without readings.
         """
         self.sent = 0
         """Number of answers with readings."""

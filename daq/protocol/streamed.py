@@ -1,8 +1,7 @@
 """Receive from a device that sends unprompted after it was started.
 
 Messages are decoded on arrival. A silence of `timeout_s` is reported (fault SILENT) once per `timeout_s`, and the
-dialect
-chooses the reaction. Bytes without a message do not end a silence.
+dialect chooses the reaction. Bytes without a message do not end a silence.
 """
 
 from __future__ import annotations
@@ -115,8 +114,7 @@ class QuicklyStreamed(Streamed):
 
     gather_ns = 100_000_000
     """Decoding takes about 0.3 ms, in which nothing is stamped. At this interval it affects fewer than one stamp in a
-    hundred,
-    and it is shorter than a recorder round.
+    hundred, and it is shorter than a recorder round.
     """
 
     def __init__(self, dialect: QuickDialect, timeout_s: float) -> None:

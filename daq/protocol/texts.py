@@ -1,14 +1,11 @@
 """Instruments with short text requests and answers: common parts of both sides.
 
 A driver adds its dialect: the request, the end of a message, and `read`, which converts a message into a reading in mm
-or
-a `Trouble` for one gauge. Gauges on a shared link share the message. A gauge in trouble reads nan next to a good one;
-if
-all are in trouble there is no sample. `TextDevice` is the instrument, for which a driver adds the answers.
+or a `Trouble` for one gauge. Gauges on a shared link share the message. A gauge in trouble reads nan next to a good
+one; if all are in trouble there is no sample. `TextDevice` is the instrument, for which a driver adds the answers.
 
 Every number is checked against the format of the previous ones (`daq.protocol.numerals`), which detects line damage and
-a
-changed unit on instruments that send none. The unit of an instrument is compared with the rig file (`in_mm`): a
+a changed unit on instruments that send none. The unit of an instrument is compared with the rig file (`in_mm`): a
 difference is reported as a fault and never converted, since either the gauge or the file is wrong.
 """
 

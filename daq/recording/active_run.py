@@ -149,8 +149,7 @@ class ActiveRun:
     """Collects the items of all streams, and writes them once a writer exists.
 
     begun: future of the run directory, or the error that refused it. ended: future of the finished run. counters:
-    samples
-    and faults of each kind, by stream. gap: interval before this run if it continues an earlier one.
+    samples and faults of each kind, by stream. gap: interval before this run if it continues an earlier one.
     """
 
     def __init__(

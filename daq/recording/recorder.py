@@ -41,8 +41,7 @@ def status_of(
 ) -> dict[str, object]:
     """Return the status of the current recording, or the result of the last one.
 
-    run: the run receiving samples. gap: missed samples while the recording waits for the disk. synced: rows per
-    stream
+    run: the run receiving samples. gap: missed samples while the recording waits for the disk. synced: rows per stream
     that are safely on the disk. closing: whether another run is still being closed.
     """
     if run is None or run.writer is None or not isinstance(state.phase, Running):
@@ -147,8 +146,8 @@ class Recorder(clock.Thread):
     def start_run(self, recording: Recording) -> Future[Path]:
         """Start a recording.
 
-        The future contains the directory once it exists, and raises CellError if the disk refuses.
-        Raises CellError if a recording cannot start now or a gauge is silent.
+        The future contains the directory once it exists, and raises CellError if the disk refuses. Raises CellError if
+        a recording cannot start now or a gauge is silent.
         """
         with self._lock:
             for action in machine.step(self._state, machine.Start(recording))[1]:
@@ -167,8 +166,8 @@ class Recorder(clock.Thread):
     ) -> Future[EndedRun]:
         """End the recording.
 
-        The future contains the closed run, and raises CellError if it cannot be closed.
-        Raises CellError if nothing is being recorded.
+        The future contains the closed run, and raises CellError if it cannot be closed. Raises CellError if nothing is
+        being recorded.
         """
         with self._lock:
             self._drain_buffers(sync=False)

@@ -26,8 +26,7 @@ class RateLimitedLog:
         """Log a fault.
 
         A repeated kind is logged again after ten seconds, with the number of suppressed faults. A fault with count 0,
-        which
-        adds details to an earlier one, is logged immediately.
+        which adds details to an earlier one, is logged immediately.
         """
         if not count:
             log.info("%s: %s", name, detail)

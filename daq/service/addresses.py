@@ -3,8 +3,7 @@
 python -m daq.service.addresses RIG
 
 An instrument is allowed by its address; an instrument with a host name also requires the name servers. The rig file
-does
-not name a controller that connects to us, so private networks are allowed in that case.
+does not name a controller that connects to us, so private networks are allowed in that case.
 """
 
 from __future__ import annotations

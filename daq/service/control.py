@@ -1,10 +1,9 @@
 """Local control socket with one line of JSON per request and answer. Nothing listens on the network.
 
 Only the daemon's user and group have access. Errors are transmitted in parts, so that the client raises the error of
-the
-daemon. Clients cannot exhaust the server, and thereby the recorder, because all resources are bounded: connections in
-total and per user, the size of requests and answers, and their duration. A new connection replaces the longest silent
-one, so silent clients cannot block others. docs/decisions/0018-one-gate-for-text.md explains the numbers.
+the daemon. Clients cannot exhaust the server, and thereby the recorder, because all resources are bounded: connections
+in total and per user, the size of requests and answers, and their duration. A new connection replaces the longest
+silent one, so silent clients cannot block others. docs/decisions/0018-one-gate-for-text.md explains the numbers.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """systemd journal: write log lines with their severity, and read entries.
 
-A service writes to standard error, where the prefix `<4>` marks a warning (sd-daemon(3)). $JOURNAL_STREAM tells whether
-standard error leads to the journal. A redirected child inherits the variable, so device and inode are compared.
+A service writes to standard error, where the prefix `<4>` marks a warning (sd-daemon(3)). $JOURNAL_STREAM states
+whether standard error leads to the journal. A redirected child inherits the variable, so device and inode are compared.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Convert the status of a daemon into Prometheus metrics.
 
 Counters start at zero with the daemon, and all kinds of faults are present from the start, because a rate needs an
-initial
-value.
+initial value.
 """
 
 from __future__ import annotations

@@ -1,10 +1,8 @@
 """Locations, owners and locks of daemon sockets: a client only trusts a daemon of the same user or of the system.
 
 If another user can write to a directory in the path, that user could place a socket there and imitate rigd. So the
-owner
-and the permissions of each directory from the root on are checked. A directory created by the system for a service,
-such
-as /run/rigd-cell, is trusted with its owner.
+owner and the permissions of each directory from the root on are checked. A directory created by the system for a
+service, such as /run/rigd-cell, is trusted with its owner.
 
 Each rig has one daemon, enforced by a lock next to the socket, in a directory writable only by this user: in a foreign
 directory the lock's name could be a symbolic link, and opening it would damage the target.

@@ -3,9 +3,8 @@
 and `verify` repair and check.
 
 A run is a directory with `manifest.json`, `ledger.jsonl`, and for each stream the chunks `<stream>-0001.parquet`, …;
-the
-chunk being recorded is `<stream>-0001.arrow`. `daq.store.chunk` gives the reason for the two formats. An imported run
-has a single chunk, `table-0001.parquet`. `marks.json` records exports and protection from deletion.
+the chunk being recorded is `<stream>-0001.arrow`. `daq.store.chunk` gives the reason for the two formats. An imported
+run has a single chunk, `table-0001.parquet`. `marks.json` records exports and protection from deletion.
 """
 
 from daq.store.imported import table_run, write_table_run

@@ -2,14 +2,11 @@
 
 An Arrow stream has no checksum, and zeros at a batch boundary read as a valid end. Therefore each batch contains its
 number and a CRC-32 over its columns, and the reader counts bytes: all data after the last verified batch, except the
-exact
-end mark, is damage. Bytes in, batches out; this module touches no files, and damage raises no exception, because
-damaged
-chunks are expected.
+exact end mark, is damage. Bytes in, batches out; this module touches no files, and damage raises no exception, because
+damaged chunks are expected.
 
 The schema of each file also contains the opening manifest of the run, so any surviving chunk identifies its run, rig
-and
-clock.
+and clock.
 
 There are two shapes: a sample stream (stamps, then values in file units) and the `faults` stream. An imported run has a
 table with the columns of its file in place of sample streams. Cells are never null: nan and `NO_TIME` represent missing
@@ -20,8 +17,7 @@ The checksum covers names, types and all bits of the values, but not the Arrow e
 Parquet file must give the same number.
 
 Columns are converted to numpy without pandas. The converter of pyarrow imports pandas if installed, which takes half
-the
-time of a small run.
+the time of a small run.
 """
 
 from __future__ import annotations
@@ -144,8 +140,7 @@ MOST_BYTES = 4_000_000_000
 """Largest chunk file; a recorded chunk has about 20 MB, an imported table at most the size of its CSV."""
 _CELL_BYTES, _MOST_DECODED = 8, 800_000_000
 """Bytes per number, and limit of the decoded numbers or text of a chunk: a recorded chunk has 200 000 rows, a table up
-to
-20 million cells.
+to 20 million cells.
 """
 _NO_MEMORY = "not enough memory"
 _ZEROS = (StopIteration, EOFError)
@@ -159,8 +154,7 @@ class Salvage:
     """Content of a recording chunk.
 
     batches: complete, verified batches before the first damage. closed: whether the end mark is present. damage:
-    description
-    of the damage, None for a valid chunk. unread: number of unread bytes, 0 for a valid chunk.
+    description of the damage, None for a valid chunk. unread: number of unread bytes, 0 for a valid chunk.
     """
 
     batches: tuple[pa.RecordBatch, ...]
@@ -257,8 +251,7 @@ def _has_compression(metadata: bytes) -> bool:
     """Return whether the metadata of a batch state a compression.
 
     It is the fourth field of the table RecordBatch, the third field of the table Message (Arrow, format/Message.fbs;
-    tables
-    and fields as in FlatBuffers' internals).
+    tables and fields as in FlatBuffers' internals).
     """
     message = _number(metadata, 0, "I")
     header = message + _field(metadata, message, 2)
@@ -303,10 +296,8 @@ def from_parquet(data: bytes, columns: Sequence[str] | None = None) -> pa.Table 
     """Return the table in a Parquet file, or some of its columns; None for invalid bytes or text that is not UTF-8.
 
     Uses the calling thread only: Arrow threads still active at exit abort the program after its output (apache/arrow
-    issue
-    34314). Raises OSError if memory is short, or if the file expands beyond the size of a chunk: a few bytes can
-    represent
-    any number of equal rows, and rows a long text.
+    issue 34314). Raises OSError if memory is short, or if the file expands beyond the size of a chunk: a few bytes can
+    represent any number of equal rows, and rows a long text.
     """
     try:
         table = _decoded(data, columns)

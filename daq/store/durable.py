@@ -1,11 +1,9 @@
 """Durable file operations, and the lock of the writing process.
 
 A file is durable when its bytes and its directory entry are both synced. Replacing a file uses a temporary name, so
-that
-every name always refers to a complete file, old or new. No other code changes files during recording or recovery: a
-wrapper around this module's `os` sees every change in order, as in `scripts/dev powercut`. Raises plain OSError;
-callers
-convert it into a message.
+that every name always refers to a complete file, old or new. No other code changes files during recording or recovery:
+a wrapper around this module's `os` sees every change in order, as in `scripts/dev powercut`. Raises plain OSError;
+callers convert it into a message.
 
 On Windows runs are read, imported and simulated, but not recorded. It lacks locks of this kind, needed only by a daemon
 and its tools, and directory syncs, which matter only in a power cut.

@@ -41,9 +41,8 @@ def table_run(  # noqa: PLR0913 - what a manifest needs to know
     """Return a run in memory for a table of double, int64 and string columns without nulls.
 
     path: directory of the run; its name becomes the name of the run. source, source_sha256: name and checksum of the
-    original
-    file. table_map, assumed: the import map and its unconfirmed assumptions. Nothing is written. Raises UseError for an
-    invalid operator name.
+    original file. table_map, assumed: the import map and its unconfirmed assumptions. Nothing is written. Raises
+    UseError for an invalid operator name.
     """
     columns = {field.name: str(field.type) for field in table.schema}
     opening = new_manifest(
@@ -68,8 +67,7 @@ def write_table_run(run: Run, path: Path, companions: Mapping[str, bytes] | None
     """Create the directory `path` for a table run, which takes the directory's name.
 
     companions: content of the files next to the rig file, by name. Raises FileError if path exists, CellError if the
-    disk
-    refuses; nothing remains then, or after Ctrl-C.
+    disk refuses; nothing remains then, or after Ctrl-C.
     """
     try:
         with new_directory(path) as made:

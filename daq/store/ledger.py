@@ -106,8 +106,7 @@ class Seal(Record):
     """Ending and size of a recording.
 
     ended: None if the recording was cut off, so that the last rows may be missing. rows: rows of each stream handed to
-    the
-    disk. counters: samples, and faults of each kind, by stream.
+    the disk. counters: samples, and faults of each kind, by stream.
     """
 
     exit_status: Literal["complete", "interrupted", "failed", "recovered"]
@@ -227,8 +226,7 @@ def claim_in(data: bytes, opening: str | None) -> Claim:
     """Return the claims of a ledger's seals, including invalid lines.
 
     A seal states the row count twice, as rows and as samples: the smaller counts, so that a damaged digit does not make
-    rows
-    appear missing. opening: SHA-256 of the run's manifest; ledgers of other runs are ignored.
+    rows appear missing. opening: SHA-256 of the run's manifest; ledgers of other runs are ignored.
     """
     ledger, claimed, ended = verified(data), Counter[str](), None
     if ledger.entries and ledger.entries[0].opening != opening:

@@ -1,9 +1,8 @@
 """Manifest of a run, `manifest.json`, written once at the start; later events are in the ledger.
 
 `load_manifest` combines both. A run without a seal and without a locking process is a crash. Chunks are referenced by
-file
-name only, so a run directory can be moved and copied. In runs of version 1 the manifest contained everything and was
-rewritten at each change.
+file name only, so a run directory can be moved and copied. In runs of version 1 the manifest contained everything and
+was rewritten at each change.
 """
 
 from __future__ import annotations

@@ -102,8 +102,7 @@ def relabel(
     """Change test, direction, operator or placement of a run durably and atomically; None leaves a field unchanged.
 
     A test without a circle removes the direction. Returns the new manifest. Raises FileError if the run is being
-    recorded, was
-    not closed, or does not fit the new label; UseError for invalid values; CellError if the disk refuses.
+    recorded, was not closed, or does not fit the new label; UseError for invalid values; CellError if the disk refuses.
     """
     unchanged = load_manifest(run)
     try:

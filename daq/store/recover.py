@@ -2,8 +2,7 @@
 
 Recorded data is never removed: a recording chunk is deleted only when all bytes are in a Parquet file listed in the
 ledger, and a damaged chunk is kept as `<file>.torn`. Every step leaves a valid starting point for the next `recover`,
-so
-a recovery can be interrupted, and repeating it has no effect. A run of version 1 receives a ledger.
+so a recovery can be interrupted, and repeating it has no effect. A run of version 1 receives a ledger.
 """
 
 from __future__ import annotations
@@ -68,8 +67,7 @@ def recover(path: Path) -> Recovery:
     """Recover an interrupted run, with exit status `recovered`.
 
     Raises FileError if there is nothing to recover or a process is still recording the run, CellError if the disk
-    refuses
-    access.
+    refuses access.
     """
     try:
         if not path.is_dir():

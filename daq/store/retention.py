@@ -1,10 +1,8 @@
 """Retention of runs: selection of the runs to delete, and the only function that deletes.
 
 Only a complete, exported run without protection may be deleted, oldest first. Doubtful cases stay: a run being
-recorded, a
-crashed run, an unreadable manifest or marks file, any other directory. A deletion first renames the run to `.deleted`,
-so
-an interrupted deletion leaves no partial run, and the next round removes the remains.
+recorded, a crashed run, an unreadable manifest or marks file, any other directory. A deletion first renames the run to
+`.deleted`, so an interrupted deletion leaves no partial run, and the next round removes the remains.
 """
 
 from __future__ import annotations

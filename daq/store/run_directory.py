@@ -6,8 +6,7 @@ and other processes writing to the disk within half a second. Starting requires 
 nearly full disk is not filled with runs of a second each.
 
 A daemon runs for months, so the memory used for closing a chunk is returned to the system, and all modules are loaded
-at
-the start.
+at the start.
 
 A directory created by a command is complete or absent: it is filled under a hidden name and renamed at the end.
 Earlier,
@@ -68,10 +67,8 @@ def keep_large_blocks_apart() -> None:
     """Make the C library map blocks of a megabyte and more separately, so that each is returned when freed.
 
     glibc raises this limit to the largest freed block, about 20 MB for a chunk. It then reserves that much in the arena
-    of
-    each thread that ever closed a chunk, and the daemon grows in steps during its first hours (mallopt(3)). Other C
-    libraries
-    have no such call and no such arenas.
+    of each thread that ever closed a chunk, and the daemon grows in steps during its first hours (mallopt(3)). Other C
+    libraries have no such call and no such arenas.
     """
     if mallopt := getattr(ctypes.CDLL(None), "mallopt", None):
         mallopt(_M_MMAP_THRESHOLD, _LARGE_BYTES)
@@ -187,8 +184,7 @@ def files_into(directory: Path, *, over: bool = False) -> Iterator[Path]:
     """Provide a hidden directory whose files move to `directory` at the end of the block: all of them or none.
 
     over: existing files are replaced; each file is then completely old or new. Otherwise raises FileExistsError with
-    the path
-    of an existing file. Raises any other OSError of the disk.
+    the path of an existing file. Raises any other OSError of the disk.
     """
     if not os.path.lexists(directory):
         with new_directory(directory) as made:

@@ -1,8 +1,7 @@
 """Recover crashed runs at start-up, in a separate thread, so that reading starts immediately.
 
 Only clear cases are recovered: a run with a readable manifest, not closed, and not locked by a process, because a
-second
-daemon may share the directory. All other cases are logged and left to the operator and `rig recover`.
+second daemon may share the directory. All other cases are logged and left to the operator and `rig recover`.
 """
 
 from __future__ import annotations

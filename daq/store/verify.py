@@ -43,8 +43,7 @@ class Verdict:
     """Result of a verification. problems: defects other than missing rows, one line each.
 
     end_known: whether the end of the run is recorded; otherwise the last rows may be missing. seal: SHA-256 of the
-    seal,
-    printed by `rig record stop`; empty without a seal.
+    seal, printed by `rig record stop`; empty without a seal.
     """
 
     path: Path
@@ -101,8 +100,7 @@ def judge(path: Path) -> Verdict:
     """Verify that a run is complete.
 
     Reads every byte: each chunk must be present, unchanged and as declared; no chunk or row may be missing or repeated;
-    rows
-    and faults must match the counts at the end of the run; no surplus files; the ledger must be sealed.
+    rows and faults must match the counts at the end of the run; no surplus files; the ledger must be sealed.
     """
     try:
         manifest = load_manifest(path)
@@ -165,8 +163,7 @@ def _manifest(path: Path, manifest: Manifest, *, is_recorded: bool) -> list[str]
 
 def _beside(path: Path, manifest: Manifest) -> list[str]:
     """Return defects of the calibrations next to a run, using the digests in the rig file (absent in older runs), and
-    of the
-    marks.
+    of the marks.
     """
     problems = []
     for file in sorted(path.glob(f"*{CALIBRATION}")):

@@ -2,10 +2,9 @@
 
 One thread owns a writer. It appends rows and writes them to the operating system, where they survive a kill. Slow disk
 operations are `Work` for a second thread, one at a time: syncing, which protects the data from a power cut, and closing
-a
-full chunk. If the disk refuses, a `CellError` is raised and the writer is unusable, because the disk content is unknown
-after a failed fsync; earlier synced data stays readable, `close` saves as much as possible, and `rig recover` does the
-rest. `NearlyFull` comes earlier: the writer stays usable, and the run can be closed completely.
+a full chunk. If the disk refuses, a `CellError` is raised and the writer is unusable, because the disk content is
+unknown after a failed fsync; earlier synced data stays readable, `close` saves as much as possible, and `rig recover`
+does the rest. `NearlyFull` comes earlier: the writer stays usable, and the run can be closed completely.
 """
 
 from __future__ import annotations
@@ -104,10 +103,8 @@ class RunWriter:
         """Start a run in a new directory `<UTC time>_<name>` under runs, with manifest and ledger on the disk.
 
         A name that begins with a UTC time is used unchanged. streams: value columns of each sample stream. follows: the
-        run
-        continued by this one. companions: content of the files next to the rig file, by name. Raises FileError for
-        invalid names,
-        CellError if the disk refuses (NearlyFull if it soon would).
+        run continued by this one. companions: content of the files next to the rig file, by name. Raises FileError for
+        invalid names, CellError if the disk refuses (NearlyFull if it soon would).
         """
         manifest = new_manifest(
             name=name,
@@ -165,8 +162,7 @@ class RunWriter:
         """Hand all rows to the operating system, where they survive a kill.
 
         Raises NearlyFull before writing if there would be no room to close. Raises CellError for other failures,
-        including a
-        vanished file, after which closing is still possible, and RunRemoved if the directory is gone.
+        including a vanished file, after which closing is still possible, and RunRemoved if the directory is gone.
         """
         with self._guarded():
             chunks = {chunk.path: chunk.fd for writer in self._writers.values() if (chunk := writer.open)}
@@ -222,8 +218,7 @@ class RunWriter:
         """End the run: close all chunks and seal the ledger with status and reason. Any thread, no pending operation.
 
         counters: faults by stream and kind; sample counts are set to the stored rows. All steps are attempted and the
-        run is
-        released before a CellError is raised.
+        run is released before a CellError is raised.
         """
         steps = [] if self._failure else [self._write]
         steps += [partial(self._end, writer) for writer in self._writers.values()]

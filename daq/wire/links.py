@@ -11,8 +11,7 @@ connections at all (`UdpLink`); over TCP one program at a time can be connected 
 Reads go straight to the descriptor: one `select` and one `read` per piece keep the stamp close to the arrival.
 
 A port in a rig file is a serial device or a network address, remote or local. pyserial opens, configures and locks
-serial
-devices (`daq.wire.serial_port`). Nothing listens unless the rig file requests it, and only at the given address.
+serial devices (`daq.wire.serial_port`). Nothing listens unless the rig file requests it, and only at the given address.
 """
 
 from __future__ import annotations
@@ -213,8 +212,7 @@ class ListeningLink(Link):
     """Listening TCP port, with one connected program at a time.
 
     A second program is refused while the first one delivers samples. If the first one delivers none, the link is lost
-    and
-    reopened for the next program with a new conversation, because a partial line may have been received.
+    and reopened for the next program with a new conversation, because a partial line may have been received.
     """
 
     def __init__(self, name: str, server: socket.socket, dead_s: float) -> None:
@@ -334,8 +332,7 @@ def open_link(
     """Open a port of the rig file for the stream `name`.
 
     dead_s: time without data after which a TCP connection is lost. listens: whether the address is local. modem: modem
-    lines
-    of a serial port, None for both on. Raises CellError with the remedy.
+    lines of a serial port, None for both on. Raises CellError with the remedy.
     """
     if address := tcp_address(port):
         return _listen(name, address, dead_s) if listens else _open_tcp(name, address, dead_s)

@@ -2,8 +2,7 @@
 
 A file contains the `robot:` section of a rig file, the repeatability of the data sheet, and the sources of all numbers.
 Unpublished values are absent. `robot:` is the last key, so that the remaining text is a section with comments, ready to
-be
-pasted.
+be pasted.
 """
 
 from __future__ import annotations

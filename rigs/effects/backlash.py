@@ -46,8 +46,7 @@ class Backlash(Effect):
     """Backlash of `width_deg`: the link lags, -w/2 while q rises, +w/2 while it falls, and crosses at a reversal.
 
     transit: gradual crossing, 0 sharp, 1 spread over twice the width. preload: share of the width in which gravity
-    determines
-    the flank.
+    determines the flank.
     """
 
     effect: Literal["backlash"] = "backlash"

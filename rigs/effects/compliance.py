@@ -41,8 +41,7 @@ al., 2024, as fitted by rig), 3.2 to 4.3e-3 °/Nm.
 
 class Compliance(Effect):
     """Compliance of a joint under load: torque times `deg_per_Nm`. `payload_kg` is the difference between the real
-    payload and
-    the rig file, down to no payload.
+    payload and the rig file, down to no payload.
     """
 
     effect: Literal["compliance"] = "compliance"

@@ -42,13 +42,13 @@ class JointOffset(Effect):
         return f"re-master axis {self.axis}, which stands {self.offset_deg:+.4f}° further than it reports, or enter it"
 
     def compensation(self) -> Compensation:
-        """By the controller's zero of the joint."""
+        """Replaced by the controller's zero of the joint."""
         return Compensation("joint zero", constant=(self.axis, "q_deg"))
 
     def usual_times(self, build: Build) -> float:
         """Twice for light arms: zeros of axes 2 to 4 of a UR10 are off by up to 0.06° (Landgraf et al., 2021). Ten
-        times for servos,
-        with zeros set by eye and limited by the teeth of a horn; assumed, so that an offset of 1° is a fault.
+        times for servos, with zeros set by eye and limited by the teeth of a horn; assumed, so that an offset of 1° is
+        a fault.
         """
         return {"industrial": 1.0, "servo": 10.0}.get(build, 2.0)
 

@@ -10,7 +10,7 @@ from rigs.schema.scene import S
 from rigs.schema.vocabulary import Build
 
 _LEAST_TURN = 0.15
-"""Turns of a joint, 54°, from which a wrong scale is told from a wrong zero. Chosen: on laps that turn a joint by less
+"""Turns of a joint, 54°, above which a wrong scale and a wrong zero differ. Chosen: on laps that turn a joint by less
 it was a rival of each zero, which is far likelier."""
 
 

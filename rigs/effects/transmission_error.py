@@ -33,8 +33,7 @@ fit to poses of one UR10 series left 240, 245 and 248 µm in a second series, an
 """
 _MOST_WAVES = 135
 """Limit of waves within the range of a joint; more would be shorter than the resolution: three readings per wave, of
-the 400
-readings in a lap of 8 s at 50 Hz.
+the 400 readings in a lap of 8 s at 50 Hz.
 """
 _HARMONIC = 0.15
 
@@ -74,6 +73,10 @@ class TransmissionError(Effect):
         return [
             [cls(axis=axis, order=order) for order in _orders_for(scope.turned[axis - 1], most)] for axis in scope.axes
         ]
+
+    @property
+    def repeats_each_turn(self) -> bool:
+        return self.order % 1 == 0
 
     def plain(self, joint: str) -> str:
         return f"gear error of {joint}, {whole_order(self.order):.4g} a turn"

@@ -5,8 +5,7 @@ Bounds prevent a typing error from creating a program with millions of poses.
 
 A rule waits for a value of the robot's signal, or for a motion: the robot stands at one posture and moves to another.
 Postures are joint angles reported by the controller, taken by `rig automatic RUN` from a recorded lap, independent of
-the
-arm's kinematics.
+the arm's kinematics.
 """
 
 from __future__ import annotations
@@ -62,8 +61,7 @@ class Circle(_AboutTheBall):
     """Circle about the base-ball, driven acw and cw with the tool pointing at its centre.
 
     normal: of the plane. zero: direction of phi = 0, projected onto the plane. posture_deg: joint angles near the start
-    of the
-    acw circle, which select the solution of the inverse kinematics.
+    of the acw circle, which select the solution of the inverse kinematics.
     """
 
     radius_mm: float = Field(default=70.0, ge=1, le=2000)
@@ -90,8 +88,7 @@ class Hemisphere(_AboutTheBall):
     """Targets on a half sphere about the base-ball, each with several tool orientations.
 
     normal: direction to the middle of the hemisphere, polar angle 0, towards the robot's working side. zero: direction
-    of
-    azimuth 0, projected onto the base of the hemisphere.
+    of azimuth 0, projected onto the base of the hemisphere.
     """
 
     radius_mm: float = Field(default=400.0, ge=1, le=10_000)
@@ -159,8 +156,7 @@ class Touch(Part):
 
 class Instrument(Pose):
     """Pose of the tracker frame in the world, measured independently of the test poses: by the robot's mounting holes,
-    or by
-    turning axes 1 and 2 only.
+    or by turning axes 1 and 2 only.
     """
 
     u_mm: float = Field(default=0.0, ge=0, le=100)
@@ -172,8 +168,7 @@ class Iso9283(Part):
     plane.
 
     Missing values are computed from the arm's range: the largest cube, with the tool pointing down or outwards. Edges
-    are
-    parallel to the axes of the robot's base.
+    are parallel to the axes of the robot's base.
     """
 
     centre_mm: Vector | None = None

@@ -1,10 +1,8 @@
 """Interface of effects: keys and physics, possible seats, wording, remedy, and correction by a controller.
 
 An effect is one class in one file of `rigs/effects/`, referenced nowhere else. The name of a parameter contains the
-unit;
-the field contains the bounds, and the size shown by a healthy arm. The size scales an effect and is zero for none;
-shapes
-describe its form and are only visible with a size. A wave has a `phase_deg`; gear errors have an `order`.
+unit; the field contains the bounds, and the size shown by a healthy arm. The size scales an effect and is zero for
+none; shapes describe its form and are only visible with a size. A wave has a `phase_deg`; gear errors have an `order`.
 """
 
 from __future__ import annotations
@@ -28,8 +26,7 @@ from rigs.schema.vocabulary import FEWEST_AXES, MOST_AXES, Build
 Gauge = Literal["g1", "g2"]
 PartKind = Literal["constants", "gravity", "curve", "reversal", "warming", "gauges", "clocks"]
 """Part of an arm's error in the user's view: link constants and zeros, elasticity under load, the angle error of a
-joint,
-behaviour at reversals, heat, measuring instruments, and reading times.
+joint, behaviour at reversals, heat, measuring instruments, and reading times.
 """
 _PART_OF: dict[Stage, PartKind] = {
     "time": "clocks",
@@ -42,8 +39,7 @@ _PART_OF: dict[Stage, PartKind] = {
 Use = Literal["joint zero", "link constant", "targets only", "none"]
 Deed = Literal["repair", "remaster", "enter", "mount", "wait"]
 """Action for an effect: repair a part of the arm, re-master a joint, enter a number, remount ball or gauges, or wait
-for
-thermal equilibrium.
+for thermal equilibrium.
 """
 PHASE = "phase_deg"
 """Parameter of waves."""
@@ -91,8 +87,7 @@ class Scope:
     """Observability of effects in runs.
 
     timed: joints turn during the readings (circles). gauges: read gauges. twist_deg (axes): alpha of the arm. turned
-    (axes):
-    range of each joint in turns during the readings.
+    (axes): range of each joint in turns during the readings.
     """
 
     timed: bool
@@ -170,8 +165,7 @@ class Compensation:
     """Correction of an effect by a controller.
 
     why_not: reason if impossible. constant: axis (from 1) and key of the number in the rig file, mm or degrees, if it
-    is a
-    constant; `q_deg` is the joint angle itself.
+    is a constant; `q_deg` is the joint angle itself.
     """
 
     use: Use
@@ -273,6 +267,11 @@ class Effect(Part, ABC):
         return 1.0
 
     @property
+    def repeats_each_turn(self) -> bool:
+        """Whether a joint angle a whole turn further has the same effect."""
+        return True
+
+    @property
     def seat(self) -> str:
         """Return the seat in the notation of answers."""
         return str(getattr(self, "axis", getattr(self, "gauge", "")))
@@ -305,8 +304,7 @@ class Effect(Part, ABC):
     @classmethod
     def changing(cls, axis: int, key: str, delta: float) -> Effect | None:
         """Return the effect for a changed constant of an axis, named as in the rig file, by delta mm or degrees;
-        implemented by one
-        class.
+        implemented by one class.
         """
         return None
 
@@ -435,8 +433,7 @@ Chosen.
 """
 SPECTRUM_SHARE = 0.25
 """Standard deviation of each part's share. Chosen: for an arm with a quarter warming up five times as fast, 5 % turned
-a
-growth of 149 ppm into 120 ± 8.
+a growth of 149 ppm into 120 ± 8.
 """
 
 

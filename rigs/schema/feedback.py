@@ -42,8 +42,7 @@ class OPCUARobotics(Part):
     """Browse name of the robot below MotionDevices, if the server has several."""
     axes: tuple[AxisName, AxisName, AxisName, AxisName, AxisName, AxisName] | None = None
     """Browse names of q1 … q6 below Axes, or node ids of the position variables, such as `ns=2;s=A1.Pos`. By default
-    the robot
-    must have six axes with names ending in numbers.
+    the robot must have six axes with names ending in numbers.
     """
     units: Literal["deg", "rad"] | None = None
     """Angle unit, if the server does not state it (EngineeringUnits)."""
@@ -175,8 +174,7 @@ class URRTDE(_Feedback):
     signal: RTDESignal | None = None
     condition: bool = True
     """Whether to request the condition of the robot: program, safety, speed, payload, temperatures. Fields unknown to
-    the
-    controller are omitted.
+    the controller are omitted.
     """
     currents: bool = False
     """Whether to record the joint motor currents, used to measure friction."""

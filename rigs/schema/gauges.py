@@ -5,8 +5,7 @@
 or a line, where each is polled separately.
 
 Each interface has a class with its settings and their sources. Unconfirmed line settings have no default and must be
-given
-in the rig file.
+given in the rig file.
 """
 
 from __future__ import annotations

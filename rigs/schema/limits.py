@@ -46,8 +46,7 @@ class Limit(Part):
         """Return the standing of a figure with standard uncertainty u.
 
         It passes if |value| + 2 u is within the lower bound, and fails if |value| - 2 u is beyond `fail`. In between,
-        or with an
-        unknown u, neither is proven, and it is to be watched.
+        or with an unknown u, neither is proven, and it is to be watched.
         """
         size = abs(value)
         expanded = COVERAGE * u if math.isfinite(u) else math.inf
@@ -203,8 +202,7 @@ def limits_of_tolerance(tolerance_mm: float, radius_mm: float, rp_mm: float | No
     """Return the limits corresponding to an error of `tolerance_mm` at the ball.
 
     On a circle of this radius such an error turns the link by tolerance / radius. Tracker poses have no limit: they
-    cover the
-    whole work area, where the error of an arm is larger than near one place.
+    cover the whole work area, where the error of an arm is larger than near one place.
     """
     mm, deg = shared_limit(tolerance_mm), shared_limit(math.degrees(tolerance_mm / radius_mm))
     circle = CircleLimits(band_deg=deg, circular_deviation_mm=mm, hysteresis_max_mm=mm)

@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 MM_PER_M = 1000
-"""By how much a length is too small that was written in metres."""
+"""Factor between a length in mm and the same length written in metres."""
 
 LONGEST_MM = 1e5
 """No cell is longer than 100 m. Errors by orders of magnitude are refused immediately."""
@@ -38,8 +38,7 @@ class Origin:
     """Provenance of an interface.
 
     instruments: makers and models, for display. source: manual and page, public code, or a capture. standing: of the
-    whole
-    conversation. doubts: unconfirmed details as text, empty if none.
+    whole conversation. doubts: unconfirmed details as text, empty if none.
     """
 
     instruments: str

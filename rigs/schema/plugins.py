@@ -2,8 +2,7 @@
 
 The pyproject.toml of a package lists its classes by group, under the name for a rig file:
 
-[project.entry-points."rig.gauges"]
-example_dial = "cell_dial.schema:ExampleDial"
+[project.entry-points."rig.gauges"] example_dial = "cell_dial.schema:ExampleDial"
 
 An unusable class is left out, and the reason is reported if a rig file names it; rig continues for every other cell.
 """
@@ -30,8 +29,7 @@ C = TypeVar("C", bound=BaseModel)
 @cache
 def _offers() -> tuple[EntryPoint, ...]:
     """Return the entry points of all packages. Scanning an environment of a hundred packages takes some hundredths of a
-    second,
-    once.
+    second, once.
     """
     of_packages = entry_points()
     return tuple(offer for group in (*_KEY, MAKERS) for offer in of_packages.select(group=group))

@@ -141,8 +141,7 @@ def _hold_rising(table: tuple[tuple[float, float], ...] | list[tuple[float, floa
 
 Latch = Literal["on_request", "own_cycle", "streamed", "unknown"]
 """on_request: the reading is taken between request and answer. own_cycle: the answer is the latest reading of an
-internal
-cycle. streamed: the reading is taken when sent. unknown: no source, so the delay is estimated from the data.
+internal cycle. streamed: the reading is taken when sent. unknown: no source, so the delay is estimated from the data.
 """
 
 _FILTER_U = 0.1
@@ -232,8 +231,7 @@ class Probe(Part):
     """Unit set at the instrument; a reading in a different unit is a fault, never a value."""
     counts: Counts = "away"
     """Direction of increasing readings: as the tool moves away from the ball, or towards it, as with most plunger
-    gauges, which
-    are then pushed in. Runs store readings as displayed.
+    gauges, which are then pushed in. Runs store readings as displayed.
     """
     offset_mm: Length
     """Position on the baseline, along y_T (yaw) or x_T (roll): +25 for gauge 1, -25 for gauge 2."""

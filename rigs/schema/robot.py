@@ -24,8 +24,7 @@ class JointAxis(Part):
     """Joint: `T(i-1,i) = RotX(alpha) TransX(a) RotY(beta) RotZ(theta) TransZ(d)`.
 
     alpha, a and beta belong to the link before the joint (Craig's alpha[i-1], a[i-1]); beta is Hayati's angle, for a
-    joint
-    parallel to the previous one.
+    joint parallel to the previous one.
     """
 
     name: str

@@ -2,12 +2,9 @@
 
 Effects replace parts of it in stages; nothing is changed in place. The stages, in order:
 
-time    true times of the readings: `q` becomes the angles reported at these times
-arm     constants of the arm
-joint   link-side angles `link_q`, initially `q`; every effect sees the reported angles, deviations add up
-tool    tool poses `T`, after the forward kinematics
-setup   ball form and gauge positions
-gauge   the readings `g_mm`
+time    true times of the readings: `q` becomes the angles reported at these times arm     constants of the arm joint
+link-side angles `link_q`, initially `q`; every effect sees the reported angles, deviations add up tool    tool poses
+`T`, after the forward kinematics setup   ball form and gauge positions gauge   the readings `g_mm`
 
 `analysis/robot/model/scene.py` implements this interface; rig files can be read without it.
 
@@ -138,9 +135,8 @@ def plays_of_visits(x: Array, half: Array, samples: int) -> Array:
 def play(x: Array, half: float, begin: float = 0.0) -> Array:
     """Return the follower y (n,) of x (n,) in a gap of ± half, starting at `begin` (-1 … 1) times half from the middle.
 
-    Play operator (Visintin, Differential Models of Hysteresis, 1994): y moves only when x pushes against a side of the
-    gap. On
-    a monotone section it has the closed form used here.
+    x, y and half have one unit. Play operator (Visintin, Differential Models of Hysteresis, 1994): y moves only when x pushes against a side of the
+    gap. On a monotone section it has the closed form used here.
     """
     follower: Array = plays(x, np.array([half]), begin)[0]
     return follower

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from analysis.procedures.prediction import path_of
 from analysis.robot.kinematics.arm import Array
-from analysis.robot.model.predict import model_of, moved, path_of
+from analysis.robot.model.predict import model_of, moved
 from rigs.effects import JointScale
 from rigs.load import load
 from rigs.schema.effect import name_of

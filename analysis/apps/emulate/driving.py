@@ -1,14 +1,12 @@
 """Emulated controller of a maker, with its model of the arm and enterable parameters; and the joint motion of a
-program,
-with the speeds and accelerations it states.
+program, with the speeds and accelerations it states.
 
 A controller has its own joint zeros and computes poses with its own constants. Both start as in the rig file; entered
 corrections change them, so the same program leads to different positions. Names and units are those of the makers, and
 each maker's driver defines the meaning of a reading.
 
 Moves without stops in between are driven as one chain, each part at its own speed; corner rounding within the zone of
-the
-language is not emulated. Joint moves are interpolated in joint space, paths in pose space from the present posture.
+the language is not emulated. Joint moves are interpolated in joint space, paths in pose space from the present posture.
 """
 
 from __future__ import annotations
@@ -51,8 +49,7 @@ _SAME_SIZE = 1e-3
 @dataclass(frozen=True)
 class Controller:
     """State of a controller: arm, its kinematic model; reads_more (6,) rad: joint readings relative to the original
-    ones at the
-    same position.
+    ones at the same position.
     """
 
     maker: MakerName
@@ -130,8 +127,7 @@ _KEYS = ("parameter", "add", "unit", "now")
 
 _ARC_RAD, _LINE_MM, _TURN_RAD, _JOINT_RAD = np.radians([0.1, 1.0, 0.2, 0.5]) * [1, np.degrees(1), 1, 1]
 """Largest steps between two poses: on a circle of 70 mm linear joint interpolation deviates by 0.03 µm, on a line by
-less;
-joint moves are linear anyway.
+less; joint moves are linear anyway.
 """
 _MM_S2 = 500.0
 """Default acceleration of the tool. Chosen: moderate, as near a gauge."""
@@ -166,9 +162,8 @@ def drive(controller: Controller, events: Sequence[Event], near: Array, where: s
     """Return the joint motion for the events of a program.
 
     The arm starts at the first position, in the posture closest to `near` (6,) rad if only a pose is given. Raises
-    FileError,
-    including PathError, for impossible motions; `where` names the program. Raises ProgramError for a program without
-    moves.
+    FileError, including PathError, for impossible motions; `where` names the program. Raises ProgramError for a program
+    without moves.
     """
     driver = _Driver(controller, near, where)
     for event in events:
@@ -268,8 +263,7 @@ class _Driver:
 
 def _part(move: Straight | Round) -> tuple[Array, Array, Array, Array]:
     """Return the poses (n, 4, 4) of a move without its start, and per step its size (n,) in mm including rotation,
-    speed and
-    acceleration.
+    speed and acceleration.
     """
     step_rad = _ARC_RAD if isinstance(move, Round) else _TURN_RAD
     count = max(3, int(np.ceil(max(move.turned_rad / step_rad, move.length_mm / _LINE_MM))))

@@ -1,8 +1,7 @@
 """Pendant of an emulated controller: selects programs and enters parameters.
 
 The controller commands joint angles from its model of the arm; the arm with its hidden effects moves to the true
-position,
-where the gauges read the true ball distance.
+position, where the gauges read the true ball distance.
 
 Programs are found by name; the file suffix determines the maker, whose driver executes the program.
 """
@@ -155,8 +154,7 @@ class Pendant:
 
     def _signals(self, driven: Driven) -> tuple[tuple[float, float], ...]:
         """Return the times and numbers shown by the robot: of the outputs, in order of first switching or as in the rig
-        file, or of
-        the register.
+        file, or of the register.
         """
         place = signal_of_outputs(self._rig.feedback)
         if place and place.int_register is not None:

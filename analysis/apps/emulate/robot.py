@@ -1,6 +1,5 @@
 """Robot of an emulated cell: stands, executes programs on command, and can be paused and stopped; with motor currents
-and
-joint temperatures.
+and joint temperatures.
 
 Between programs it moves to the next start instantly, for which a person would remove the link.
 
@@ -375,8 +374,8 @@ def truth(rig: Rig, traces: dict[Direction, Trace]) -> dict[str, Any]:
     """Return the results of an ideal measurement of the emulated robot, and its hidden errors.
 
     The figures follow from the noise-free trace by definition, independent of daemon, wire and alignment. The
-    eccentricity is
-    that of the ball relative to the circle actually driven, slightly different from the hidden one because of backlash.
+    eccentricity is that of the ball relative to the circle actually driven, slightly different from the hidden one
+    because of backlash.
     """
     start = np.radians(circle_of(rig).start_deg)
     figures = {}

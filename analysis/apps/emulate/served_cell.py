@@ -214,8 +214,7 @@ class EmulatedCell:
     """Cell to be emulated.
 
     Rig file; hidden effects of the arm (a file or a shipped rig; None for those of the rig file); directory of programs
-    and
-    their maker; noise seed.
+    and their maker; noise seed.
     """
 
     rig_file: str

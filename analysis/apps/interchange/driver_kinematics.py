@@ -1,6 +1,5 @@
 """Export an arm as the joint origins of a maker's ROS description: kinematics.yaml, or Universal Robots'
-calibration.yaml.
-Neither contains the base or the tool of a rig file.
+calibration.yaml. Neither contains the base or the tool of a rig file.
 
 kinematics.yaml has one entry per joint, its origin in the previous link. A description draws meshes in link frames of
 its
@@ -10,17 +9,13 @@ the
 maker's positions.
 
 The nominal origins come from the makers' files: frankaemika/franka_description, robots/fer/kinematics.yaml, commit
-1ddff9b
-(the FR3 has the same lengths); xArm-Developer/xarm_ros, xarm_description/config/kinematics/default, commits a083c36 and
-74e75cf, with right angles in place of 1.5708. Doosan's description (doosan-robotics/doosan-robot2,
-dsr_description2/urdf)
-and Kinova's (Kinovarobotics/ros2_kortex) have no such file: their joints are part of the URDF.
+1ddff9b (the FR3 has the same lengths); xArm-Developer/xarm_ros, xarm_description/config/kinematics/default, commits
+a083c36 and 74e75cf, with right angles in place of 1.5708. Doosan's description (doosan-robotics/doosan-robot2,
+dsr_description2/urdf) and Kinova's (Kinovarobotics/ros2_kortex) have no such file: their joints are part of the URDF.
 
 The package ur_description builds a URDF from calibration.yaml: each entry is the origin of a joint in metres and
-radians,
-turning about z; the first belongs to base_link_inertia, which is base_link rotated by half a turn about z and equal to
-the
-controller's base; tool0 is the frame of wrist_3. Source: ros-industrial/universal_robot,
+radians, turning about z; the first belongs to base_link_inertia, which is base_link rotated by half a turn about z and
+equal to the controller's base; tool0 is the frame of wrist_3. Source: ros-industrial/universal_robot,
 ur_description/urdf/inc/ur_macro.xacro, commit 0290bd2.
 """
 
@@ -48,8 +43,7 @@ _SAME_MM, _SAME_RAD = 0.5, 1e-4
 @dataclass(frozen=True)
 class Layout:
     """Notation of a maker's description: nominal joint origins, that of the flange if present, and the keys above and
-    below the
-    joint names.
+    below the joint names.
     """
 
     origins: tuple[Origin, ...]
@@ -102,8 +96,7 @@ def driver_kinematics(robot: Robot, arm: Arm, maker: str, where: str, remarks: S
     """Return kinematics.yaml of a calibrated arm for a maker's description.
 
     robot: nominal arm of the rig file. arm: calibrated arm. maker: a key of LAYOUTS. where: rig file, for errors.
-    remarks:
-    comment lines at the top. Raises FileError for an arm that is not one of the maker's.
+    remarks: comment lines at the top. Raises FileError for an arm that is not one of the maker's.
     """
     joint_senses(arm, where, "kinematics.yaml")
     # The layout with the axes of the nominal arm: each pair of frames shares its axis, and the flange is common.
@@ -147,8 +140,7 @@ LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 """Entries of the file, from the base."""
 NOT_THE_CONTROLLERS = "rig_not_of_the_controller"
 """Default hash. The driver compares it with the checksum of the controller's calibration and correctly reports a
-difference
-at each start.
+difference at each start.
 """
 _HASH = re.compile(r"calib_\d{1,20}")
 """Format of the driver's hash: a number of 64 bits."""
@@ -162,8 +154,7 @@ def ur_driver_text(arm: Arm, where: str, calibration_hash: str | None = None, re
     """Return calibration.yaml of an arm.
 
     where: rig file, for errors. calibration_hash: from the file extracted by the driver's tool. remarks: comment lines
-    at the
-    top. Raises FileError for an arm of a different kind, UseError for an invalid hash.
+    at the top. Raises FileError for an arm of a different kind, UseError for an invalid hash.
     """
     if calibration_hash is not None and not _HASH.fullmatch(calibration_hash):
         problem = f"{calibration_hash!r} is not a hash of the driver"

@@ -2,8 +2,7 @@
 
 The file is read as joints and masses in mm: size-limited, without entities or macros, with frames computed by
 pytransform3d. That library accepts partial numbers and ignores speeds, so numbers are checked first. Shapes are
-dropped,
-because the kinematics need no meshes.
+dropped, because the kinematics need no meshes.
 """
 
 from __future__ import annotations
@@ -35,8 +34,7 @@ _MOST_PARTS = 2000
 """Limit of links and joints; a humanoid with both hands has about a hundred."""
 _MOST_ATTRIBUTES = 10_000
 """Limit of equals signs in an element or comment: an element has about three, and the XML library's time for attributes
-is
-quadratic, 90 s for 200,000.
+is quadratic, 90 s for 200,000.
 """
 _LARGEST = 1e6
 """Limit in metres, radians or kilograms."""
@@ -58,8 +56,7 @@ _XACRO = "expand the macros first: xacro FILE > arm.urdf"
 @dataclass(frozen=True)
 class UrdfJoint:
     """Joint. T_parent_child (4, 4): frame at zero, in mm. axis (3,): in that frame, any length. lower, upper (rad) and
-    velocity
-    (rad/s): infinite if absent. follows: mimicked joint.
+    velocity (rad/s): infinite if absent. follows: mimicked joint.
     """
 
     name: str
@@ -253,8 +250,7 @@ def chain_of(urdf: Urdf, base: str | None, tip: str | None, where: str) -> Chain
     """Return the chain of four to seven turning joints between two links.
 
     base: by default the link `base`, otherwise the root. tip: by default `tool0`, otherwise the only end link. Raises
-    FileError
-    for any other chain.
+    FileError for any other chain.
     """
     above = {joint.child: joint for joint in urdf.joints}
     start, end = _ends(urdf, base, tip, above, where)

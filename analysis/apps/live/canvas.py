@@ -3,8 +3,8 @@
 Text is sanitised by `rigs.text` here. A wide character takes two cells; zero-width characters are dropped.
 
 Finer drawing uses two by four braille dots per cell. Colours are pairs of the sixteen terminal colours that
-colour-blind
-users can distinguish. Numbers readable from a distance are drawn with half-block cells, in multiples of a small size.
+colour-blind users can distinguish. Numbers readable from a distance are drawn with half-block cells, in multiples of a
+small size.
 """
 
 from __future__ import annotations
@@ -134,7 +134,7 @@ class Dots:
         self.points(np.interp(at, along, x)[::every], np.interp(at, along, y)[::every], style)
 
     def points(self, x: Array, y: Array, style: str) -> None:
-        """Draw points (n,) in dots over the existing content; points outside are dropped."""
+        """Draw points (n,), in the unit of each axis, as dots over the existing content; drop points outside."""
         if not self.width_dots or not self.height_dots:
             return
         finite = np.isfinite(x) & np.isfinite(y)

@@ -119,8 +119,7 @@ class Controls:
     """State of the controls.
 
     zero_mm: zero offset of each gauge. prompt: partially typed label, None if not typing. starts: whether a recording
-    starts
-    after the input.
+    starts after the input.
     """
 
     units: Units = UNITS[0]
@@ -156,8 +155,7 @@ class Controls:
         """Return the controls with a notice as the message.
 
         Without a notice, a message is dropped once the daemon has gone or returned, or a recording has started or
-        ended, because it
-        is then out of date.
+        ended, because it is then out of date.
         """
         if notice:
             return replace(self, message=notice)

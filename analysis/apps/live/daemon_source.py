@@ -1,6 +1,5 @@
 """Poll a running daemon ten times a second in a thread, so that keys and screen never wait; or collect joint angles
-until
-Ctrl-C while the operator jogs or guides the robot.
+until Ctrl-C while the operator jogs or guides the robot.
 
 After a loss the daemon is polled until it returns. Only the daemon talks to the robot, and polling costs its readers
 little: answers are bounded (`daq.service.daemon`), and the full status is requested only twice a second.

@@ -1,8 +1,7 @@
 """A lap in progress: sense of motion, completed share, number of laps, joint reversals, and the growing error curve.
 
-A lap begins at the start angle, after the lead-in, as in `analysis.runs.laps`. The sense is known 2° after the start
-of a
-motion or a reversal, more than the noise of any feedback.
+A lap begins at the start angle, after the lead-in, as in `analysis.runs.laps`. The sense is known 2° after the start of
+a motion or a reversal, more than the noise of any feedback.
 
 Few wrists have two spare turns, so a robot returns after a lap before the next one. A motion back over a whole lap,
 without leaving the circle, is this return and not a lap in the opposite direction.
@@ -10,10 +9,8 @@ without leaving the circle, is this return and not a lap in the opposite directi
 Joint reversals follow the rule of `analysis.procedures.circle.joint_reversals`, row by row.
 
 There is an error curve per direction, over 720 circle angles: the angle (or the distance, for a single gauge) without
-its
-least-squares sine, as in `analysis.procedures.circle.evaluate`. During a lap the sine is fitted to the existing data;
-below half a
-lap it would absorb the error, so only the mean is removed.
+its least-squares sine, as in `analysis.procedures.circle.evaluate`. During a lap the sine is fitted to the existing
+data; below half a lap it would absorb the error, so only the mean is removed.
 """
 
 from __future__ import annotations
@@ -152,8 +149,7 @@ class JointMotion:
     """Motion of the joints.
 
     sense (6,): 1 rising, -1 falling, 0 unknown; extreme (6,) rad: furthest angle in that sense, with its time
-    extreme_t_s (6,)
-    and circle angle extreme_phi (6,) rad.
+    extreme_t_s (6,) and circle angle extreme_phi (6,) rad.
     """
 
     sense: Array = field(default_factory=lambda: np.zeros(6))

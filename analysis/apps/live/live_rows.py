@@ -2,10 +2,9 @@
 the
 cell according to the rig file: tool position on the circle, and meaning of the gauges.
 
-`analysis.runs.align` does the same for a whole run with fitted clocks. Here a sample's time is the arrival of its
-first
-byte, which is sufficient for watching. Silent streams are not awaited; their values are nan. Position and angle use the
-functions of `rig analyse`.
+`analysis.runs.align` does the same for a whole run with fitted clocks. Here a sample's time is the arrival of its first
+byte, which is sufficient for watching. The view does not wait for silent streams; their values are nan. Position and
+angle use the functions of `rig analyse`.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ from rigs.schema.gauges import Gauge
 GAUGES = ("g1", "g2")
 ROBOT = "robot"
 _SILENT_S = 1.0
-"""Delay after which a stream is no longer awaited; polled instruments answer several times a second."""
+"""Delay after which a stream is no longer expected; polled instruments answer several times a second."""
 _GAP_S = 0.5
 """No row is made between samples further apart: interpolation across missing data is not a measurement."""
 
@@ -117,10 +116,8 @@ class Cell:
     """Cell in the view.
 
     name: of the rig. axes: joint names. baseline_mm: 0 without a second gauge. frame, start_rad, lead_rad, laps: of the
-    circle
-    test, frame None without one. range_mm: of each gauge by its certificate, or None. signs: signs that make the
-    readings
-    increase with the distance from the ball.
+    circle test, frame None without one. range_mm: of each gauge by its certificate, or None. signs: signs that make the
+    readings increase with the distance from the ball.
     """
 
     name: str
@@ -145,8 +142,7 @@ class Cell:
 
     def error_source(self, g_mm: Array) -> Array:
         """Return the values (n,) drawn around the circle for readings (n, 2) mm: angle in rad for two gauges, otherwise
-        distance in
-        mm.
+        distance in mm.
         """
         return link_angle(g_mm[:, 0], g_mm[:, 1], self.baseline_mm) if self.has_angle else g_mm[:, 0]
 

@@ -1,8 +1,7 @@
 """The terminal: size, alternate screen with flicker-free drawing, and keys.
 
 Only changed rows are sent, to save bandwidth over ssh; after a change of size everything is sent. The terminal clips
-long
-lines while it is smaller than the drawing. Without POSIX terminals there are no keys, and Ctrl-C ends the program.
+long lines while it is smaller than the drawing. Without POSIX terminals there are no keys, and Ctrl-C ends the program.
 """
 
 from __future__ import annotations

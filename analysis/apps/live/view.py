@@ -46,8 +46,7 @@ class Update:
     """Data since the previous update; None and empty mean no change.
 
     state: a `status` answer. cell: a new rig file. lost: reason for missing data. notice: one-time message. label:
-    name, test
-    and direction of a run played from here on.
+    name, test and direction of a run played from here on.
     """
 
     rows: Rows = NO_ROWS
@@ -74,12 +73,9 @@ class LiveView:
     """Complete displayed state.
 
     extremes_mm (2, 2): smallest and largest reading of each gauge, nan before the first. test, direction and name
-    belong to the
-    recording or the played run; shown_test belongs to the curves. reversal_counts: per joint since the start of the
-    view,
-    independent of the kept events; last_reversals: by joint (1 … 6). cut: message about a recording whose daemon
-    disappeared,
-    until the next one starts.
+    belong to the recording or the played run; shown_test belongs to the curves. reversal_counts: per joint since the
+    start of the view, independent of the kept events; last_reversals: by joint (1 … 6). cut: message about a recording
+    whose daemon disappeared, until the next one starts.
     """
 
     cell: Cell | None = None

@@ -2,15 +2,12 @@
 error.
 
 The complete error of the model over the work area is projected onto the parameters of the controller. The work area is
-that
-of the rig file, never of a path, so that a rig file has one set of entries, and targets computed for a controller with
-these
-entries stay valid.
+that of the rig file, never of a path, so that a rig file has one set of entries, and targets computed for a controller
+with these entries stay valid.
 
 Zeros and lengths of a controller cannot represent a compliant joint or a gear error, but can absorb part of their
-effect on
-the tool. The error of the tool at the postures of the work area, position and orientation together, is fitted by the
-constants:
+effect on the tool. The error of the tool at the postures of the work area, position and orientation together, is fitted
+by the constants:
 
 - Postures of the work area have the largest weight. Others, spread over the joint angles covered by the model, have
 enough
@@ -60,15 +57,13 @@ _USUAL = 3.0
 """Prior of a constant in healthy sizes. Chosen: an arm to be corrected is not quite healthy."""
 _LEAST_MM = 1e-3
 """Minimum rms effect over the work area, in mm, of an entered constant, and of a known combination of constants of the
-expected
-sizes. Chosen: 1 µm, below any robot's repeatability.
+expected sizes. Chosen: 1 µm, below any robot's repeatability.
 """
 _CRUMB = 0.01
 """Minimum share of the error for an entered constant: manual entries should be worthwhile."""
 _BESIDE = 0.1
 """Weight of the postures outside the work area, of 1 for all. Tried on ur10e with a compliant joint and a gear error: 0
-left 93
-µm in the work area and 696 µm outside (582 before), 0.1 left 134 and 329, 0.5 left 178 and 239.
+left 93 µm in the work area and 696 µm outside (582 before), 0.1 left 134 and 329, 0.5 left 178 and 239.
 """
 _SHARE = 0.3
 """Minimum share of a constant in an undetermined combination to be named as part of it."""
@@ -125,11 +120,10 @@ class Projection:
         return np.asarray(weighted @ self.operator.T)
 
     def without(self, out: Sequence[int], changes: Array) -> tuple[Projection, Array]:
-        """Return the projection with some changes set to zero, and the standard uncertainties (m,) of the others.
+        """Return the projection with some changes set to zero, and standard uncertainties (m,) in mm or rad.
 
         `changes` (k, m): as of `changes`. The other changes are conditioned on it: of two changes with a certain sum,
-        one becomes
-        the sum; independent ones stay.
+        one becomes the sum; independent ones stay.
         """
         kept = [k for k in range(len(self.constants)) if k not in out]
         share = np.linalg.pinv(changes[:, out], 1e-9) @ changes[:, kept]
@@ -148,8 +142,7 @@ class Projection:
         """Return whether this projection certainly leaves less position error than one with fewer changes.
 
         Evaluated over the work area q (n, 6) rad, in the robot's base or with frame and tool taught; `moves` (k, n and
-        more, 6) as
-        of `changes`.
+        more, 6) as of `changes`.
         """
         real, nominal = tool_places(rig, used, q), tool_poses(model_of(rig, ()), q)
         off_mm = [real - tool_places(rig, projection.effects, q) for projection in (fewer, self)]
@@ -265,16 +258,11 @@ class ControllerEntries:
     """All changes at one controller, and the remaining error.
 
     `effects`: changes as effects of the nominal arm; empty if they remove no error. `before_um`, `after_um`: rms
-    position error
-    of the tool over the work area, without and with the changes, `by_targets_um` with corrected targets; all include
-    the
-    uncorrectable error, the latter two also the uncertainty of the model. `elsewhere_um`: error of the model only,
-    without and
-    with the changes, at postures spread over the joint angles of the work area or the runs. All refer to a frame taught
-    with the
-    robot at these postures. `base_u_um`: contribution of the arm's position on its base to the uncertainty. `twins`:
-    parameters
-    of which only a combination is determined.
+    position error of the tool over the work area, without and with the changes, `by_targets_um` with corrected targets;
+    all include the uncorrectable error, the latter two also the uncertainty of the model. `elsewhere_um`: error of the
+    model only, without and with the changes, at postures spread over the joint angles of the work area or the runs. All
+    refer to a frame taught with the robot at these postures. `base_u_um`: contribution of the arm's position on its
+    base to the uncertainty. `twins`: parameters of which only a combination is determined.
     """
 
     name: MakerName
@@ -451,8 +439,7 @@ def _entry(
 
 def scale_of(text: str | None) -> tuple[float, ...] | None:
     """Parse the scale of each axis (6,) from a comma-separated list; None for None. Raises UseError unless there are
-    six non-zero
-    numbers.
+    six non-zero numbers.
     """
     if text is None:
         return None

@@ -38,10 +38,8 @@ class Corrections:
     """Correctable parts of a rig.
 
     Effects with their use, zeros and constants, and the error over the work area; entries in the notation of a
-    controller; and
-    for a path, its corrected targets, computed for a controller with the entries if `entered`. `calibrated`: effects
-    that are
-    only part of the calibration; their zeros and constants are included above.
+    controller; and for a path, its corrected targets, computed for a controller with the entries if `entered`.
+    `calibrated`: effects that are only part of the calibration; their zeros and constants are included above.
     """
 
     rig: Rig

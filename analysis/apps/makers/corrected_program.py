@@ -31,8 +31,7 @@ from rigs.schema.vocabulary import MakerName
 
 MOST_MM, _MOST_DEG, _MOST_JOINT_DEG = 10.0, 1.0, 10.0
 """Largest corrections written. A zero wrong by half a degree moves a tool at 1.1 m by 10 mm: a larger error means that
-the arm
-must be mastered, or the rig file belongs to a different arm. A joint that turns by 10° is near a singularity.
+the arm must be mastered, or the rig file belongs to a different arm. A joint that turns by 10° is near a singularity.
 """
 
 
@@ -128,8 +127,7 @@ def correct_program(
     """Return a program with its correctable targets corrected for the effects of a rig.
 
     whole: hold the program if any target of a move cannot be corrected. `start` (6,) rad: position at the start of the
-    program.
-    Raises FileError for an invalid program.
+    program. Raises FileError for an invalid program.
     """
     maker, texts = read_program(path)
     reader = maker.reader

@@ -32,8 +32,7 @@ ADDED = ("missed_mm", "left_out_mm", "u_um", "u_frame_um", "covered", "corrected
 """Columns added to a corrected path: error of the uncorrected arm at the target, error of uncorrected effects, standard
 uncertainty of the corrected position, including the latter, in the robot's base and with frame and tool taught with the
 robot, whether all joints are within the range of the runs (yes, no or unknown), and whether the target was corrected
-(yes or
-no).
+(yes or no).
 """
 
 AGAINST = "against_verdict"
@@ -157,8 +156,7 @@ def corrected_columns(path: TargetPath, corrected: Corrected, against: str = "")
     """Return the table with corrected targets, as joint angles and as poses, and their errors.
 
     Uncorrected targets are unchanged, and unknown numbers are empty. against: verdict against which the path was
-    corrected, as
-    text; empty if none.
+    corrected, as text; empty if none.
     """
     columns: dict[str, list[str] | list[float]] = dict(path.columns)
     # A program uses both: the joint angles select the posture of a pose.

@@ -43,8 +43,7 @@ class JointLap:
 @dataclass(frozen=True)
 class SimulatedFigures:
     """Evaluated runs by figure: yaw 3, 5, 6; eccentric 4; joints 7; yaw_datum_and_play 8; roll 10, 11; sphere 13;
-    sphere_gears 14;
-    repeatability 15. Only the last has noise.
+    sphere_gears 14; repeatability 15. Only the last has noise.
     """
 
     yaw: dict[Direction, Result]
@@ -279,8 +278,7 @@ def _sphere_gears(figure: FigureBase, simulated: SimulatedFigures) -> None:
 
 def _radial(figure: FigureBase, result: Result) -> None:
     """Draw the target distance errors from the side of the displacement, from above, and over the azimuth, where a
-    displacement is
-    a wave once around.
+    displacement is a wave once around.
     """
     curve = result.curve
     assert isinstance(curve, RadialCurve)  # noqa: S101 - of a hemisphere

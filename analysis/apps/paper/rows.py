@@ -30,8 +30,7 @@ DIRECTIONS: tuple[Direction, ...] = ("cw", "acw")
 @dataclass(frozen=True)
 class Row:
     """Row. where: section, figure or table of the paper. paper, ours: number in `unit`, or text. place: whether the
-    number is a
-    circle angle, where 359° is 2° from 1°.
+    number is a circle angle, where 359° is 2° from 1°.
     """
 
     where: str

@@ -29,8 +29,7 @@ SCATTER = Noise(wander_mm=0.087, wander_s=0.5)
 """Scatter of a reading at a target between approaches: 0.087 mm fitted to the paper's 0.261 mm.
 
 It is the simulator's wander, with half a second being short compared with the 4 s between readings. It moves both
-gauges
-equally, so yaw and roll angles are unaffected.
+gauges equally, so yaw and roll angles are unaffected.
 """
 SEEDS = 100
 """Number of repeatability tests averaged: the range of three readings varies strongly."""

@@ -2,8 +2,7 @@
 checks.
 
 The text below a drawn part contains every dimension to measure with a caliper after printing. Prices are our estimates
-for
-small packs from web shops; they are upper limits, not offers.
+for small packs from web shops; they are upper limits, not offers.
 """
 
 from __future__ import annotations

@@ -47,8 +47,7 @@ class Bought:
 @dataclass(frozen=True)
 class Seat:
     """Cone seat of a ball, heights above its apex (mm): ball centre, contact circle (radius = height), rim (radius =
-    height),
-    top of the magnet, and its bore.
+    height), top of the magnet, and its bore.
     """
 
     centre: float
@@ -66,8 +65,7 @@ class Seat:
 @dataclass(frozen=True)
 class PrintedPart:
     """Printed part. count: quantity. section: corners (radius, height) for the drawing. about: description. numbers:
-    dimensions
-    in mm by name.
+    dimensions in mm by name.
     """
 
     name: str

@@ -1,10 +1,8 @@
 """Compare runs after a repair with runs before: the difference of each figure, and its significance.
 
 The spread between runs is pooled over both sides, and with the spread of the robot's history if the runs lie in one:
-two
-runs per side hardly determine it. The difference then follows Student's distribution, and 2 u contain 95.45 %. Because
-many
-figures are compared, the probability of a false finding is shared among them (Bonferroni).
+two runs per side hardly determine it. The difference then follows Student's distribution, and 2 u contain 95.45 %.
+Because many figures are compared, the probability of a false finding is shared among them (Bonferroni).
 """
 
 from __future__ import annotations
@@ -39,8 +37,7 @@ class Difference:
     """Difference of a figure before and after.
 
     difference: after less before, with infinite u if no spread is known. explained: largest difference explained by the
-    spread
-    between runs, infinite if unknown. runs_before, runs_after: numbers of runs.
+    spread between runs, infinite if unknown. runs_before, runs_after: numbers of runs.
     """
 
     title: str

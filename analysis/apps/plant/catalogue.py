@@ -2,8 +2,7 @@
 
 It contains derived data only, and is located outside the plant's directory, which stays unchanged and may be read-only.
 A damaged catalogue, or one of a different version, is rebuilt. SQLite's locks and journal handle concurrent commands
-and
-crashes.
+and crashes.
 """
 
 from __future__ import annotations
@@ -53,8 +52,7 @@ class Entry:
     """Catalogue entry of a run in addition to its figures.
 
     run: path relative to the plant's directory. signature: empty if a new examination is needed. robot: empty if the
-    manifest
-    is unreadable.
+    manifest is unreadable.
     """
 
     run: str

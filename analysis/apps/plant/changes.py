@@ -2,22 +2,16 @@
 
 Each series is compared with each shape of a change under each kind of noise (`Shapes`); the score is the log-likelihood
 ratio between the best shape and no change, both with their best noise, so slow noise is not mistaken for a change.
-After a
-detection, the runs before and after are searched in the same way (binary segmentation: A. J. Scott and M. Knott,
-Biometrics
-30 (1974)). Single outliers are removed first (F. R. Hampel, J. Am. Stat. Assoc. 69 (1974)).
+After a detection, the runs before and after are searched in the same way (binary segmentation: A. J. Scott and M.
+Knott, Biometrics 30 (1974)). Single outliers are removed first (F. R. Hampel, J. Am. Stat. Assoc. 69 (1974)).
 
 The false alarm probability of a robot is shared among its figures (Bonferroni). `scripts/dev history` measures it, and
-the
-delay and accuracy of detections.
+the delay and accuracy of detections.
 
 A shape is a plateau, a straight ramp and a second plateau; a step is the shortest ramp, and slow growth is a ramp up to
-the
-last run. The noise is white plus a slow part common to neighbouring runs (temperature, clamping, set-up), with a grid
-of
-shares and lengths, as in decision 0011 for laps. Position and size of a change follow from generalised least squares:
-A. C.
-Aitken, Proc. R. Soc. Edinburgh 55 (1935).
+the last run. The noise is white plus a slow part common to neighbouring runs (temperature, clamping, set-up), with a
+grid of shares and lengths, as in decision 0011 for laps. Position and size of a change follow from generalised least
+squares: A. C. Aitken, Proc. R. Soc. Edinburgh 55 (1935).
 """
 
 from __future__ import annotations
@@ -139,8 +133,7 @@ NEWEST = 500
 """Number of newest runs searched: time and memory are quadratic."""
 _CHANCE = 6.5
 """P(score > s) <= exp(_CHANCE - s) without a change: simulated for 10 to 300 runs, white noise and slow parts of 50 to
-90 %
-over 1.5 to 50 runs, 1500 to 4000 series each; the worst 99 % quantile was 11.2, the worst 99.9 % quantile 14.1.
+90 % over 1.5 to 50 runs, 1500 to 4000 series each; the worst 99 % quantile was 11.2, the worst 99.9 % quantile 14.1.
 """
 _WINDOW, _WILD = 7, 4.0
 """Window of the running median, and outlier limit in spreads."""
@@ -155,8 +148,7 @@ class Change:
     """Change of a figure from `before` to `after`, in its unit, between runs first and last (indices).
 
     u: standard uncertainty of the difference from the scatter of the runs. chance: probability of such a series without
-    a
-    change, over all figures of the robot. is_last: the ramp reaches the last run and may continue.
+    a change, over all figures of the robot. is_last: the ramp reaches the last run and may continue.
     """
 
     first: int

@@ -41,8 +41,7 @@ def write_pages(fleet: Fleet, path: Path, workers: Workers, progress: Progress) 
     """Write the page of the plant, and the outdated history pages of its robots.
 
     Returns a line for each robot whose page could not be written. Raises FileError if the plant's page cannot be
-    written or the
-    catalogue cannot be read.
+    written or the catalogue cannot be read.
     """
     folder = path.with_name(f"{path.stem}-robots")
     pages = [_page(fleet, state, folder, path) for state in fleet.robots if state.runs]

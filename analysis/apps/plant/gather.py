@@ -1,8 +1,7 @@
 """Collect the states of a plant's robots, reading only new and changed runs.
 
 Runs are compared with the catalogue by names, sizes and times of files, and examined with `each` if different; deleted
-runs
-are removed. Robots with changed runs are judged again.
+runs are removed. Robots with changed runs are judged again.
 
 A remote directory cannot contain history files, and reading each manifest again would cost a request: the catalogue
 identifies unchanged runs by listing only.
@@ -147,8 +146,7 @@ def gather(directory: Path, file: Path, workers: Workers, progress: Progress) ->
     """Return the robots of the runs below a directory; file: the catalogue, created if missing.
 
     workers: for reading runs; robots are judged by local processes only, with access to the catalogue. Raises FileError
-    if the
-    directory does not exist or contains no run, CellError if the catalogue cannot be written.
+    if the directory does not exist or contains no run, CellError if the catalogue cannot be written.
     """
     seen = seen_below(directory)
     return remade(file, partial(_gathered, directory, file, seen, workers, progress))

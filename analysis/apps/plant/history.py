@@ -112,8 +112,7 @@ def history_of(
     """Return the series of a robot's runs with their changes.
 
     figure: only this figure, by its name in docs/figures.md. since: first day. limits: in place of those of the newest
-    run.
-    Raises UseError for an unknown figure, FileError if nothing is left.
+    run. Raises UseError for an unknown figure, FileError if nothing is left.
     """
     runs = [run for run in collected.runs if since is None or run.when.date() >= since]
     names = {name for run in runs for name in run.figures}

@@ -1,8 +1,7 @@
 """`.history.sqlite` next to the runs: cached figures, so that a run is evaluated once.
 
 It contains derived data only: if deleted, damaged or of a different version, it is rebuilt with the same content.
-SQLite's
-locks and journal handle concurrent writers and crashes.
+SQLite's locks and journal handle concurrent writers and crashes.
 """
 
 from __future__ import annotations

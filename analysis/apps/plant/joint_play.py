@@ -47,8 +47,7 @@ if TYPE_CHECKING:
 
 ORDERS = (1, 2, 3, 4, 5, 6, 8, 10, 12)
 """Cycles per turn of a joint: eccentricity, wave generators and their stages; faster waves are rarely as large, and
-shorter
-than the neighbourhood of a jump.
+shorter than the neighbourhood of a jump.
 """
 _SIZE_DEG = 0.005
 """Initial size of a wave: usual gears have some thousandths of a degree."""
@@ -92,8 +91,7 @@ def fitted(
     """Fit backlash and waves to a lap (m,) mm, starting from start_deg (p,).
 
     curve, slopes: response of the lap to backlash (p,) in degrees, (m,) mm, and its derivatives (m, p); waves (m, k) mm
-    per
-    degree; alike: number of correlated readings.
+    per degree; alike: number of correlated readings.
     """
     sizes, plays = start_deg.copy(), len(start_deg)
     variances = np.full(waves.shape[1] // 2, _SIZE_DEG**2)
@@ -126,8 +124,7 @@ _SMOOTH = 12
 """Smooth orders: offsets, links and set-up have orders up to 3, eccentric gears some more."""
 _WIDTHS_DEG = np.concatenate([0.0025 * 2 ** np.arange(0.0, 6.1, 0.25), [0.32]])
 """Widths with computed responses, interpolated smoothly. Factor of 1.19: with 1.41 the curve of 0.024° was wrong by
-half the
-noise of a reading, and the backlash of a different joint absorbed the difference.
+half the noise of a reading, and the backlash of a different joint absorbed the difference.
 """
 _BOTH_WAYS_DEG = np.concatenate([-_WIDTHS_DEG[::-1], [0.0], _WIDTHS_DEG])
 _ROWS = 3000
@@ -147,8 +144,7 @@ joint.
 @dataclass(frozen=True)
 class _Jumps:
     """Response of a lap to backlash, smooth in the width: per axis curves (2 widths + 1, 2 NODES) mm, from the widest
-    negative
-    value, a mirror image that noise may resemble, through zero to the widest.
+    negative value, a mirror image that noise may resemble, through zero to the widest.
     """
 
     curves: Array

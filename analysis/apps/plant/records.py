@@ -57,10 +57,8 @@ class Record:
     """Run in the history: directory name, fingerprint, start (ISO 8601), test, and figures.
 
     problem: one-line reason for missing figures. program: short digest of circle or hemisphere in the rig file.
-    readings:
-    digest of the measurements, empty if unreadable. simulated: whether no real robot was measured. corrected:
-    correction during
-    the run, according to the manifest.
+    readings: digest of the measurements, empty if unreadable. simulated: whether no real robot was measured. corrected:
+    correction during the run, according to the manifest.
     """
 
     name: str

@@ -17,8 +17,7 @@ from rigs.schema.limits import Standing
 
 Attention = Literal["beyond", "watch", "unreadable", "changed", "within", "unlimited"]
 """Reason for attention, most urgent first: a figure exceeds its limit, or may exceed it; no run has figures; a figure
-grew
-beyond its scatter; all figures are within their limits; there are no limits.
+grew beyond its scatter; all figures are within their limits; there are no limits.
 """
 ORDER: tuple[Attention, ...] = ("beyond", "watch", "unreadable", "changed", "within", "unlimited")
 
@@ -28,16 +27,11 @@ class State:
     """Robot in the list of `rig fleet`; folder: directory of its runs relative to the plant's.
 
     tests: such as `yaw acw`. runs: number with figures. last: start of the newest run, ISO 8601. standing: worst
-    standing,
-    empty without limits. worst: figure closest to or furthest beyond its limit, as text, and worst_ratio, its value
-    over the
-    bound. trend: change with its date, as text. changed: its day. grew: whether it is a growth. without_figures: runs
-    by name
-    with the reason. wild: outliers left out. copies: copied runs. simulated: runs without a real robot. corrected: runs
-    with
-    corrected programs or entered values, which say nothing about the arm and are not judged. problem: reason for a
-    missing
-    judgement.
+    standing, empty without limits. worst: figure closest to or furthest beyond its limit, as text, and worst_ratio, its
+    value over the bound. trend: change with its date, as text. changed: its day. grew: whether it is a growth.
+    without_figures: runs by name with the reason. wild: outliers left out. copies: copied runs. simulated: runs without
+    a real robot. corrected: runs with corrected programs or entered values, which say nothing about the arm and are not
+    judged. problem: reason for a missing judgement.
     """
 
     folder: str

@@ -26,8 +26,7 @@ from rigs.errors import FileError
 @dataclass(frozen=True)
 class Seen:
     """Run on the disk. run: path relative to the plant's directory. signature: digest of names, sizes and times of its
-    files,
-    empty if they cannot be listed or compared.
+    files, empty if they cannot be listed or compared.
     """
 
     path: Path
@@ -78,8 +77,7 @@ def _digest(files: Iterable[tuple[str, int, str]]) -> str:
 @dataclass(frozen=True)
 class Examined:
     """Record of a run. rig_text: its rig file. is_evaluated: whether it was evaluated; then only a change requires a
-    new
-    examination.
+    new examination.
     """
 
     record: Record

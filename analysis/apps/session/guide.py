@@ -281,7 +281,7 @@ class Guide:
 
 
 def _needs_other_test(answer: Answer) -> bool:
-    """Return whether another test is needed to tell causes apart, and no more runs of the same."""
+    """Return whether another test is needed to distinguish causes, and no more runs of the same."""
     return answer.condition == "ambiguous" or (answer.condition == "undecided" and answer.runs_to_decide is None)
 
 

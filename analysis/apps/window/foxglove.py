@@ -159,8 +159,7 @@ class Foxglove:
 
     def __init__(self, port: int, rig: Rig | None, gate: Gate) -> None:
         """Create a server. rig: with the displayed arm. gate: access control. Raises CellError if the library is
-        missing or the port
-        is taken.
+        missing or the port is taken.
         """
         try:
             import foxglove  # noqa: PLC0415 - an extra

@@ -2,8 +2,7 @@
 
 Browsers send requests on behalf of any open page. So the requested host name must be one of the window's (foreign names
 resolving to this computer are refused), requests caused by other sites are refused, and control requests must come from
-a
-page of the window and contain its secret.
+a page of the window and contain its secret.
 """
 
 from __future__ import annotations

@@ -1,6 +1,5 @@
 """Run a window from its command: content, access, shutdown, and the listening socket with limits for idle, slow and
-excess
-connections.
+excess connections.
 """
 
 from __future__ import annotations

@@ -136,8 +136,7 @@ class Watcher:
         """Create a watcher.
 
         find: returns the socket of the daemon; raises CellError while there is none. place: of the session. shows:
-        called with each
-        view. source: source of updates in place of the daemon. begin: command that starts a session.
+        called with each view. source: source of updates in place of the daemon. begin: command that starts a session.
         """
         self.board = Board()
         self.view = LiveView()

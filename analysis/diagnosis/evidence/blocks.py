@@ -73,13 +73,11 @@ def recent(kept: dict[_Key, _One], key: _Key, compute: Callable[[], _One], most:
 
 BAND_EDGES = (0, 3, 8, 16, 30, 60, 120, ORDERS)
 """Edges of the bands of orders; an unexplained residual may have a separate strength in each band. Chosen: bands of
-about one
-octave, so that joint motion (below order 8), gears and probe noise are separated.
+about one octave, so that joint motion (below order 8), gears and probe noise are separated.
 """
 _SLOW = 8
 """Orders below this are as slow as the noise of a robot at rest. Chosen: one eighth of a lap lasts several seconds,
-longer than
-the correlation times of most noise.
+longer than the correlation times of most noise.
 """
 _BORROWED = 2.0
 """Degrees of freedom of the prior for each order of a trend, relative to those of few repeats."""
@@ -237,8 +235,7 @@ def _trend_sd(sampling: Sampling, raw: Repeated, sd_mm: Array, noise: CircleNois
     """Return the standard deviation (14,) mm of the trend between laps, empty without a trend.
 
     It is that of one lap, given that (N,) of the mean, plus the excess in repeated runs over the drift of joints and
-    ball.
-    Without measurements this drift is included.
+    ball. Without measurements this drift is included.
     """
     if not len(sampling.trend):
         return np.empty(0)
@@ -265,8 +262,7 @@ def _trend_sd(sampling: Sampling, raw: Repeated, sd_mm: Array, noise: CircleNois
 
 _STEP_DEG = 1e-4
 """Step of the derivatives by a joint angle. Readings are linear over such a step, which moves the tool of a one-metre
-arm by 2
-µm, far from the limits of floating-point arithmetic.
+arm by 2 µm, far from the limits of floating-point arithmetic.
 """
 _STEP_MM = 0.01
 """Step of the derivatives by a set-up term, within the linear range."""
@@ -365,8 +361,7 @@ class SimulatedBlock:
 
     def late(self, effect: Effect) -> Array:
         """Return the change (N, c) of the whitened readings of a circle if the joint errors of an effect are delayed by
-        each of c
-        healthy-sized stamp effects; zero at targets.
+        each of c healthy-sized stamp effects; zero at targets.
         """
         stamps = late_stamps()
         if not self.block.sampling:
@@ -378,8 +373,7 @@ class SimulatedBlock:
 
     def scattered(self, effect: Effect) -> Array:
         """Return the change (N, 1) of the whitened readings of a circle if the joint errors of an effect are averaged
-        over an earlier
-        and a later time, as for scattering stamps; zero at targets.
+        over an earlier and a later time, as for scattering stamps; zero at targets.
         """
         if not self.block.sampling:
             return np.zeros((len(self.block.y_mm), 1))
@@ -434,8 +428,7 @@ class SimulatedBlock:
 @dataclass(frozen=True, eq=False)
 class SharedBlock(SimulatedBlock):
     """Simulated block shared by several linearisations, caching the columns (N,) of every requested effect: 15 MB for
-    three runs of
-    a circle.
+    three runs of a circle.
     """
 
     _columns: dict[Effect, Array] = field(default_factory=dict, init=False, repr=False)

@@ -41,7 +41,7 @@ class FittingArm(Tabular):
 
     @property
     def better(self) -> ArmFit | None:
-        """The arm that fits clearly better; None if the runs do not tell them apart."""
+        """The arm that fits clearly better; None if the runs do not distinguish them."""
         best, worse = sorted(self.fits, key=lambda fit: fit.rms_um)
         return best if best.rms_um < _CLEARLY * worse.rms_um else None
 

@@ -1,10 +1,8 @@
 """Known socket distances as additional readings, each connecting the set-ups of two sockets.
 
 Touches of one ball cannot show a common scale of all arm lengths: the sockets are then proportionally further apart. A
-known
-distance shows it. It is a reading of two set-ups, independent of arm errors, with the scatter of two seated balls; its
-own
-error is common to all placements of the sockets.
+known distance shows it. It is a reading of two set-ups, independent of arm errors, with the scatter of two seated
+balls; its own error is common to all placements of the sockets.
 """
 
 from __future__ import annotations
@@ -42,8 +40,7 @@ class KnownDistances:
 
     def by_setup(self, setups: Mapping[str, SetUp], terms: Mapping[str, Sequence[int]], count: int) -> Array:
         """Return the change (t, count) of the distances per mm of each set-up term, in the same unit; `terms`: of each
-        set-up, that of
-        the socket first.
+        set-up, that of the socket first.
         """
         slopes = np.zeros((len(self.pairs), count))
         for row, pair in zip(slopes, self.pairs, strict=True):

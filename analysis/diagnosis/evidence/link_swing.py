@@ -1,8 +1,7 @@
 """Vibration of the link, with a new phase in every run: searched in the time of each run instead of the circle angle.
 
 Because of the varying phase, repeats average it out and no fit along the circle detects it. All runs share its
-frequency, so
-the spectra of their deviations from the mean of repeats are added, each divided by its own noise.
+frequency, so the spectra of their deviations from the mean of repeats are added, each divided by its own noise.
 """
 
 from __future__ import annotations
@@ -27,16 +26,13 @@ frequencies.
 """
 _FINER = np.linspace(-0.75, 0.75, 25)
 """Fitted frequencies, in search steps around the largest line. The deviations lack the part common to the laps of all
-repeats,
-so their largest line may be next to the vibration. Chosen: a sixteenth of a step is 0.01 of a turn from the first to
-the last
-lap.
+repeats, so their largest line may be next to the vibration. Chosen: a sixteenth of a step is 0.01 of a turn from the
+first to the last lap.
 """
 _SEEN = 0.2
 """Minimum share of power visible in the deviations for fitting a combination of vibrations. If every lap meets the
-vibration at
-the same phase, the common part is invisible. Chosen: with a twentieth, a frequency next to the true one was preferred,
-because a hardly visible combination absorbed the rest.
+vibration at the same phase, the common part is invisible. Chosen: with a twentieth, a frequency next to the true one
+was preferred, because a hardly visible combination absorbed the rest.
 """
 
 _COMMON_SIGMA = 3.0
@@ -52,8 +48,7 @@ Chosen.
 @dataclass(frozen=True)
 class FoundVibration:
     """Vibration with parameter uncertainties and log evidence. `scatter_um`: rms contribution, per set-up, to the
-    scatter of one run
-    with averaged laps.
+    scatter of one run with averaged laps.
     """
 
     effect: Effect
@@ -114,10 +109,8 @@ def _with_the_common_part(
     """Return frequency, amplitude and its standard uncertainty of a vibration including the common part of all repeats.
 
     frequency_hz, amplitude_mm, sd_mm: from the deviations. f (F,): frequencies searched. A vibration synchronous with
-    the program
-    has equal phase in every run, invisible in deviations. Other common parts, such as gear waves, are about as large at
-    adjacent
-    frequencies.
+    the program has equal phase in every run, invisible in deviations. Other common parts, such as gear waves, are about
+    as large at adjacent frequencies.
     """
     near = int(np.argmin(np.abs(f - frequency_hz)))
     tried_hz = frequency_hz + (f[1] - f[0]) * _FINER
@@ -204,8 +197,7 @@ class _Repeated:
 @dataclass(frozen=True)
 class _Fit:
     """Vibration with separate phases in n repeats: cosines and sines `waves` (n, 2) mm, explained energy in mm², number
-    of visible
-    run combinations, and sum of the variances of the waves for a noise of 1 mm.
+    of visible run combinations, and sum of the variances of the waves for a noise of 1 mm.
     """
 
     waves: Array

@@ -38,13 +38,11 @@ SCATTER_DEG, SCATTER_MM = 0.0002, 0.001
 """Unit of scatter of joints and ball in `scatter_response`, without influence on the result."""
 _MULTIPLES = np.array([0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0])
 """Scatter tried, in these units; the largest exceeds that of real cells, 0.005° and 20 µm. Chosen: factors of two,
-because few
-repeats do not separate closer ones and their average is used.
+because few repeats do not separate closer ones and their average is used.
 """
 DRIFTING_SHARE = 0.5
 """Default share of a run's scatter energy that drifts along the run: encoders and warming move joints and ball
-smoothly. Chosen:
-one half.
+smoothly. Chosen: one half.
 """
 _SHARES = np.array([0.0, 0.3, 0.6, 0.9])
 """Shares tried with repeats. Chosen: a few runs do not separate closer ones."""
@@ -54,8 +52,7 @@ _DRIFT_ORDERS = 3
 """Orders of the drift, in cycles per run. Chosen: slower than any joint motion of a circle."""
 _SEEN = 0.1
 """Size in noise standard deviations below which a combination of scattered terms is ignored. Chosen: it changes a
-variance by
-one hundredth.
+variance by one hundredth.
 """
 
 
@@ -125,8 +122,8 @@ class Repeated:
     """Repeated runs of one test and direction.
 
     `rows` (n, N) mm of n runs; responses `response` (N, axes + 3) mm and `drifting` (w, N, axes + 3) mm to a unit
-    scatter; number
-    of laps averaged in a row; `stamps` (N, s) mm: response to one standard deviation of stamp scatter at a few angles.
+    scatter; number of laps averaged in a row; `stamps` (N, s) mm: response to one standard deviation of stamp scatter
+    at a few angles.
     """
 
     setup: str
@@ -165,8 +162,7 @@ class Repeated:
 
     def _regression(self, scatter: RunScatter, sd_mm: Array) -> tuple[Array, Array]:
         """Return the response (N, c) to one standard deviation of scatter and stamps, relative to the noise sd_mm (N,),
-        and the
-        estimator (c, N) of their coefficients.
+        and the estimator (c, N) of their coefficients.
         """
         scattered = scatter_columns(self.response, self.drifting, scatter)
         columns = np.concatenate([scattered, self.stamps], axis=1) / sd_mm[:, None]
@@ -176,8 +172,7 @@ class Repeated:
 
     def whitened(self, sd_mm: Array) -> tuple[Array, Array, Array]:
         """Return deviations (n, N), constant response (N, c) and drifting response (w, N, c) in standard deviations of
-        noise sd_mm (N,)
-        and stamps combined.
+        noise sd_mm (N,) and stamps combined.
         """
         directions, size, _ = np.linalg.svd(self.stamps / sd_mm[:, None], full_matrices=False)
         less = directions * (1 - 1 / np.sqrt(1 + size**2))
@@ -261,8 +256,7 @@ Chosen.
 """
 _SLOW_CORNER = 5.0
 """Order at which assumed slow noise has half its power: a correlation time of 1.5 s in a lap of 45 s, within the 0.1 to
-5 s of
-real cells.
+5 s of real cells.
 """
 _NOISE_ROUNDS = 4
 """Rounds of alternating noise and scatter estimates. Chosen: a further round changes the noise by less than its
@@ -270,22 +264,19 @@ uncertainty.
 """
 _BORROWED = 4.0
 """Degrees of freedom contributed by the finer neighbour of a band. Chosen: as for targets, fewer than those of a band
-without
-scatter.
+without scatter.
 """
 _LEAST_MM = 1e-5
 """Smallest standard deviation of an entry, far below any gauge, so that exact repeats do not give infinite weights."""
 _LEAST_FREE = 0.1
 """Smallest remaining share of a reading after removing the scatter of a run. Chosen: limits the correction to a factor
-of about
-three.
+of about three.
 """
 _LEAST_LEVEL = 1e-6
 """Smallest level of a run, so that an exactly repeated run does not get infinite weight."""
 _AGREEMENT = 4.0
 """Degrees of freedom contributed by all targets together to the variance of one (Smyth 2004). Chosen: permits the
-tenfold
-differences between targets of real cells.
+tenfold differences between targets of real cells.
 """
 LEAST_ASSUMED = (TARGET_MM.low / TARGET_MM.rms) ** 2
 """Smallest power of assumed noise, relative to its mean: the lower bound of real cells."""
@@ -294,8 +285,7 @@ LEAST_ASSUMED = (TARGET_MM.low / TARGET_MM.rms) ** 2
 @dataclass(frozen=True)
 class CircleNoise:
     """Noise of circles. `sd_mm`: array (n, N) per block. `scattered`: scatter of each set-up. `measured`: whether it
-    comes from
-    repeats.
+    comes from repeats.
     """
 
     sd_mm: tuple[Array, ...]
@@ -350,8 +340,7 @@ def _setup_noise(every: Sequence[Repeated]) -> tuple[list[Array], RunScatter]:
     """Return the noise (n, N) mm of the runs of each repeated group of a set-up, and their scatter.
 
     Noise and scatter are estimated alternately, each after removing the other; the first round takes the noise from the
-    part that
-    scatter cannot explain.
+    part that scatter cannot explain.
     """
     parts = [unscattered(runs.apart, np.concatenate([runs.response, *runs.drifting], axis=1)) for runs in every]
     levels = [np.ones((len(runs.apart), 4)) for runs in every]
@@ -422,8 +411,7 @@ def target_sd(rows_mm: Array, response: Array, alike: NDArray[np.int64]) -> tupl
     determine it.
 
     Scatter common to all targets of a run, with a response (N, c), is excluded. `alike` (N,): equal integers for
-    readings of the
-    same place and approach.
+    readings of the same place and approach.
     """
     mean = rows_mm.mean(axis=0)
     unexplained, free = unscattered(rows_mm - mean, response)
@@ -464,8 +452,8 @@ too.
 """
 _MOST = GRID // 16
 """Largest number of angles of a lap treated separately, those with most noise. Chosen: with backlash and a spike of 45
-healthy
-sizes up to 60 angles have such noise, but twice as many columns lower the noise of the orders by only a few per cent.
+healthy sizes up to 60 angles have such noise, but twice as many columns lower the noise of the orders by only a few per
+cent.
 """
 _LEAST_LATE_MM = 1e-4
 """Noise in mm below which no angle is treated separately: a digit of the finest gauges of such a link."""
@@ -473,14 +461,11 @@ _LEAST_LATE_MM = 1e-4
 
 def stamp_noise(samplings: Sequence[Sampling], t_s: Sequence[Array], readings_mm: Sequence[Array]) -> Array:
     """Return the response of the entries of a lap to one standard deviation of stamp scatter, (N, c) mm: a column for
-    each angle of
-    the grid with fast changes.
+    each angle of the grid with fast changes.
 
     The readings of the model, (m, 2) mm at times (m,) s for each of some repeated runs, give the rate of change; the
-    stamps of
-    these runs are assumed to scatter equally. Rows of fast gauges are means of many readings with less scatter, but a
-    crossing
-    shorter than a row causes an error of this size in them too.
+    stamps of these runs are assumed to scatter equally. Rows of fast gauges are means of many readings with less
+    scatter, but a crossing shorter than a row causes an error of this size in them too.
     """
     laps, none = [], np.zeros((1, 2))
     for sampling, t, readings in zip(samplings, t_s, readings_mm, strict=True):

@@ -1,8 +1,7 @@
 """Runs in the form of a fit: readings to explain, path, laps, standstills and joint ranges.
 
 A run is a table with its relevant readings; in a diagnosis it has a smooth path, its lap and its standstills, so that
-it can
-be compared with its repeats. The joint ranges of runs limit the validity of a model.
+it can be compared with its repeats. The joint ranges of runs limit the validity of a model.
 """
 
 from __future__ import annotations
@@ -36,10 +35,9 @@ class ObservedRun:
     """Run to be explained relative to the model of its rig file.
 
     `rows` (m,): table rows of the readings used. `values` (m, k) mm: readings. Runs with equal set-up names share a
-    set-up. In a
-    diagnosis the path of a circle is smooth, and the rows of standstills follow those of the lap, which `sampling`
-    contains as
-    orders; `wild`: number of readings replaced by interpolation; `step_mm`: quantisation of the coarser gauge.
+    set-up. In a diagnosis the path of a circle is smooth, and the rows of standstills follow those of the lap, which
+    `sampling` contains as orders; `wild`: number of readings replaced by interpolation; `step_mm`: quantisation of the
+    coarser gauge.
     """
 
     model: Model
@@ -87,8 +85,7 @@ class ObservedRun:
     @property
     def on_lap(self) -> ObservedRun:
         """Return the run of (m, k) mm used for stating errors: for a circle only the lap, because standstills would
-        count one place
-        hundreds of times.
+        count one place hundreds of times.
         """
         if self.sampling is None:
             return self
@@ -260,8 +257,7 @@ def smooth_path(run: ObservedRun) -> ObservedRun:
 
 GRID = 512
 """Circle angles of an interpolated lap; the highest order is slightly below half of it. Chosen: a power of two for the
-Fourier
-transform, with 0.7 degrees per step.
+Fourier transform, with 0.7 degrees per step.
 """
 ORDERS = GRID // 2
 """Number of orders of a channel, including order 0."""
@@ -269,8 +265,7 @@ ORDER_OF: Integers = np.tile(np.concatenate([[0], np.arange(1, ORDERS), np.arang
 """Order of each entry of a circle's vector: first for the sum of the gauges, then for their difference."""
 STAMP_SCATTER = 0.25
 """Standard deviation of possible stamp scatter, relative to the sampling interval. Chosen: with a quarter, one reading
-in 400
-passes the next.
+in 400 passes the next.
 """
 _ROWS = 2 * GRID
 """Rows per lap sufficient for its orders; the rows of faster gauges are averaged."""
@@ -279,15 +274,13 @@ _STANDS = 0.02
 feedback."""
 _MOST_APART = GRID // 16
 """Largest bridged distance between the start angles of repeated laps, in grid steps. Chosen: repeats of a program begin
-within a
-row.
+within a row.
 """
 _LEAST_STAND = 3
 """Minimum rows of a standstill. Chosen: fewer give no mean."""
 TREND_ORDERS = 4
 """Orders of the trend between laps: a growing ball, gauge or arm changes readings in orders 0 and 1, and an eccentric
-ball adds
-the next. Chosen: twice as many.
+ball adds the next. Chosen: twice as many.
 """
 ORDER_OF_TREND: Integers = np.tile(np.concatenate([np.arange(TREND_ORDERS), np.arange(1, TREND_ORDERS)]), 2)
 """Order of each trend entry, in the order of `ORDER_OF`."""
@@ -360,8 +353,7 @@ class Sampling:
 
     def vector(self, values: Array) -> Array:
         """Return readings (m, 2, …) of two gauges as entries (N, …): orders of sum and difference (unitary), means over
-        standstills, and
-        slow orders of the trend between laps.
+        standstills, and slow orders of the trend between laps.
         """
         parts = [by_orders(self.gridded(values))]
         for rows in self.stands:
@@ -407,10 +399,8 @@ def bridging(samplings: Sequence[Sampling]) -> list[Sampling]:
     """Return the samplings of repeated laps with the same grid angles bridged at their start.
 
     A joint may end a lap a turn away from its start, with a step of angle-dependent errors of a tenth of a millimetre.
-    Repeats
-    begin within a row of each other, so at one grid angle some would show the end of their laps and others the
-    beginning. Laps
-    with distant starts are unchanged.
+    Repeats begin within a row of each other, so at one grid angle some would show the end of their laps and others the
+    beginning. Laps with distant starts are unchanged.
     """
     first = samplings[0].begin
     offsets = [(sampling.begin - first + GRID / 2) % GRID - GRID / 2 for sampling in samplings]
@@ -490,8 +480,7 @@ def without_wild(table: CircleTable) -> CircleTable:
 
 def averaged(table: CircleTable, count: int) -> CircleTable:
     """Return a circle with each `count` rows (count, …) averaged, which limits the cost of fast gauges; incomplete
-    groups at the end
-    are omitted.
+    groups at the end are omitted.
     """
     if count < 2:
         return table

@@ -1,17 +1,13 @@
 """Placements: runs that share a set-up.
 
 Runs of one test and placement share a set-up unless their readings show a move. A placement has a name if the user gave
-one
-during recording or import; otherwise the readings decide.
+one during recording or import; otherwise the readings decide.
 
 Circles of one direction repeat each other, so model errors displace their balls equally, and balls further apart than
-the
-scatter of a real cell were mounted separately. Backlash shifts the ball of one direction relative to the other, so
-frames of
-both directions are matched only. Runs at targets, and poses, that cannot share a rigid frame have far larger residuals
-together than separately. Poses of all placements share the target on the tool, so a placement of few poses only needs
-its
-frame from them; the data proves a moved reflector.
+the scatter of a real cell were mounted separately. Backlash shifts the ball of one direction relative to the other, so
+frames of both directions are matched only. Runs at targets, and poses, that cannot share a rigid frame have far larger
+residuals together than separately. Poses of all placements share the target on the tool, so a placement of few poses
+only needs its frame from them; the data proves a moved reflector.
 """
 
 from __future__ import annotations
@@ -41,32 +37,27 @@ from rigs.rig import Rig
 
 _APART = 3.0
 """Ratio of the common residual of two runs to the separate ones, above which they have separate frames. Chosen: a wrong
-model
-increases both.
+model increases both.
 """
 _APART_MM = 5 * BALL_MM.high
 """Minimum difference between these residuals: five times the largest scatter of a ball between runs in real cells."""
 _MOVED_MM = 3 * float(np.hypot(BALL_MM.high, 1000 * np.radians(JOINT_DEG.high)))
 """Change of the readings between repeated circles above which the ball was moved: three times the largest scatter of
-ball and
-joints of real cells, at the end of a one-metre arm.
+ball and joints of real cells, at the end of a one-metre arm.
 """
 _ENOUGH_ROWS = 256
 """Number of readings of a circle used to locate its frame. Chosen: with a micrometre of noise they locate the ball to a
-tenth of
-a micrometre, and a moved ball is a thousand times further off.
+tenth of a micrometre, and a moved ball is a thousand times further off.
 """
 TO_SPARE = 9
 """Surplus of readings over set-up terms required for a meaningful residual of a single run. Chosen: three poses of
-three
-coordinates.
+three coordinates.
 """
 
 
 def observe_runs(rig: Rig, runs: Sequence[Measured]) -> list[ObservedRun]:
     """Return runs of (m, k) mm in the form of a fit, each with the set-up of its placement. Raises FileError for a run
-    of a different
-    robot.
+    of a different robot.
     """
     model = model_of(rig)
     for run in runs:
@@ -138,8 +129,7 @@ def split_by_target(runs: Sequence[ObservedRun], names: Sequence[str]) -> tuple[
 
 def _settled(settled: dict[str, list[ObservedRun]], setup: str, runs: Sequence[ObservedRun]) -> str:
     """Return the set-up name for runs, relative to settled ones: with the target of one of these, in the frame of one
-    with its own
-    target, or both.
+    with its own target, or both.
     """
     if not settled:
         return setup
@@ -187,8 +177,7 @@ def with_enough_readings(runs: Sequence[ObservedRun]) -> tuple[list[int], list[s
 
 def reach_mm(judged: Mapping[str, SetUp], used: Mapping[str, SetUp]) -> float:
     """Return the largest distance (mm) of a validated socket from all used ones of other placements, or, for a single
-    placement, from
-    all others.
+    placement, from all others.
 
     Errors of an arm further away are invisible, and reached four u for real arms.
     """

@@ -37,8 +37,7 @@ from rigs.rig import Rig
 
 _FEW = 1e-3
 """Share of outliers below which they are not reported: at backlash crossings some valid readings are classified as
-outliers.
-Chosen.
+outliers. Chosen.
 """
 
 
@@ -47,10 +46,8 @@ def prepare_runs(rig: Rig, *uses: Sequence[Measured]) -> tuple[list[list[Observe
     frames and wiring.
 
     All runs of one cell and placement share a set-up and its name, regardless of their use. Runs that only fit with a
-    convention
-    different from their label, and runs of a set-up that absorbs all of their readings (m, k), are left out. Raises
-    FileError for
-    a run of a different robot, and if a convention leaves no run of the first use.
+    convention different from their label, and runs of a set-up that absorbs all of their readings (m, k), are left out.
+    Raises FileError for a run of a different robot, and if a convention leaves no run of the first use.
     """
     uses, doubts = _with_joints(uses)
     runs = [run for use in uses for run in use]
@@ -97,8 +94,7 @@ def _with_joints(uses: Sequence[Sequence[Measured]]) -> tuple[tuple[Sequence[Mea
 
 def _doubts_of_gauges(findings: Sequence[Finding], counted: Sequence[tuple[str, int, Table]]) -> list[str]:
     """Return a message for each doubt about the gauges with the affected runs (repeats do not reveal it), and one with
-    the number of
-    outliers of circles, if large.
+    the number of outliers of circles, if large.
 
     counted: name, number of outliers and original table of each run.
     """
@@ -177,13 +173,11 @@ def _without_far(
 
 _NEAR = 2.5
 """Robust standard deviations within which a reading counts in set-up fits, at least the largest of real cells, 0.06 mm.
-Chosen:
-usual.
+Chosen: usual.
 """
 _STEPS = 4
 """Number of set-up fits, each to the readings close to the previous one (Rousseeuw's concentration steps): fitted to
-all
-readings, the set-up hid one outlier in nine.
+all readings, the set-up hid one outlier in nine.
 """
 
 
@@ -247,8 +241,7 @@ def _no_accidents(runs: Sequence[ObservedRun], wild: Sequence[Mask]) -> set[str]
 
 def _away(runs: Sequence[ObservedRun]) -> list[tuple[Array, Array]]:
     """Return the distance of the readings (m,) of each run from the model, in mm and in robust standard deviations of
-    their set-up,
-    with set-ups fitted to the close ones.
+    their set-up, with set-ups fitted to the close ones.
     """
     near: list[Mask] = [np.ones(len(run.rows), dtype=bool) for run in runs]
     distances_found: list[tuple[Array, Array]] = []

@@ -37,8 +37,7 @@ from analysis.robot.kinematics.arm import Array, Integers, forward
 @dataclass(frozen=True)
 class MarginalValues:
     """Values (N, k) with the data for products with C⁻¹, marginal over the coefficients of a background: `weighted` (N,
-    k) by the
-    noise, and `absorbed` (p, k), the part absorbed by the columns.
+    k) by the noise, and `absorbed` (p, k), the part absorbed by the columns.
     """
 
     values: Array
@@ -53,8 +52,7 @@ class MarginalValues:
 @dataclass(frozen=True)
 class FittedTerms:
     """Terms fitted in addition to the background: q columns in responses, with prior precision (q, q) and prior mean
-    (q,), and the
-    residual r (N,) of the model at zero terms.
+    (q,), and the residual r (N,) of the model at zero terms.
 
     `held` (q,): values of terms at a limit, with unchanged uncertainty, NaN for all others. Readings are whitened.
     """
@@ -243,8 +241,7 @@ class Gains:
     """Gain of n forms, each together with everything else, relative to a healthy share.
 
     Log evidence (n,) as a `fault`, and as the only form of `healthy` size of its name. `sigma` (n,): significance of a
-    healthy
-    size in sigmas. `size` (n,): size shown by the readings, in healthy sizes.
+    healthy size in sigmas. `size` (n,): size shown by the readings, in healthy sizes.
     """
 
     fault: Array
@@ -304,9 +301,8 @@ class Posterior:
         return np.asarray(without_terms + taken @ self.term_covariance @ np.swapaxes(taken, -1, -2), dtype=float)
 
     def joint_covariance(self, columns: int, fitted: int) -> Array:
-        """Return the covariance (f + c, f + c) of the first `fitted` terms, followed by the first `columns` of the
-        background, in healthy
-        sizes.
+        """Return the whitened covariance (f + c, f + c) of the first `fitted` terms, followed by the first `columns` of
+        the background, in healthy sizes.
         """
         among_terms, taken = self.term_covariance[:fitted], self._taken[:columns, :-1]
         across = -among_terms @ taken.T
@@ -330,13 +326,11 @@ class Posterior:
 
     def left_out(self, rows: Integers) -> tuple[Array, Array]:
         """Return the prediction errors (n,) of some whitened rows (n,) from all others, and their covariance (n, n)
-        without the noise of
-        the readings.
+        without the noise of the readings.
 
         For a normal distribution both follow without a fit: with C the covariance of the readings, the residuals are
         (C⁻¹)_rows⁻¹ (C⁻¹ y)_rows and their covariance is (C⁻¹)_rows⁻¹ (Rasmussen and Williams, 2006, 5.4.2). The
-        influence of the
-        rows on fitted sizes and widths is not removed.
+        influence of the rows on fitted sizes and widths is not removed.
         """
         background, weight = self.background, self.background.weight[rows]
         X = background.columns.X[rows]
@@ -417,8 +411,7 @@ class Posterior:
 
     def cavity(self, columns: Array) -> tuple[Array, Array]:
         """Return the information of the readings about whitened columns (N, q) in addition to everything else:
-        precision Λ (q, q) and
-        vector η (q,).
+        precision Λ (q, q) and vector η (q,).
         """
         marginal = self.background.marginal(columns)
         across = self._marginal.products(marginal)
@@ -469,8 +462,7 @@ def cavity_evidence(values: Array, seen: Array, variance: Array | float) -> Arra
 
 _WAVES = 24
 """Half waves over the range of an angle, or the duration of a run, with strength inversely proportional to the order,
-as for a
-random walk, so that bends and steps are possible. Chosen: fine enough for features of a few degrees.
+as for a random walk, so that bends and steps are possible. Chosen: fine enough for features of a few degrees.
 """
 _WAVES_BY_WAY = 8
 """The same of an error that changes with the way a joint turns. Chosen: friction and torque change slowly."""
@@ -495,8 +487,7 @@ FREE_PRICE = 6.0
 @dataclass(frozen=True)
 class FreeForm:
     """Form with its description and columns (N, c) in noise standard deviations. A selected form has its most likely
-    strength, and
-    its log evidence after the price of the selection.
+    strength, and its log evidence after the price of the selection.
     """
 
     words: str

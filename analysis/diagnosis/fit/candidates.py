@@ -1,10 +1,8 @@
 """Candidate effects, and the columns of all possible changes of the readings.
 
 `candidates_for` lists every effect visible in these runs, and `columns_for` creates their `Columns`: responses to each
-form
-at a healthy size, followed by set-ups and scatter between runs. `departure_columns` contain deviations of real gears,
-balls
-or brakes from the ideal form.
+form at a healthy size, followed by set-ups and scatter between runs. `departure_columns` contain deviations of real
+gears, balls or brakes from the ideal form.
 """
 
 from __future__ import annotations
@@ -36,8 +34,7 @@ _PLAY_SIGMA = 15.0
 """Size in sigmas of the narrowest backlash tried. Chosen: well above the detection limit of 7 sigma."""
 _PLAYS = (1.0, 6.0, 30.0)
 """Backlash widths tried, in healthy widths: of healthy arms, and two faults of 5 to 100 healthy sizes. Chosen: factors
-of about
-five, refined by the fit.
+of about five, refined by the fit.
 """
 
 
@@ -108,17 +105,14 @@ def _scope(blocks: Sequence[Block]) -> Scope:
 
 _REVERSAL_SHIFT = 0.4
 """Standard deviation of the error at a sample next to a reversal, relative to the effect's size, and of the reversal
-time,
-relative to the sampling interval. Chosen: the time is known to about one sample, so any part of the jump may be on
-either
-side.
+time, relative to the sampling interval. Chosen: the time is known to about one sample, so any part of the jump may be
+on either side.
 """
 _LEAST = 1e-3
 """Largest entry, in noise standard deviations, of a column that can be left out."""
 _NEGLIGIBLE = 0.01
 """Largest standard deviation along a direction, relative to the noise, left out by `fewest_columns`. Chosen: a
-ten-thousandth of
-the noise variance.
+ten-thousandth of the noise variance.
 """
 _PARTS = 16
 """Parts of a fault's backlash with separate initial positions. Chosen: finer than the rounding of a backlash
@@ -155,8 +149,7 @@ def departure_columns(linear: Linearisation, effect: Effect) -> Array:
 
 def alike_columns(linear: Linearisation, effect: Effect) -> Array:
     """Return columns (N, f) of effect combinations that resemble an effect, one standard deviation each, in noise
-    standard
-    deviations.
+    standard deviations.
     """
     parts = [_shares(linear, combined).sum(axis=1) for combined in effect.departures().alike]
     return np.stack(parts, axis=1) if parts else np.empty((len(linear.y), 0))
@@ -188,8 +181,7 @@ def _initial_play(linear: Linearisation, axis: int, half_width_deg: float, parts
     """Return columns (N, b) for the unknown position of a joint in its backlash at the start of each circle.
 
     Its influence lasts until the joint has crossed the backlash, possibly much of a lap. The range ± half_width_deg is
-    divided
-    into parts, each with a column per circle; all positions are equally likely.
+    divided into parts, each with a column per circle; all positions are equally likely.
     """
     edges, half_width_rad = np.linspace(-1, 1, parts + 1), np.radians(half_width_deg)
     # Rms of the share of each part between its middle and a random position.
@@ -209,10 +201,8 @@ def _reversal_shifts(linear: Linearisation, axis: int, size_deg: float, fades_s:
     """Return columns (N, j) for the samples around each reversal of a joint.
 
     The time of a reversal is known to about one sample and varies by that between repeats, so a spike may start earlier
-    or later,
-    and backlash may be crossed differently. A spike decaying in fades_s (s) is smaller or larger from then on: more
-    remains if it
-    started later.
+    or later, and backlash may be crossed differently. A spike decaying in fades_s (s) is smaller or larger from then
+    on: more remains if it started later.
     """
     jolts, faded = [], [np.empty((len(linear.y), 0))]
     for k, (simulated, rows) in enumerate(zip(linear.simulated, linear.rows, strict=True)):
@@ -242,8 +232,7 @@ def _that_change(columns: Array) -> Array:
 
 def _apart(linear: Linearisation, whole: Array, *, sampling: bool) -> Array:
     """Return columns (N, c) separately for each circle, or, without sampling, for each block of targets, as (N, f):
-    zero elsewhere,
-    without ineffective ones.
+    zero elsewhere, without ineffective ones.
     """
     columns = [np.empty((len(whole), 0))]
     for block, rows in zip(linear.blocks, linear.rows, strict=True):
@@ -264,27 +253,21 @@ def _apart(linear: Linearisation, whole: Array, *, sampling: bool) -> Array:
 
 _BALL_MM, _PLACED_MM = 10.0, 1000.0
 """Prior standard deviation of a set-up term about its first fit: of a ball, and of an instrument or its target. It
-matters only
-for poorly determined terms, such as a ball's height above the plane of a circle. Chosen: a ball is placed at the centre
-of
-the tool's circle, and an instrument anywhere. Poses of a UR10 with two main directions of the last axis move instrument
-and
-target by 60 mm; with 10 mm, a length at its limit absorbed 12 mm of them.
+matters only for poorly determined terms, such as a ball's height above the plane of a circle. Chosen: a ball is placed
+at the centre of the tool's circle, and an instrument anywhere. Poses of a UR10 with two main directions of the last
+axis move instrument and target by 60 mm; with 10 mm, a length at its limit absorbed 12 mm of them.
 """
 _DETECTABLE_SIGMA = 3.0
 """Minimum significance of the largest fault, with a known set-up, for its form to get a column. Chosen: below the
-detection
-limit of 7 sigma.
+detection limit of 7 sigma.
 """
 LARGEST_FAULT = 68.0
 """Largest size of a fault, in healthy sizes: the last of the sizes 6, 11, 20, 37 and 68, because faults are 5 to 100
-healthy
-sizes.
+healthy sizes.
 """
 _SMALLEST_FAULT = 6.0
 """Smallest size of a fault, relative to the level of the arm. It follows from the definition of a fault as 5 to 100
-healthy
-sizes, with a margin of one.
+healthy sizes, with a margin of one.
 """
 _MEAN = float(np.sqrt(2 / np.pi))
 """Mean magnitude of a standard normal variable: mean of a non-negative effect in a healthy arm."""
@@ -296,8 +279,7 @@ _EQUAL = np.ones(1)
 """Relative weights of a band with equal weights."""
 _SIZE_RATIO = 1.85
 """Ratio of consecutive fault sizes, giving the sizes 6, 11, 20, 37 and 68 in a healthy arm. Chosen: the evidence is an
-average
-over sizes and smooth in their logarithm.
+average over sizes and smooth in their logarithm.
 """
 
 
@@ -513,8 +495,7 @@ class Columns:
         """Return the largest usual variance (p,), in healthy sizes squared, of the coefficients at a level.
 
         It is that of a healthy arm for constants with separate widths, and unlimited for all others. A width inferred
-        from a single
-        large constant would equal it, and make any fault usual.
+        from a single large constant would equal it, and make any fault usual.
         """
         usual = np.full(len(self.healthy), np.inf)
         constants = self.curves.of_constants
@@ -579,8 +560,7 @@ def forms_of(every: Sequence[Candidate]) -> tuple[Form, ...]:
 
 def healthy_shares(forms: Sequence[Form], present: Collection[str] = ()) -> Array:
     """Return the prior variance (p,) of form columns in a healthy arm, in healthy sizes squared, distributed over the
-    forms of each
-    name.
+    forms of each name.
 
     present: names already in the model.
     """
@@ -593,10 +573,8 @@ def shares_beside(forms: Sequence[Form], effect: Effect) -> Array:
     """Return the share of healthy variance kept by each form (n,) if an effect is named: zero for its own name.
 
     A gear may have further waves in addition to the named one, hardly separable for a joint with little motion: without
-    them the
-    size of a wave of order 16 was 5 % too large in the presence of order 20, 4 times its uncertainty. Most orders are
-    whole, like
-    numbers of teeth, so the named wave takes the share of one order from its nearest form.
+    them the size of a wave of order 16 was 5 % too large in the presence of order 20, 4 times its uncertainty. Most
+    orders are whole, like numbers of teeth, so the named wave takes the share of one order from its nearest form.
     """
     name = name_of(effect)
     keeps = np.array([form.name != name for form in forms], dtype=float)
@@ -631,10 +609,8 @@ def _likelihoods(forms: Sequence[Form]) -> Array:
     """Return the likelihood of each form (n,) among those of its name: by weight, except for gear orders.
 
     Orders are ratios of gear stages, so each octave is equally likely. With equal likelihood for every order of a joint
-    with a
-    large range, a healthy gear error of order 3 was expected to be a third of its size, and a similar form error of the
-    ball came
-    out 8 % too small, 6 times its uncertainty.
+    with a large range, a healthy gear error of order 3 was expected to be a third of its size, and a similar form error
+    of the ball came out 8 % too small, 6 times its uncertainty.
     """
     likely, names = np.array([form.weight for form in forms]), np.array([form.name for form in forms])
     for name in dict.fromkeys(names.tolist()):

@@ -11,8 +11,7 @@ maximum likelihood: MacKay, Neural Computation 4, 1992), with
 d log p(readings) / d log v_i = ½ ((m_i − mean_i)² + A_ii) / v_i − ½
 
 for a coefficient with prior variance v_i, posterior mean m_i and variance A_ii. On a UR10 (1495 and 632 poses) the
-joints
-have widths of 0.03 to 0.06°, ten times a healthy gear's, and a decay of 1.0 to 1.1.
+joints have widths of 0.03 to 0.06°, ten times a healthy gear's, and a decay of 1.0 to 1.1.
 """
 
 from __future__ import annotations
@@ -30,8 +29,7 @@ from rigs.schema.vocabulary import MOST_AXES
 
 _WIDTH, _WIDTH_SPREAD = 0.5, 2.0
 """Prior width of a curve, in healthy sizes of a gear error, and the standard deviation of its logarithm. Chosen: a
-tenth to four
-times a healthy gear is likely; readings decide except for joints with hardly any motion.
+tenth to four times a healthy gear is likely; readings decide except for joints with hardly any motion.
 """
 _DECAY, _DECAY_SPREAD = 1.0, 0.5
 """Prior decay and its standard deviation: a self-similar curve has 1."""
@@ -42,8 +40,7 @@ healthy sizes is
 """
 _PIECE, _MOST_OF_A_PIECE = 0.25, 1.0
 """Share of a wave below which a joint shows only a zero and a slope, and the largest standard deviation of its
-amplitude, in
-healthy sizes. Without it a zero of 0.3° of a joint with a range of 19° became a curve.
+amplitude, in healthy sizes. Without it a zero of 0.3° of a joint with a range of 19° became a curve.
 """
 _WIDTH_OF_A_KIND, _MOST_OF_A_KIND = 1.0, 5.0
 """Expected and largest width of constants of one kind, in healthy sizes: a larger one is a fault with its own name."""
@@ -53,8 +50,7 @@ _ENOUGH, _MOST_FITS = 0.5, 40
 
 LogLikelihood = Callable[["JointCurves", Array], tuple[float, Array, Array]]
 """Function of curves and noise strengths (b,) that returns the log likelihood of the readings, and its derivatives by
-the
-logarithms of the prior variances (c,), in healthy sizes squared, and of the strengths.
+the logarithms of the prior variances (c,), in healthy sizes squared, and of the strengths.
 """
 
 
@@ -68,8 +64,7 @@ class JointCurves:
     """Size of joint curves: widths in healthy sizes of a gear error, and decay of the amplitudes with the order.
 
     If kinds of arm constants have separate widths, those of angles, lengths and compliances follow those of the maximum
-    number of
-    joints, in healthy sizes.
+    number of joints, in healthy sizes.
     """
 
     widths: tuple[float, ...]
@@ -81,9 +76,8 @@ class CurveColumns:
     """Columns of joint curves among p columns.
 
     Indices (c,), joints (c,) from 0, orders (c,), number of whole orders represented (c,), and largest prior variances
-    (c,), in
-    healthy sizes squared. Constants with a separate width are represented as waves of order 1 of additional joints, one
-    per kind.
+    (c,), in healthy sizes squared. Constants with a separate width are represented as waves of order 1 of additional
+    joints, one per kind.
     """
 
     columns: NDArray[np.int64]

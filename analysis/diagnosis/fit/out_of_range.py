@@ -25,7 +25,7 @@ _LARGE = 0.25
 """Share of its limit from which a constant is looked at again: several large ones may share what one beyond its limit
 does. A zero off by 7° was found as zeros of 2.6 and 0.4°, a soft link and a gear error."""
 _ALIKE = 1.05
-"""Ratio of the residuals of two parameters up to which the readings do not tell them apart. Chosen: below the share of
+"""Ratio of the residuals of two parameters up to which the readings do not distinguish them. Chosen: below the share of
 the residual that an arm with errors of usual size adds by chance."""
 _TOLERANCE = 1e-3
 """Relative tolerance of a size at this stage; the later fit beside everything else decides it."""

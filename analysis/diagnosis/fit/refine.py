@@ -131,9 +131,9 @@ def refine(
     `fitted` is an earlier fit of the first of these effects. They move with the others along their earlier tangents,
     which costs a fraction of a full fit and has an error that grows with their movement; a final fit of all effects
     together removes it. A new effect begins within the limits of its size, which what stands beside it needs, too, and
-    one that others resemble is first fitted without them. `free` (N, f) has the columns
-    of free forms, one standard deviation each, and `rounds` is the largest number of Gauss-Newton rounds of a fit. One
-    that only `begins` ends before it is beside what resembles the new effect.
+    one that others resemble is first fitted without them. `free` (N, f) has the columns of free forms, one standard
+    deviation each, and `rounds` is the largest number of Gauss-Newton rounds of a fit. One that only `begins` ends
+    before it is beside what resembles the new effect.
     """
     before = fitted or no_effects(linear)
     old = len(before.effects)

@@ -1,10 +1,8 @@
 """List of actions from a diagnosis, each evaluated by its own remaining error at a validation place.
 
 The reduction by an action is computed by applying it to the model and refitting the set-ups, as for the gap, so
-contributions
-of other parts are not counted. The error of the complete model at the validation place is included in the uncertainty
-of each
-figure.
+contributions of other parts are not counted. The error of the complete model at the validation place is included in the
+uncertainty of each figure.
 """
 
 from __future__ import annotations
@@ -40,8 +38,7 @@ _REPEATS = 2
 """Runs per direction needed to show changes with time."""
 _RARE = 3.0
 """Ratio to the usual size above which an effect causing much of the error is repaired: three arms in a thousand show as
-much
-without a fault.
+much without a fault.
 """
 
 
@@ -160,8 +157,7 @@ def one_after_the_other(acts: Sequence[Act], judged: JudgedPlace) -> list[Act]:
 
 def _approaches(diagnosis: Diagnosis) -> list[Act]:
     """Return the interim action for direction-dependent effects, which targets cannot represent: a one-sided approach
-    to every
-    target.
+    to every target.
     """
     acts = []
     for k, part in enumerate(diagnosis.budget):
@@ -196,8 +192,7 @@ def _by_hand(diagnosis: Diagnosis, part: BudgetPart) -> list[Named]:
     """Return the effects of a part with a manual action: its own, and faults that cancel part of it.
 
     A certain effect of usual size causing much of the error is entered or re-mastered; it is repaired if few arms show
-    as much,
-    or if the arm exceeds its limits.
+    as much, or if the arm exceeds its limits.
     """
     of_part = [diagnosis.effects[part.index]] if part.index is not None else []
     rare = (part.times_usual or 0.0) >= _RARE or diagnosis.accuracy.standing in ("watch", "fail")
@@ -247,8 +242,7 @@ def _of_the_place(diagnosis: Diagnosis, judged: JudgedPlace) -> list[Against]:
 
 def _corrections(diagnosis: Diagnosis, judged: JudgedPlace) -> list[Act]:
     """Return the interim correction: programs and entries with all effects of the arm in the model, if the gain is
-    certain and
-    worthwhile.
+    certain and worthwhile.
     """
     if diagnosis.calibrated is None or verdict_of(diagnosis.calibrated) == "nothing":
         return []

@@ -1,7 +1,6 @@
 """Actions from a diagnosis as values: task, reduction, remaining error, and objections.
 
-Every output uses this list; the texts come from `analysis.report.act_words`. The first action is the next step.
-Actions
+Every output uses this list; the texts come from `analysis.report.act_words`. The first action is the next step. Actions
 are sorted by their reduction at a place without a part in the model.
 """
 
@@ -33,9 +32,8 @@ than a joint has; the model explains the runs no better with it; or an unexplain
 be what it imitates."""
 Objection = Literal["rivals", "doubt", "not_judged_elsewhere", "few_runs", "unexplained", "no_place"]
 """Objection to an action: a different cause is possible (`names`); the effect is doubted (`doubt`); no run of a
-different place
-validated it; too few runs (`runs` of each kind would decide); a large unexplained error; or no further test in the rig
-file.
+different place validated it; too few runs (`runs` of each kind would decide); a large unexplained error; or no further
+test in the rig file.
 """
 Reason = Literal[
     "fault", "sure_and_large", "not_enough", "correction", "rivals", "group", "few_runs", "one_lap", "unexplained",
@@ -46,7 +44,7 @@ Reason = Literal[
 such an error, where its correction for today is not enough; that correction; rivals are to be separated; a group is to
 be named; the runs are too few; one lap each way shows nothing slow; an unknown cause; the tests do not show it; how
 accurate the arm is elsewhere is not known; joints were read too early; a parameter is out of range; a test shows what
-the unexplained part follows; places visited once do not tell scatter from error. And why there is none: it differs from
+the unexplained part follows; single visits do not separate scatter and error. And why there is none: it differs from
 run to run; what a correction gains is too small; no target holds what depends on the way a joint came; it belongs to
 the gauges; nothing is wrong."""
 
@@ -79,8 +77,7 @@ FOUND = "FOUND/"
 @dataclass(frozen=True)
 class NamingTest:
     """Decisive test: description as arguments of `rig plan`, reason, expected odds of the likeliest cause after it, and
-    the causes
-    it separates.
+    the causes it separates.
     """
 
     test: str
@@ -153,8 +150,7 @@ def is_done(kind: str, why: str, *, way: str | None, elsewhere: bool) -> bool:
     """Return whether an action of this kind and reason is done.
 
     way: active correction, `entries` or `programs`, None without; entered values include zeros, so re-mastering would
-    correct
-    twice. elsewhere: whether a different place has validated.
+    correct twice. elsewhere: whether a different place has validated.
     """
     if (kind, why) == ("measure", "elsewhere"):
         return elsewhere

@@ -100,8 +100,7 @@ class Measure:
 
     def scatter_mm(self) -> list[Array]:
         """Return the responses (N, c) mm of each block to one standard deviation of all scatter between runs (joints,
-        ball, stamps),
-        without the part absorbed by set-ups.
+        ball, stamps), without the part absorbed by set-ups.
         """
         return self.linear.in_mm(self.without_set_up(np.concatenate([self.linear.Z, self.linear.stamps], axis=1)))
 
@@ -113,10 +112,8 @@ class Measure:
 @dataclass(frozen=True)
 class EffectChange:
     """Contribution of a fitted effect: `change` (N,) of the whitened readings, its rms and standard uncertainty in µm,
-    and its ratio
-    to a healthy one. `apart`: differences between single runs beyond noise and scatter, as a relative standard
-    uncertainty of
-    their mean.
+    and its ratio to a healthy one. `apart`: differences between single runs beyond noise and scatter, as a relative
+    standard uncertainty of their mean.
     """
 
     change: Array
@@ -130,8 +127,7 @@ def effect_changes(result: SearchResult) -> list[EffectChange]:
     """Return the contribution of each fitted effect to the readings (N,), including its departures.
 
     The uncertainty is that of the contribution instead of a parameter: correlated size and shape leave the contribution
-    as
-    certain as the readings show it.
+    as certain as the readings show it.
     """
     refined, posterior, measure = result.fit, result.posterior, Measure(result.linear)
     T, means, covariance = posterior.terms.T, posterior.term_means, posterior.term_covariance
@@ -287,8 +283,7 @@ class Budget:
     @cached_property
     def _not_shown(self) -> set[tuple[int, ...]]:
         """Return the columns of forms not testable in these runs: invisible names, and waves of which a joint covered
-        few cycles,
-        indistinguishable from a zero.
+        few cycles, indistinguishable from a zero.
         """
         hidden = self.result.selection.not_testable(self.result.state, self.result.posterior)
         of_curves = zip(self.result.columns.forms, *self.result.selection.waves_of_curves, strict=True)
@@ -344,8 +339,7 @@ class Budget:
 
 _WIDE = 100.0
 """Prior standard deviation of a share, relevant only for set-ups with hardly any information. Chosen: far beyond any
-share of
-interest.
+share of interest.
 """
 _CHANCE = 0.05
 """False alarm probability of a disagreement between set-ups. Chosen: the usual significance level."""
@@ -377,8 +371,7 @@ class SizesBySetUp:
         """Ratio of the scatter between set-ups to that expected from the noise of the readings; at least 1.
 
         A wrong form, such as a different crossing of backlash, changes the size on each path. The Birge ratio (1932),
-        used by CODATA
-        for constants, is applied if chance explains a disagreement in fewer than one of 20 cases.
+        used by CODATA for constants, is applied if chance explains a disagreement in fewer than one of 20 cases.
         """
         if not self.setups:
             return 1.0
@@ -415,12 +408,10 @@ def sizes_by_setup(result: SearchResult, k: int, limits: Array) -> SizesBySetUp:
 
 def runs_apart(result: SearchResult, k: int) -> float:
     """Return the relative standard uncertainty of effect k's size from single runs beyond noise and scatter; 0 if
-    explained by
-    chance.
+    explained by chance.
 
     Noise is isotropic within a band, and scatter equal for all joints. A single joint wandering along its path is
-    neither, and
-    resembles a lag or gear error of this joint.
+    neither, and resembles a lag or gear error of this joint.
     """
     linear, beside, change = result.linear, _beside_size(result, k), result.contributions[k]
     weight, scatter = beside.background.weight, np.concatenate([linear.Z, linear.stamps], axis=1)

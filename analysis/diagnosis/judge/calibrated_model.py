@@ -1,10 +1,8 @@
 """Calibrated model from a diagnosis: the posterior as terms with mean and covariance.
 
 The fitted effects come first. Then follows every form of the background: its effect at the size of its column, and the
-mean
-multiple shown by the readings. Single forms are rarely certain, but their sum is: it reaches a tenth of a millimetre
-where
-named effects reach half of one.
+mean multiple shown by the readings. Single forms are rarely certain, but their sum is: it reaches a tenth of a
+millimetre where named effects reach half of one.
 """
 
 from __future__ import annotations

@@ -20,8 +20,7 @@ from rigs.rig import Rig
 @dataclass(frozen=True)
 class Disagreement:
     """Disagreements between the model of a rig and readings, largest sigma first, and residuals of circles and targets
-    without the
-    effects of the model (before) and with them (after).
+    without the effects of the model (before) and with them (after).
 
     `staircase`: a step per effect of the rig file, and one for its calibration at the end; None for a model without
     effects.
@@ -105,8 +104,7 @@ class PoseComparison:
 @dataclass(frozen=True)
 class Compared(Tabular):
     """All runs, their fitted set-ups, and doubts as text; `poses`: runs without gauges; `disagreement`: between model
-    and readings,
-    None if not requested.
+    and readings, None if not requested.
     """
 
     runs: tuple[Comparison, ...]

@@ -1,8 +1,8 @@
 """Disagreement between model and readings, and the residual as parts of the error are added to the model step by step.
 
 Each model is simulated with set-ups fitted to the runs used, as for the gap, so the first and last step of a diagnosis
-are
-its initial and calibrated gap. Intermediate steps use some hundred readings of each circle, a thirtieth of the time.
+are its initial and calibrated gap. Intermediate steps use some hundred readings of each circle, a thirtieth of the
+time.
 """
 
 from __future__ import annotations
@@ -76,8 +76,7 @@ def _rungs(
     """Yield the models, each with the budget indices of its additions and all its effects.
 
     The initial one, then with each large part in order of size, and the calibrated one with all others. Scatter, which
-    models
-    cannot remove, has no step.
+    models cannot remove, has no step.
     """
     effects, budget = stages.calibrated.effects, diagnosis.budget
     # Addition of each part, by label: fitted effects, or multiples of effects of its kind and joint in the calibrated

@@ -38,8 +38,7 @@ from analysis.robot.model.predict import SetUp
 @dataclass(frozen=True)
 class Misses:
     """Entries (n,) of held-out places: neighbourhood, squared error in mm², its noise part, and the stated variance.
-    Outliers have
-    reduced weight as in the fit, `robust`.
+    Outliers have reduced weight as in the fit, `robust`.
     """
 
     group: Integers
@@ -58,8 +57,7 @@ class Misses:
 @dataclass(frozen=True)
 class LeftOut(Misses):
     """Places used, each neighbourhood or placement held out in turn and predicted by the others: whitened rows (n,) of
-    the readings,
-    and their errors in noise standard deviations.
+    the readings, and their errors in noise standard deviations.
     """
 
     rows: Integers
@@ -108,8 +106,7 @@ def _neighbourhoods(run: ObservedRun) -> Integers:
 
 _FAR, _ROUNDS = 4.0, 8
 """Mean square relative to its expectation above which a neighbourhood has reduced weight: for three normal coordinates
-fewer
-than one in a hundred; and the rounds to convergence.
+fewer than one in a hundred; and the rounds to convergence.
 """
 _FREEDOM = 3.0
 """Degrees of freedom of the error of a neighbourhood: one vector, common to its poses."""
@@ -133,8 +130,7 @@ class Widening:
 @dataclass(frozen=True)
 class _Neighbourhoods:
     """Errors of neighbourhoods (g,): mean square of a coordinate in mm², its noise part, and the variance stated by the
-    model; and
-    the weight of the entries in each.
+    model; and the weight of the entries in each.
     """
 
     missed_mm2: Array
@@ -158,8 +154,7 @@ class _Neighbourhoods:
         neighbourhood.
 
         Neighbourhoods with twice the error of the others, such as one placement of nine, have reduced weight: u
-        describes most
-        places.
+        describes most places.
         """
         weight, count = self.weight, len(self.weight)
         ratio = error = 0.0
@@ -183,8 +178,7 @@ class _Neighbourhoods:
         """Split the excess into a factor and a constant contribution, each with its likelihood from the neighbourhoods.
 
         A factor is largest where little was measured, as for gaps in the model; errors outside its forms, such as a
-        cable or
-        backlash, are not.
+        cable or backlash, are not.
         """
         ratio, weight = max(self.ratio, 1.0), self._ratio_and_weight[1]
         mean = float(weight @ self.stated_mm2 / weight.sum())
@@ -206,10 +200,8 @@ def widening_of(
     """Return the excess of prediction errors over the calibrated model's uncertainty.
 
     It is the largest ratio of: places used, with each neighbourhood (`left_out`) and each placement held out in turn;
-    held-out
-    runs; runs elsewhere. A model that is too smooth, or assumes equal behaviour in postures, on days or at placements,
-    has larger
-    errors than its covariance. Residuals are (m, k) mm.
+    held-out runs; runs elsewhere. A model that is too smooth, or assumes equal behaviour in postures, on days or at
+    placements, has larger errors than its covariance. Residuals are (m, k) mm.
     """
     sets: list[Misses | None] = [left_out, _placements_left_out(result)]
     setups = dict(stages.calibrated.setups)
@@ -265,8 +257,7 @@ def _misses_of(
 
 def _stated_variances(run: ObservedRun, setups: Mapping[str, SetUp], result: SearchResult) -> tuple[Array, Array]:
     """Return the variances (N,) mm² of the noise of a pose run, and of the calibrated model's prediction: in the set-up
-    of the runs
-    used, or in a separate fitted one.
+    of the runs used, or in a separate fitted one.
     """
     effects, columns, unknowns = result.effects, result.columns, result.fit.unknowns
     of_run = linearise(blocks_of([run], setups, effects), setups, effects)

@@ -31,8 +31,8 @@ _HALF_WAVES = np.arange(1, 5)
 _FOLDS = 5
 """Parts of the spectrum of a circle of which each is left out once."""
 _NOTHING = 0.06
-"""Share up to which nothing is followed, so that what nobody repeated may be scatter. Source: plain noise of 30 to 50
-poses, nine seeds, in which the largest share of any subject was 0.054."""
+"""Share below which the residual follows no subject, and readings without repeats may be scatter. Source: plain noise
+of 30 to 50 poses, nine seeds, in which the largest share of any subject was 0.054."""
 
 
 def unexplained_of(result: SearchResult, left_out: LeftOut | None, rms_um: float) -> Unexplained:

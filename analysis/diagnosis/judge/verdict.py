@@ -140,7 +140,7 @@ _FAR, _WORSE, _LEAST_GAIN = 1.5, 1.1, 0.3
 worse than the names alone, and the least share of the energy that a right model gains. Source: a rule that was tried on
 the answers of generated cells, foreign ones found 4 of 5, false ones 5 to 2."""
 _MUCH_MORE = 4.0
-"""Times the unexplained error that a name must do which one independent direction shows. Source: of 24 cells with
+"""Smallest ratio of an error visible in one independent direction to the unexplained error. Source: of 24 cells with
 causes outside the library wrong names stood in 15; of names that do three (four) times as much in 5 (2)."""
 _MOST_RUNS = 20
 """Largest number of runs that is advised; what needs more is not found in this way."""

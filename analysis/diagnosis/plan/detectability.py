@@ -166,8 +166,7 @@ class SeparatingTest:
 @dataclass(frozen=True)
 class PossibleTest:
     """Further test, reason, expected posterior together with the existing runs, and cost: minutes of driving, programs,
-    and set-ups
-    of ball and gauges.
+    and set-ups of ball and gauges.
     """
 
     test: str
@@ -251,15 +250,13 @@ def possible_tests(
 
 _ON_AXIS = 0.02
 """Share of the largest response of a joint's zero below which the axis passes through the ball. Chosen: a ball within 2
-% of the
-reach.
+% of the reach.
 """
 _NUDGE_DEG = 0.02
 """Joint rotation for comparing responses; only ratios matter."""
 _OWN_SHARE = 0.02
 """Share of an effect's response outside any set-up, below which the set-up is reported as the reason. Smaller shares
-are within
-the linearisation error of curved responses.
+are within the linearisation error of curved responses.
 """
 _NOTHING = 1e-3
 """Sigmas below which a response counts as zero: far below any detection, and above rounding errors."""
@@ -270,8 +267,7 @@ class Detectability:
     """Detectability of one name.
 
     `effect`: at a healthy size. `sd`: standard uncertainty of a fault's size in the effect's own unit. `hidden`: reason
-    against
-    detection, or empty. `further`: tests by the sigmas of a healthy size.
+    against detection, or empty. `further`: tests by the sigmas of a healthy size.
     """
 
     name: str
@@ -351,8 +347,7 @@ class Detected:
 @dataclass(frozen=True)
 class ClosePair:
     """Closest forms of two names at a detectable fault size, in healthy sizes, their separation in sigmas, and the
-    number of other
-    close forms of these names.
+    number of other close forms of these names.
     """
 
     candidates: tuple[Candidate, Candidate]
@@ -419,8 +414,7 @@ def _at_size(candidate: Candidate, size: float) -> tuple[Effect, ...]:
 @dataclass(frozen=True)
 class Pair:
     """Two names that look alike, for a gear with the closest order. `sigma`: separation of one, as a detectable fault,
-    from the other
-    at any size. `others`: number of other orders that look alike.
+    from the other at any size. `others`: number of other orders that look alike.
     """
 
     names: tuple[str, str]
@@ -466,10 +460,8 @@ def plan(rig: Rig, tests: Sequence[TestName], runs: int = 3, level: float = 1.0)
     """Return the capability of tests of a rig, each driven `runs` times in each direction.
 
     The prediction uses the model of a diagnosis: noise of real cells and a healthy background, at the `level` found by
-    a diagnosis
-    of the arm (`Diagnosis.level`), or 1 before measurements. The ball is off centre, by the rig file's eccentricity_mm
-    if given.
-    Raises FileError if the arm cannot drive a test.
+    a diagnosis of the arm (`Diagnosis.level`), or 1 before measurements. The ball is off centre, by the rig file's
+    eccentricity_mm if given. Raises FileError if the arm cannot drive a test.
     """
     blocks, setups = planned_blocks(rig, tests, runs)
     judgement = judged(expected_posterior(blocks, setups, level))
@@ -526,8 +518,7 @@ def _further_tests(
     possible: Sequence[PossibleTest], judgement: Judgement
 ) -> tuple[dict[str | tuple[str, str], tuple[SeparatingTest, ...]], tuple[Gain, ...]]:
     """Return the further tests for each pair of names and each undetectable name, the best first, and the benefit of
-    each test, the
-    largest first.
+    each test, the largest first.
     """
     hidden, near = judgement.undetectable, judgement.pairs
     asked: list[str | tuple[str, str]] = [*hidden, *(pair.names for pair in near)]

@@ -48,13 +48,11 @@ from rigs.schema.vocabulary import CIRCLES, WITHOUT_GAUGES, TestName
 
 DETECTABLE = 7.0
 """Significance in sigmas of a detected effect. Chosen: 7 sigma are a log evidence of 24.5, well above the price of a
-choice
-among some hundred forms.
+choice among some hundred forms.
 """
 SEPARABLE = float(np.sqrt(2 * np.log(ODDS)))
 """Separation in sigmas below which the odds between two names are within ODDS, at which a diagnosis dismisses a rival:
-odds of o
-need a log evidence of ln o = sigma² / 2.
+odds of o need a log evidence of ln o = sigma² / 2.
 """
 
 
@@ -71,8 +69,7 @@ def is_detectable(sd: float) -> bool:
 @dataclass(frozen=True)
 class FormPosterior:
     """Posterior covariance A (p, p) of the coefficients of `forms` together with everything else, and prior variances
-    (p,), in
-    healthy sizes.
+    (p,), in healthy sizes.
     """
 
     forms: tuple[Form, ...]
@@ -318,8 +315,7 @@ class ExpectedPosterior:
 
     def separation_sigma(self, ones: Sequence[Effect], others: Sequence[Effect]) -> float:
         """Return the separation in sigmas of a name at its size from a second name of any size; each is given as one
-        effect, or two for
-        a free phase.
+        effect, or two for a free phase.
         """
         # Extrapolated from a small size; backlash is not proportional to its width and not scaled.
         effects = [*ones, *others]

@@ -1,8 +1,8 @@
 """Test that identifies a part of the error: its choice, duration, and expected certainty.
 
 For an effect with a rival it is the test that separates both; for a group, the test that determines its likeliest
-member best
-in the presence of everything else. Runs of a different place used for validation may suffice, without driving.
+member best in the presence of everything else. Runs of a different place used for validation may suffice, without
+driving.
 """
 
 from __future__ import annotations

@@ -1,14 +1,10 @@
 """Pose planning: the poses after which the arm is known best over its workspace.
 
 A calibration has a normal prior for each reading: effects of an arm, set-up and noise, in the columns of a diagnosis.
-The
-information of a pose about all others follows in advance, so poses are chosen sequentially, each minimising the
-remaining
-variance of the tool position over the pool (I- or V-optimal design; Atkinson, Donev and Tobias, Optimum Experimental
-Designs,
-2007, ch. 10). D-optimal poses would determine the constants best, but none of a thousand terms is of interest. Backlash
-is
-left out, because it depends on the order of poses.
+The information of a pose about all others follows in advance, so poses are chosen sequentially, each minimising the
+remaining variance of the tool position over the pool (I- or V-optimal design; Atkinson, Donev and Tobias, Optimum
+Experimental Designs, 2007, ch. 10). D-optimal poses would determine the constants best, but none of a thousand terms is
+of interest. Backlash is left out, because it depends on the order of poses.
 """
 
 from __future__ import annotations
@@ -42,16 +38,14 @@ _LEVEL = 5.0
 (docs/trials.md)."""
 _SET_UP_SIGMA = 30.0
 """Prior of instrument and target: their influence on a reading, in noise standard deviations. Practically unknown; a
-larger value
-would only add rounding errors to the covariance of all positions.
+larger value would only add rounding errors to the covariance of all positions.
 """
 
 
 @dataclass(frozen=True)
 class Pool:
     """Candidate poses with their prior: joints q (n, 6) rad; covariance (3 n, 3 n) of their positions in noise standard
-    deviations
-    sd_mm (3 n,).
+    deviations sd_mm (3 n,).
     """
 
     q: Array
@@ -87,10 +81,9 @@ class PlannedPoses:
     """Planned poses in driving order, and expectations.
 
     Joints q (n, 6) rad; positions of the nominal tool xyz_mm (n, 3) in the world; u_mm: uncertainty of the tool
-    position over the
-    workspace afterwards, and after as many random poses. as_good: number of random poses with equal uncertainty, None
-    if none
-    tried has, or for one axis at a time. one_axis: whether each axis moves down, up and back while the others stand.
+    position over the workspace afterwards, and after as many random poses. as_good: number of random poses with equal
+    uncertainty, None if none tried has, or for one axis at a time. one_axis: whether each axis moves down, up and back
+    while the others stand.
     """
 
     q: Array

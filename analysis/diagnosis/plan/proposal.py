@@ -91,8 +91,7 @@ def circle_candidates(rig: Rig, tests: Sequence[TestName], runs: int) -> CircleC
 
 def _circles(rig: Rig, circle: Circle) -> Iterator[tuple[str, Rig]]:
     """Yield every further circle with a description and its rig: each radius at each place; and the rig's circle
-    tilted, faster, and
-    with the ball away from axis 6.
+    tilted, faster, and with the ball away from axis 6.
     """
     aside = [(words, tuple(np.round(centre, 3).tolist())) for words, centre in places(rig, circle)]
     for where, centre in [("", circle.centre_mm), *aside]:

@@ -2,10 +2,8 @@
 ball.
 
 ISO 230-4:2005, clause 3: the circular deviation G is the range of the radial deviations about the least-squares circle.
-The
-absolute length of the link is unknown (it includes the gauge zeros), so the radial deviation F and the mean radius D of
-the
-standard are not reported.
+The absolute length of the link is unknown (it includes the gauge zeros), so the radial deviation F and the mean radius
+D of the standard are not reported.
 
 The distance of P = C + R r(phi) from B = C + e is |R r(phi) - e|, and this curve is fitted, not only its first
 harmonic: the

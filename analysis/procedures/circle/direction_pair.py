@@ -48,10 +48,9 @@ def largest(curve: Array, errors: Array, blur: float, unit: str, samples: int) -
 
     The maximum of a noisy curve is biased upwards, depending on the number of points close to it. On a plateau, such as
     between two reversals with backlash, any point may be the largest. So the curve is clipped at the level for which
-    the
-    observed maximum is the median after adding the noise again. This is the least favourable curve consistent with the
-    readings,
-    as in the half-median-unbiased bounds of Chernozhukov, Lee and Rosen (Intersection bounds, Econometrica 2013).
+    the observed maximum is the median after adding the noise again. This is the least favourable curve consistent with
+    the readings, as in the half-median-unbiased bounds of Chernozhukov, Lee and Rosen (Intersection bounds,
+    Econometrica 2013).
     """
     peak = int(np.argmax(np.abs(curve)))
     top = float(np.abs(curve[peak]))
@@ -89,8 +88,7 @@ _MOVED_MM = float(np.hypot(BALL_MM.middle, 1000.0 * np.radians(JOINT_DEG.middle)
 @dataclass(frozen=True)
 class _Evidence:
     """One kind of curve: harmonics (h,) of acw - cw, and of the response to a lag of one second; noise: variance (h,)
-    of real and
-    imaginary part without backlash.
+    of real and imaginary part without backlash.
     """
 
     between: Complex
@@ -102,8 +100,7 @@ def lag_of(pairs: Sequence[tuple[LapCurve, LapCurve]], radii_mm: Sequence[float]
     """Return the lag in ms of the gauges behind the robot's feedback, from curves of an acw and a cw run of one circle.
 
     Several kinds (angle, distance) together determine it better. radii_mm: per kind, the conversion of ball motion to
-    its unit:
-    1 for a distance, the circle's radius for an angle.
+    its unit: 1 for a distance, the circle's radius for an angle.
 
     Late stamps shift the curve along the motion, forwards in one direction and backwards in the other, so acw - cw
     contains
@@ -150,8 +147,7 @@ _ALIKE = 0.5
 """Permitted relative difference between ball motions from angle and distance; the latter also contains backlash."""
 _ALONE, _MOSTLY = 0.9, 0.5
 """Share of the energy of acw - cw explained by a moved ball; backlash, changing sign at each reversal, has more energy
-in
-higher orders.
+in higher orders.
 """
 
 
@@ -170,8 +166,7 @@ def pair(acw: CircleResult, cw: CircleResult, where: str = "the two runs") -> Di
 
     hysteresis_mean_deg (signed), hysteresis_max_deg (absolute) and its position hysteresis_max_at_deg; for the distance
     hysteresis_mean_mm, hysteresis_max_mm (H) and circular_deviation_mm (G(b)). Maxima are noise-corrected. Raises
-    FileError if
-    the runs are not a pair.
+    FileError if the runs are not a pair.
     """
     _hold(acw, cw, where)
     curves = [acw.curve, cw.curve, acw.distance.curve, cw.distance.curve]
@@ -241,8 +236,7 @@ def ball_moved_mm(acw: CircleResult, cw: CircleResult) -> float:
     """Return the motion of the ball between the runs, mm; 0 if the robot may explain the difference.
 
     Backlash also changes the first order of the distance; for yaw the angle shows the ball independently, and backlash
-    hardly
-    gives the same value there.
+    hardly gives the same value there.
     """
     moved = acw.distance.ball_mm - cw.distance.ball_mm
     by_angle = acw.laps.frame.radius * np.array([-(acw.sine.a - cw.sine.a), acw.sine.b - cw.sine.b])

@@ -1,8 +1,7 @@
 """Angle between link and tool over a circle: common part of yaw and roll, after Oh 2019, section 2.1.
 
 The residual of the angle after removing the least-squares sine, eqs. (1) to (11), is the orientation error, and its
-range
-the error band. Yaw and roll define their additional figures.
+range the error band. Yaw and roll define their additional figures.
 """
 
 from __future__ import annotations
@@ -58,8 +57,7 @@ class Measure:
     """Figures of one kind from the angle over a circle.
 
     figures_at: computes them. ranges: names of figures biased upwards by noise, such as a range, which are lowered by
-    its mean
-    contribution.
+    its mean contribution.
     """
 
     figures_at: Plain
@@ -86,8 +84,7 @@ class Sine:
     @property
     def shift(self) -> float:
         """alpha of eq. (11), by atan2, because arctan(b/a) loses the quadrant. (The paper's last formula for it has b11
-        instead of
-        b21.)
+        instead of b21.)
         """
         return float(np.arctan2(self.b, self.a))
 
@@ -177,8 +174,7 @@ class AngleTest:
         """Return the figures of a run's laps with uncertainties, ranges corrected for noise.
 
         like: noise of angle and distance in a different run of the cell, for a run of one lap. run: all readings, if
-        the laps are
-        thinned. Raises FileError for readings impossible with a ball link.
+        the laps are thinned. Raises FileError for readings impossible with a ball link.
         """
         _hold(laps, baseline_mm, where)
         run = run or reduced(laps)

@@ -1,8 +1,7 @@
 """Joint reversals along a lap from the table's feedback, comparable with the paper's Table 1.
 
 A reversal counts if the joint returns by more than its noise (and 0.05°) on both sides, so encoder noise causes none;
-its
-position is the vertex of a local cubic fit. `analysis.robot.geometry.circle.reversals` returns those of the nominal
+its position is the vertex of a local cubic fit. `analysis.robot.geometry.circle.reversals` returns those of the nominal
 path.
 """
 
@@ -28,8 +27,7 @@ _NEIGHBOURHOOD = np.radians(8.0)
 @dataclass(frozen=True)
 class Turn:
     """Reversal of a joint (1 … 6) at circle angle phi ± u_rad, 0 … 2 pi, in row `row` of the lap; upper: from rising to
-    falling
-    with increasing phi.
+    falling with increasing phi.
     """
 
     axis: int

@@ -1,17 +1,14 @@
 """Evaluate a circle with more rows than fit in memory, part by part.
 
-part of a run  →  joined on the rows of gauge 1  →  φ at the robot's rate, interpolated linearly
-→  sums of the rows between nodes, by time stretches  →  laps  →  readings at 720 circle angles
+part of a run  →  joined on the rows of gauge 1  →  φ at the robot's rate, interpolated linearly →  sums of the rows
+between nodes, by time stretches  →  laps  →  readings at 720 circle angles
 
 A part contains the rows of all streams in a time interval, in the memory of a few chunks, and is evaluated like a
-separate
-run. Events visible only in context, such as a waiting instrument or a computer stalled for a second, also affect rows
-near
-its ends, so a part has a margin of some seconds on either side, owned by its neighbours.
+separate run. Events visible only in context, such as a waiting instrument or a computer stalled for a second, also
+affect rows near its ends, so a part has a margin of some seconds on either side, owned by its neighbours.
 
 Laps are found in a thinned table, which is also used to display the run; each stretch of rows is assigned to a lap by
-its
-time.
+its time.
 """
 
 from __future__ import annotations
@@ -171,8 +168,7 @@ _SAMPLE = 20_000
 _HATS = ("before", "between", "beyond", "cubes", "fourths", "near1", "near2", "far1", "far2")
 _SUMS = (*_HATS, "count", "wild1", "wild2", "new1", "new2")
 """Sums over the rows of a stretch: without outliers, products of hat functions, third and fourth powers of the second,
-and
-readings by both; over all, rows, outliers, and changed readings.
+and readings by both; over all, rows, outliers, and changed readings.
 """
 
 

@@ -1,17 +1,13 @@
 """Roll test: orientation error about the circle's tangent, after Oh 2019, section 2.2.
 
 roll = atan2(l·x_T, l·z_T). An eccentricity in the plane gives no first-order sine, and the height h of the ball along n
-gives
-the constant atan(h/R), indistinguishable from a difference of the gauge zeros. A sine is caused by the robot, or by a
-tilt of
-the plane actually driven; the orientation error is by definition (docs/conventions.md) the remainder. The paper removes
-no
-sine in figures 10 and 11, whose extremes are 135° apart, so the range of the total angle is reported in addition to the
-band.
+gives the constant atan(h/R), indistinguishable from a difference of the gauge zeros. A sine is caused by the robot, or
+by a tilt of the plane actually driven; the orientation error is by definition (docs/conventions.md) the remainder. The
+paper removes no sine in figures 10 and 11, whose extremes are 135° apart, so the range of the total angle is reported
+in addition to the band.
 
 Figures: band_deg and the positions max_at_deg and min_at_deg of the extreme orientation errors; range_deg of the total
-angle,
-range_max_at_deg and range_min_at_deg; amplitude_deg, shift_deg and offset_deg of the sine. Band and range are
+angle, range_max_at_deg and range_min_at_deg; amplitude_deg, shift_deg and offset_deg of the sine. Band and range are
 noise-corrected; phi from 0 to 360.
 """
 

@@ -8,8 +8,7 @@ of the gauges, shows the same eccentricity independently. A note reports gross d
 analysis/procedures/checks/gauge_sign.py detects exchanged gauges.
 
 Figures: band_deg (noise-corrected), amplitude_deg, shift_deg, offset_deg of the sine; eccentricity_u_mm and _v_mm of
-the
-base-ball from the circle's centre along u and v = n × u, and its length eccentricity_mm.
+the base-ball from the circle's centre along u and v = n × u, and its length eccentricity_mm.
 """
 
 from __future__ import annotations

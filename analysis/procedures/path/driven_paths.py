@@ -9,11 +9,9 @@ and
 after the last standstill is dropped, because its completeness is unknown.
 
 A move is identified by length and chord; the first of the two directions around the large circle is anticlockwise, as
-in
-the program. An unknown tracker frame is fitted to all paths: first by the relative position along each path, then from
-each
-position to the closest path point. Deviations are taken across the path, as in ISO 9283, and averaged between stations,
-which are closer than any feature of robot motion.
+in the program. An unknown tracker frame is fitted to all paths: first by the relative position along each path, then
+from each position to the closest path point. Deviations are taken across the path, as in ISO 9283, and averaged between
+stations, which are closer than any feature of robot motion.
 """
 
 from __future__ import annotations
@@ -46,8 +44,7 @@ _NORMAL = 1.4826
 @dataclass(frozen=True)
 class Moved:
     """Move: rows of the table from `first` to before `last`, length length_mm by spans, and chord chord_mm; whole:
-    whether the
-    tracker data is complete.
+    whether the tracker data is complete.
     """
 
     first: int
@@ -106,8 +103,7 @@ class Driven:
     """One path in all cycles.
 
     places: per cycle (k, 3) mm in the world. s_mm (m,): stations. off_mm (cycles, m, 3): mean deviation at each
-    station, across
-    the path, in the world. speed_mm_s (cycles,): mean along the middle half.
+    station, across the path, in the world. speed_mm_s (cycles,): mean along the middle half.
     """
 
     command: CommandPath
@@ -127,7 +123,7 @@ class DrivenPaths:
 
 
 def driven_paths(table: PathTable, cube: Cube, T_world_instrument: Array | None, where: str) -> DrivenPaths:
-    """Return the paths of a cube in a recording; T_world_instrument (4, 4): tracker frame, None to fit it.
+    """Return the paths of a cube in a recording; T_world_instrument (4, 4): tracker frame in mm, None to fit it.
 
     Raises FileError if there are no paths, or not those of the cube.
     """

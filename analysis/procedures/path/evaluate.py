@@ -11,14 +11,11 @@ P3,
 P4, P5. The standard is not public; clauses and formulas follow public quotations (docs/figures.md).
 
 The large circle is driven in both directions, and a tracker measures its radius: F, the radial deviation from the
-nominal
-radius about the least-squares centre, and D, the mean of both least-squares radii less the nominal (ISO 230-4:2005,
-clause
-3).
+nominal radius about the least-squares centre, and D, the mean of both least-squares radii less the nominal (ISO
+230-4:2005, clause 3).
 
 u is the deviation of a figure from its expectation in repeated tests with the same scatter. The errors of the
-instrument
-are not included.
+instrument are not included.
 """
 
 from __future__ import annotations
@@ -90,10 +87,9 @@ def evaluate(
     """Return the figures of a path recording.
 
     NAME_at_mm and NAME_rt_mm of line, circle and small_circle; corner_round_mm, corner_overshoot_mm; f_max_mm,
-    f_min_mm, d_mm
-    of the large circle in both directions; speed_mm_s along the line, or the largest path found, doubted by a note
-    unless it is
-    a program speed for speed_mm_s. Raises FileError if the recording contains no path of the cube.
+    f_min_mm, d_mm of the large circle in both directions; speed_mm_s along the line, or the largest path found, doubted
+    by a note unless it is a program speed for speed_mm_s. Raises FileError if the recording contains no path of the
+    cube.
     """
     driven = driven_paths(table, cube, None if instrument is None else transform(instrument), where)
     paths, figures, u_mm = driven.paths, dict[str, Quantity](), 0.0 if instrument is None else instrument.u_mm
@@ -138,8 +134,7 @@ def _redone(values: Array, plain: Callable[[Array], dict[str, Array]]) -> dict[s
     """Return the figures of values (cycles, …), and their deviations from the expectation in repeated tests.
 
     Each repeated cycle is the mean plus a mixture of the differences between cycles, preserving their correlation along
-    the
-    path; the uncertainty of their scatter adds a chi-square draw.
+    the path; the uncertainty of their scatter adds a chi-square draw.
     """
     rng, n = np.random.default_rng(_SEED), len(values)
     mean = values.mean(axis=0)

@@ -2,8 +2,7 @@
 
 Base pose (6) and tool position (3) are least-squares estimates from the positions, all rows with equal weight; the tool
 orientation (3), if measured, is the mean of the remaining rotation (Moakher 2002, chordal). The error of a pose is the
-vector
-measured less fitted, in the arm's base; rms_mm is the root mean square LENGTH, not of one coordinate.
+vector measured less fitted, in the arm's base; rms_mm is the root mean square LENGTH, not of one coordinate.
 
 Rows with equal joint angles form a group: ISO 9283:1998, 7.2.1 AP, the distance of the group's mean from the fit (not
 from a
@@ -92,8 +91,7 @@ class PoseResult:
     """position_mm (n, 3), rotation (n, 3) rad or None: measured less fitted, in the arm's base.
 
     placed_mm (n, 3): basis of AP, in the instrument's frame if known, otherwise equal. group (n,): from 0. rows (n,):
-    used rows
-    of the table. axes: curves of joints driven one at a time, in both directions.
+    used rows of the table. axes: curves of joints driven one at a time, in both directions.
     """
 
     setup: PoseSetUp
@@ -126,18 +124,14 @@ def evaluate(
 
     arm: nominal; its base and tool are replaced by the fit, except for AP in a known instrument frame. u_mm: standard
     uncertainty of a coordinate, assumed if no pose was repeated; the uncertainty of the orientation is nan then. cube:
-    whose
-    poses have separate figures (`analysis.procedures.shared.scatter_figures`).
+    whose poses have separate figures (`analysis.procedures.shared.scatter_figures`).
 
     figures: rms_mm, mean_mm, max_mm of the position error; rms_deg, max_deg of the orientation error if measured; for
-    repeated
-    poses repeat_mm (pooled scatter of a coordinate), ap_mm and ap_mean_mm and, from three visits on, rp_mm and
-    rp_mean_mm
-    (largest and mean over the groups), ap_a_deg, rp_a_deg … of the rotations about the arm's x, y, z (a, b, c in the
-    standard);
-    for joints driven one at a time, in both directions, axis3_reversal_deg …
-    (`analysis.procedures.shared.axis_curves`). Unmeasured poses
-    are left out (`analysis.procedures.checks.lost_poses`). Raises FileError.
+    repeated poses repeat_mm (pooled scatter of a coordinate), ap_mm and ap_mean_mm and, from three visits on, rp_mm and
+    rp_mean_mm (largest and mean over the groups), ap_a_deg, rp_a_deg … of the rotations about the arm's x, y, z (a, b,
+    c in the standard); for joints driven one at a time, in both directions, axis3_reversal_deg …
+    (`analysis.procedures.shared.axis_curves`). Unmeasured poses are left out (`analysis.procedures.checks.lost_poses`).
+    Raises FileError.
     """
     _hold(table, where)
     order, table = content_order(table), in_content_order(table)
@@ -186,8 +180,7 @@ def evaluate(
 
 def _in_frame(arm: Arm, table: PoseTable, instrument: Instrument) -> tuple[Array, Array | None]:
     """Return errors (n, 3) mm and (n, 3) rad, or None, in the arm's base, with the tool of the rig file and the
-    measured
-    instrument frame, without a fit.
+    measured instrument frame, without a fit.
     """
     T = np.linalg.inv(arm.T_world_base) @ forward(arm, table.q)
     to_base: Array = np.linalg.inv(arm.T_world_base) @ transform(instrument)
@@ -273,8 +266,7 @@ def _noise(
     stops: LogUniform | None = None,
 ) -> Array:
     """Return draws (m, n, 3) of the noise of all rows: from the scatter of their group, otherwise of any group; if
-    unknown, from
-    the instrument's u and the usual scatter of robot stops.
+    unknown, from the instrument's u and the usual scatter of robot stops.
     """
     rng = np.random.default_rng(SEED)
     if scatter is None:

@@ -1,17 +1,14 @@
 """Radial test: distance between tool and ball on a hemisphere, after Oh 2019, section 2.3.
 
 A reading g at a target puts the tool's ball at B + (R + g) × the target's direction, in the hemisphere's frame: z to
-its
-middle (polar 0), x to azimuth 0. Per target, the mean and the range over the tool orientations are computed; the
+its middle (polar 0), x to azimuth 0. Per target, the mean and the range over the tool orientations are computed; the
 least-squares sphere is fitted to the means.
 
 A target is only left out if no robot error can explain it, because robot errors are the subject: backlash makes a few
 targets differ by much more than the rest. So one of its readings must be (1) more than 2 mm and (2) more than ten
-robust
-standard deviations of all readings (scaled median of absolute residuals) from a sphere fitted with the soft_l1 loss,
-hardly
-affected by a few bad readings, and (3) this may concern at most one target in ten (or a single one). A wrong position
-affects all orientations, a gauge slip only one. Otherwise every target stays.
+robust standard deviations of all readings (scaled median of absolute residuals) from a sphere fitted with the soft_l1
+loss, hardly affected by a few bad readings, and (3) this may concern at most one target in ten (or a single one). A
+wrong position affects all orientations, a gauge slip only one. Otherwise every target stays.
 
 Differences between targets and orientations are robot errors; differences between visits are noise. Repeated visits of
 a
@@ -73,8 +70,7 @@ class Sphere:
     """centre (3,) mm; radius mm; residual (n,) mm: distance of each point from the centre less the radius.
 
     slopes (4, n): derivatives of `PARAMETERS` by each distance. design (n, 4): the inverse derivatives. unknown: names
-    of
-    undetermined parameters, which stay near their start.
+    of undetermined parameters, which stay near their start.
     """
 
     centre: Array
@@ -155,8 +151,7 @@ _APART = 0.2
 @dataclass(frozen=True)
 class Cells:
     """Readings by target and orientation. target (t,); direction (t, 3) unit vectors in the hemisphere's frame; g_mm
-    (t, o, r) mm
-    of r visits and their times t_s, NaN if missing.
+    (t, o, r) mm of r visits and their times t_s, NaN if missing.
     """
 
     target: Integers
@@ -228,12 +223,9 @@ def evaluate(
     expected: numbers of the planned targets. orientations: planned number per target.
 
     figures: radius_mm and centre_x_mm, _y, _z (from the ball) of the least-squares sphere, without undetermined ones,
-    and
-    band_mm about it; held_radius_mm and held_band_mm with the centre at the ball; spread_mm and spread_mean_mm, largest
-    and mean
-    range over several orientations; ap_mm, largest |mean g| of a target (ISO 9283 AP along the radius); for targets
-    with three
-    visits, rp_mm and rp_mean_mm. Raises FileError.
+    and band_mm about it; held_radius_mm and held_band_mm with the centre at the ball; spread_mm and spread_mean_mm,
+    largest and mean range over several orientations; ap_mm, largest |mean g| of a target (ISO 9283 AP along the
+    radius); for targets with three visits, rp_mm and rp_mean_mm. Raises FileError.
     """
     hold_radius(where, radius_mm)
     cells = _cells(table, radius_mm, where)

@@ -81,10 +81,8 @@ def evaluate(table: RepeatabilityTable, u_mm: float, where: str = "the repeatabi
     u_mm: standard uncertainty of a gauge reading without its step, 0 for exact (simulated) readings.
 
     figures: uni_mm and bi_mm, largest range within one side and over both; uni_mean_mm, bi_mean_mm over the targets;
-    rp_mm and
-    rp_mean_mm (ISO 9283, within one side); r_out_mm (↓), r_in_mm (↑), r_mm, reversal_mm (largest |B|) and
-    reversal_mean_mm (mean
-    B = mean from inside less mean from outside), ISO 230-2. Raises FileError.
+    rp_mm and rp_mean_mm (ISO 9283, within one side); r_out_mm (↓), r_in_mm (↑), r_mm, reversal_mm (largest |B|) and
+    reversal_mean_mm (mean B = mean from inside less mean from outside), ISO 230-2. Raises FileError.
     """
     if len(table.g_mm) == 0:
         raise FileError(where, "has no rows", "give a table with readings")

@@ -34,10 +34,8 @@ class AxisCurve:
     """Behaviour of a joint turning alone, by angle (k,).
 
     axis: from 1. radius_mm: of the target's circle. angle_deg: as reported. up_deg, down_deg (k,): real less reported
-    angle,
-    relative to the fitted circle, after turning up and down, nan if missing. u_deg (k,): standard uncertainty of a
-    value from
-    the noise of the poses.
+    angle, relative to the fitted circle, after turning up and down, nan if missing. u_deg (k,): standard uncertainty of
+    a value from the noise of the poses.
     """
 
     axis: int
@@ -55,8 +53,8 @@ def axis_curves(
     axis3_bidirectional_deg.
 
     q (n, k) rad: joints, those of the arm first. sides (n, k): directions of approach, -1, 0 or 1. xyz_mm (n, 3):
-    positions.
-    The noise is the scatter across the circle, unaffected by the angle error; it includes compliance of other joints.
+    positions. The noise is the scatter across the circle, unaffected by the angle error; it includes compliance of
+    other joints.
     """
     curves, figures, rng = list[AxisCurve](), dict[str, Quantity](), np.random.default_rng(SEED)
     for joint in range(axes):
@@ -109,8 +107,7 @@ def _alone(q: Array, sides: Integers, joint: int) -> Integers:
 
 def _about_circle(angle: Array, xyz_mm: Array) -> tuple[float, Array, Array]:
     """Return the radius in mm of the circle through positions xyz_mm (n, 3) at angles (n,) rad, the deviations along it
-    (n,) mm,
-    and those across it (n, 2) mm, radial and axial.
+    (n,) mm, and those across it (n, 2) mm, radial and axial.
 
     The circle is the least-squares similarity from the unit circle (Umeyama, IEEE PAMI 13, 1991).
     """

@@ -1,12 +1,9 @@
 """Uncertainty of all figures from calibration certificates.
 
 The error of a gauge is modelled as an unknown smooth function of the reading, with standard deviation u. A wave as long
-as
-the gauge's travel affects a figure almost fully, longer ones less: the worst case is used. A trial draws such errors
-for
-laps and targets of the shipped rigs (tests/analysis/procedures/shared/test_certificate_uncertainty.py). Comparisons
-between runs are
-not affected, because both have the same gauges.
+as the gauge's travel affects a figure almost fully, longer ones less: the worst case is used. A trial draws such errors
+for laps and targets of the shipped rigs (tests/analysis/procedures/shared/test_certificate_uncertainty.py). Comparisons
+between runs are not affected, because both have the same gauges.
 """
 
 from __future__ import annotations

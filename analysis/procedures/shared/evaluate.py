@@ -41,10 +41,8 @@ class Instruments:
     """Information about the instruments outside the table.
 
     u_lag_s: standard uncertainty of the gauges' time relative to the joints'. u_gauge_mm: of one reading, from the rig
-    file if
-    None. like: noise of angle and distance in a different run, for a circle of a single lap. reduced: all readings of a
-    circle
-    whose table is thinned.
+    file if None. like: noise of angle and distance in a different run, for a circle of a single lap. reduced: all
+    readings of a circle whose table is thinned.
     """
 
     u_lag_s: float = 0.0

@@ -29,8 +29,7 @@ SEED = 0
 """Fixed, so that a run always gives the same report."""
 UNDULATIONS = 80.0
 """Undulations per revolution with 50 % transmission: ISO 12181-2 has 15, 50, 150 and 500 for roundness; robot gears
-have orders
-up to about 60, and reversals take a degree and more.
+have orders up to about 60, and reversals take a degree and more.
 """
 _PASSES = 0.5 ** ((ORDERS / UNDULATIONS) ** 2)
 _COARSE = 0.5 ** ((ORDERS / 40.0) ** 2)
@@ -57,9 +56,8 @@ class LapCurve:
     """Curve y (NODES,) over PHI, and possible noise errors (DRAWS, NODES).
 
     power (NODES // 2 + 1,): likely mean square noise per order. laps (L, NODES): averaged in y. drift: of a lap. rate:
-    rad/s of
-    phi. blur: of a row's position, rad. slips: removed level steps between laps. again: recreates the curve with equal
-    draws.
+    rad/s of phi. blur: of a row's position, rad. slips: removed level steps between laps. again: recreates the curve
+    with equal draws.
     """
 
     y: Array
@@ -97,8 +95,7 @@ class LapCurve:
 
     def drawn(self, curve: Array, turned: NDArray[np.complex128], scale: Array) -> Array:
         """Return a curve (NODES,), this one or its calm version, with different noise, lag (`turned`) and relative
-        scale (DRAWS,):
-        (DRAWS, NODES).
+        scale (DRAWS,): (DRAWS, NODES).
         """
         return np.fft.irfft(np.fft.rfft(curve) * turned, NODES, axis=1) / scale[:, None] + self.errors
 
@@ -169,8 +166,7 @@ def figures(
     """Return figures by name of several curves; `plain` takes them stacked, (curves, ..., NODES).
 
     drawn: returns draws (DRAWS, NODES) of each around the given curves. A range is lowered by the median noise
-    contribution to
-    that of the calm curve, at least zero; calm (NODES,): per curve, by default its own.
+    contribution to that of the calm curve, at least zero; calm (NODES,): per curve, by default its own.
     """
     values = plain(np.stack([curve.y for curve in curves]))
     calm = [curve.calm for curve in curves] if calm is None else calm
@@ -199,8 +195,7 @@ def _where_laps_differ(laps: Array, rng: np.random.Generator) -> Array:
     """Return errors (DRAWS, NODES) for local differences between laps (L, NODES).
 
     Stationary noise is equal all around. A slow gauge sampling a jump at different times is not, nor is a burst of
-    outliers:
-    there any mixture of the laps is possible, by Student's distribution for so few laps.
+    outliers: there any mixture of the laps is possible, by Student's distribution for so few laps.
     """
     count = len(laps)
     if count < 2:
@@ -225,8 +220,7 @@ def _misplaced(run: Reduced, rng: np.random.Generator) -> Array:
     curve.
 
     The rows of a holding gauge are wrong together, possibly equally in the next lap; in the middle of a holding period
-    they are
-    correct, so a steady slope averages out.
+    they are correct, so a steady slope averages out.
     """
     readings = max(run.readings, _FEWEST)
     cells = int(min(NODES, readings))
@@ -262,8 +256,7 @@ def calmed(y: Array, power: Array) -> Array:
     """Return a curve (NODES,) with reduced noise, of power (NODES // 2 + 1,).
 
     A running median preserves the jumps of backlash, whose many orders would preserve noise. Each order of the
-    remainder is
-    reduced by its likely share of noise (Wiener filter).
+    remainder is reduced by its likely share of noise (Wiener filter).
     """
     half = _WINDOW // 2
     jumps = np.median(np.lib.stride_tricks.sliding_window_view(np.pad(y, half, mode="wrap"), _WINDOW), axis=1)

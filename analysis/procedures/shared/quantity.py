@@ -21,8 +21,7 @@ _FINEST_MM = 4
 """Decimals of a displayed length: 0.1 um, the finest gauge step known to rig (docs/rig-file.md)."""
 _FINEST_DEG = 5
 """Decimals of a displayed angle, and digits above 1 degree: 0.00001 degrees are 0.2 um at 1 m, and positions on the
-circle are
-relevant to 0.01 degrees.
+circle are relevant to 0.01 degrees.
 """
 _WITHOUT_U = 4
 """Decimals of a figure with unknown uncertainty."""
@@ -46,8 +45,7 @@ class Quantity:
 
     def __str__(self) -> str:
         """Return the value rounded to two digits of the uncertainty: `0.33022 ± 0.00092 °`; fewer digits if irrelevant,
-        and no
-        uncertainty if unknown.
+        and no uncertainty if unknown.
         """
         if not np.isfinite(self.u):
             return f"{self.rounded(self.value)} {self.sign}".rstrip()
@@ -96,7 +94,7 @@ class Quantity:
 
 
 def from_draws(value: float, draws: Array, unit: str, samples: int = 0, noise: NoiseSource = "measured") -> Quantity:
-    """Return a figure with an uncertainty from Monte Carlo draws (m,) (JCGM 101).
+    """Return a figure with an uncertainty from Monte Carlo draws (m,) in any unit (JCGM 101).
 
     u is half of the symmetric interval containing 95.45 % of the draws, so that 2 u is correct for heavy tails too.
     """
@@ -136,8 +134,7 @@ def figures_of(
     """Return figures by name, ending in the unit, from values and Monte Carlo draws (m,).
 
     excess: mean noise bias of a range or maximum; the value is lowered by it, to zero at least, and the correction has
-    the
-    relative uncertainty excess_u.
+    the relative uncertainty excess_u.
     """
     figures = {}
     for name, plain in values.items():

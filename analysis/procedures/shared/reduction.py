@@ -38,10 +38,9 @@ class Reduced:
     """Laps of a run at NODES circle angles.
 
     g_mm (L, NODES, k): in order of time. order (NODES,): circle angle of each. samples: rows of all laps. rows: per
-    lap, without
-    outliers. readings: per lap, changed readings of the gauge with most repetitions. rate: rad/s of phi. step_mm,
-    noise_mm (k,):
-    quantisation of each gauge and the noise below it. blur: standard deviation, rad, of row positions from their times.
+    lap, without outliers. readings: per lap, changed readings of the gauge with most repetitions. rate: rad/s of phi.
+    step_mm, noise_mm (k,): quantisation of each gauge and the noise below it. blur: standard deviation, rad, of row
+    positions from their times.
     """
 
     g_mm: Array
@@ -63,8 +62,7 @@ class HatSums:
     """Sums over the rows between nodes per lap, (L, NODES).
 
     before, between, beyond: products of both hat functions. near, far (k, L, NODES): readings of each gauge times each
-    hat
-    function.
+    hat function.
     """
 
     before: Array
@@ -75,7 +73,7 @@ class HatSums:
 
     @property
     def rows(self) -> Array:
-        """Number of rows (L, NODES)."""
+        """Sum (L, NODES) of all products of hat functions: the number of rows."""
         return self.before + 2 * self.between + self.beyond
 
     def without(self, odd: Mask) -> HatSums:
@@ -122,8 +120,7 @@ class LapRows:
     """Combined rows of a run's laps.
 
     hats: of the rows without outliers, less the waves `base` (5, k). count: of all rows. wild, changed (k): outliers
-    and changed
-    readings per gauge. range_mm, step_mm, noise_mm (k): per gauge.
+    and changed readings per gauge. range_mm, step_mm, noise_mm (k): per gauge.
     """
 
     hats: HatSums

@@ -21,12 +21,10 @@ class CircleCurve(Tabular):
     """Yaw or roll run over the circle angle, mean of all laps, n = 720 nodes.
 
     phi_deg (n,): circle angle, 0 to 360. angle_deg (n,): angle between link and tool. error_deg (n,): orientation
-    error, the
-    angle less its least-squares sine, at the stated angular resolution (docs/figures.md). error_u_deg (n,): standard
-    uncertainty
-    of the error from noise within the run; scatter between runs, and uncertainties of the gauges' time and baseline,
-    are not
-    included. deviation_mm (n,): radial deviation of the distance from its least-squares circle, positive outwards.
+    error, the angle less its least-squares sine, at the stated angular resolution (docs/figures.md). error_u_deg (n,):
+    standard uncertainty of the error from noise within the run; scatter between runs, and uncertainties of the gauges'
+    time and baseline, are not included. deviation_mm (n,): radial deviation of the distance from its least-squares
+    circle, positive outwards.
     """
 
     phi_deg: Array
@@ -45,10 +43,8 @@ class RadialCurve(Tabular):
     """Targets of a radial run, in order of their numbers.
 
     target (t,); polar_deg, azimuth_deg (t,): directions in the hemisphere's frame. deviation_mm (t,): distance of the
-    mean over
-    orientations from the least-squares sphere. spread_mm (t,): range over orientations. used (t,): False if left out of
-    the
-    sphere.
+    mean over orientations from the least-squares sphere. spread_mm (t,): range over orientations. used (t,): False if
+    left out of the sphere.
     """
 
     target: Integers
@@ -85,8 +81,7 @@ class PoseCurve(Tabular):
     """Tracker poses or touches in table order, measured less fitted, in the robot's base.
 
     error_mm (n, 3): position error along x, y, z. rotation_deg (n, 3): orientation error about x, y, z, None if only
-    positions
-    were measured. axes: curves of joints driven one at a time.
+    positions were measured. axes: curves of joints driven one at a time.
     """
 
     error_mm: Array
@@ -112,10 +107,8 @@ class PathCurve(Tabular):
     """Paths of ISO 9283, station by station (m,), one path after the other.
 
     path (m,): name. s_mm (m,): length from its start, share (m,) of the total. place_mm (m, 3): command, off_mm (m, 3):
-    mean of
-    all cycles less the command, both along the cube's plane, horizontally and rising, and across it. at_mm, rt_mm (m,):
-    AT and
-    RT at the station, RT nan below three cycles.
+    mean of all cycles less the command, both along the cube's plane, horizontally and rising, and across it. at_mm,
+    rt_mm (m,): AT and RT at the station, RT nan below three cycles.
     """
 
     path: NDArray[np.str_]
@@ -140,8 +133,7 @@ ResultCurve = CircleCurve | RadialCurve | RepeatabilityCurve | PoseCurve | PathC
 @dataclass(frozen=True)
 class JointReversal:
     """Joint reversal on the nominal circle: joint number (1 to 6), name in the rig file, and circle angle; upper: from
-    rising to
-    falling with increasing circle angle.
+    rising to falling with increasing circle angle.
     """
 
     joint: int

@@ -1,13 +1,11 @@
 """Figures of scatter defined by standards (ISO 9283:1998 clause 7, ISO 230-2:2014 clause 3), and their uncertainty in
-repeated
-tests.
+repeated tests.
 
 Cube poses: ISO 9283:1998, 7.2.1 AP and 7.2.2 RP of each of P1 … P5; 7.3.2 distance accuracy AD = mean D - D_c and 7.3.3
 distance repeatability RD = 3 S of the distances D of each cycle from P2 to P4, S with n - 1, D_c the command. AD and RD
-are
-independent of the instrument's position. u of AP and RP as for all poses (`analysis.procedures.pose.evaluate`); u of AD
-is S / √n by
-Student's distribution, and u of RD that of a standard deviation. The instrument's errors are included in neither.
+are independent of the instrument's position. u of AP and RP as for all poses (`analysis.procedures.pose.evaluate`); u
+of AD is S / √n by Student's distribution, and u of RD that of a standard deviation. The instrument's errors are
+included in neither.
 """
 
 from __future__ import annotations
@@ -43,12 +41,9 @@ def of_scatter(plain: Plain, readings: Array, scatter: Scatter, drift_mm: Array 
     """Return figures of readings (t, k, n) mm, NaN if missing.
 
     value: by the standard. u: of its distance from the expectation, in repeated tests with the same scatter about each
-    cell's
-    mean. Each draw of the scatter gives several such tests, whose scatter is too small by a known factor. The
-    expectation is
-    that of a gauge without quantisation, and the cell means are uniform within a step. drift_mm: drift of the readings,
-    not
-    counted as scatter and present in each test.
+    cell's mean. Each draw of the scatter gives several such tests, whose scatter is too small by a known factor. The
+    expectation is that of a gauge without quantisation, and the cell means are uniform within a step. drift_mm: drift
+    of the readings, not counted as scatter and present in each test.
     """
     rng = np.random.default_rng(_SEED)
     measured = np.isfinite(readings)

@@ -1,8 +1,7 @@
 """Simulated touches: postures with the ball in a socket, and the joint readings.
 
 A rig file contains no socket positions, because users choose them. For plans and simulations they are placed within
-reach,
-around the base, where the arm has many postures.
+reach, around the base, where the arm has many postures.
 """
 
 from __future__ import annotations
@@ -43,8 +42,7 @@ def touch_of(rig: Rig) -> Touch:
 
 def planned_touches(rig: Rig, seed: int = 0) -> TouchTable:
     """Return touches of the nominal arm, distributed over the sockets of the rig file. Raises FileError without a touch
-    test, or
-    without postures.
+    test, or without postures.
     """
     return _standing(rig, _planned(rig, np.random.default_rng(seed))[0])
 

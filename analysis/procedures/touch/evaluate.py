@@ -2,16 +2,12 @@
 point.
 
 Ball position on the tool (3) and socket positions (3 each) are least-squares estimates from all touches, linear in
-both. The
-residual is the arm's error at one point, measured without an instrument. ASME B89.4.22-2004 (single-point
-articulation): per
-socket the largest distance from the mean, and 2 s of the distances, s² = Σ δ² / (n - 1).
+both. The residual is the arm's error at one point, measured without an instrument. ASME B89.4.22-2004 (single-point
+articulation): per socket the largest distance from the mean, and 2 s of the distances, s² = Σ δ² / (n - 1).
 
 Uncertainties: scatter of a seated ball and of robot stops, propagated through the fit. They contain noise only, because
-the
-arm's errors are the measurand. The distance between sockets is affected by these errors, so the residual counts as
-noise for
-it.
+the arm's errors are the measurand. The distance between sockets is affected by these errors, so the residual counts as
+noise for it.
 """
 
 from __future__ import annotations
@@ -64,8 +60,7 @@ class SocketDistance:
 @dataclass(frozen=True)
 class TouchResult:
     """position_mm (n, 3): ball relative to its socket, in the world. ball_mm (3,): ball position on the tool. sockets:
-    by name,
-    (3,) mm in the world. distances: of pairs in the rig file, or of all pairs of up to four sockets.
+    by name, (3,) mm in the world. distances: of pairs in the rig file, or of all pairs of up to four sockets.
     """
 
     position_mm: Array
@@ -85,8 +80,7 @@ class TouchResult:
 
 def evaluate(table: TouchTable, model: Model, where: str = "the touch table") -> TouchResult:
     """Return the figures of touches with a model of the arm: rms_mm and max_mm of the ball relative to its socket,
-    spat_mm, and
-    socket_distance_mm for two sockets.
+    spat_mm, and socket_distance_mm for two sockets.
 
     Raises FileError for too few touches, and for a robot that did not move.
     """
@@ -198,8 +192,7 @@ class Touch(PlaceKind[TouchTable]):
     setup_words = "the places of the sockets and of the ball on the tool"
     assumed_sd_mm = 0.1
     """For a ball seated by hand: a model of constants, gravity and curves leaves 0.1 to 0.2 mm for two Pandas and an
-    iiwa (Franzese
-    et al., MUKCa, 2024). The readings adjust it; a search starting too low explains scatter by the arm.
+    iiwa (Franzese et al., MUKCa, 2024). The readings adjust it; a search starting too low explains scatter by the arm.
     """
     never_twice = (
         "no posture was touched twice: how much a seated ball scatters is judged by what the model leaves of it; "

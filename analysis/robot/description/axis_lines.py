@@ -1,11 +1,9 @@
 """Modified Denavit-Hartenberg constants from joint axes given as lines in space.
 
 The axes contain the complete kinematics, independent of the frames of a source. Two lines have a common normal, Craig's
-a
-and alpha. For parallel or nearly parallel lines the common normal is ill-conditioned, and the next axis is intersected
-with
-the plane through the previous origin instead, rotated by Hayati's beta (S. Hayati, M. Mirmirani, Improving the Absolute
-Positioning Accuracy of Robot Manipulators, 1985). Both are exact: no axis is moved.
+a and alpha. For parallel or nearly parallel lines the common normal is ill-conditioned, and the next axis is
+intersected with the plane through the previous origin instead, rotated by Hayati's beta (S. Hayati, M. Mirmirani,
+Improving the Absolute Positioning Accuracy of Robot Manipulators, 1985). Both are exact: no axis is moved.
 """
 
 from __future__ import annotations
@@ -19,8 +17,7 @@ from rigs.schema.robot import Rail
 
 _PARALLEL = 0.1
 """Sine of the angle between axes below which beta is used: 6 degrees. A common normal further than ten times the
-distance of
-two axes is not a length of a robot; nominal angles of 0 and 90 degrees are not affected.
+distance of two axes is not a length of a robot; nominal angles of 0 and 90 degrees are not affected.
 """
 _MEET_MM = 1e-6
 """Distance below which axes intersect; sources round to a micrometre or finer."""
@@ -77,8 +74,7 @@ def denavit_hartenberg(axes: AxisLines) -> DenavitHartenberg:
     """Return the constants of an arm's axes, joint by joint from the base.
 
     The first axis points like the base's z axis and the last like the flange's, with the joint direction in `senses`;
-    the x
-    axes are chosen for the smallest offsets.
+    the x axes are chosen for the smallest offsets.
     """
     senses = np.ones(len(axes.directions))
     senses[0] = -1.0 if axes.directions[0, 2] < 0 else 1.0

@@ -34,8 +34,7 @@ _LEAST_KG = 1e-3
 """MuJoCo does not simulate massless bodies. Chosen: a gram, if the rig file contains no mass."""
 _ARMATURE = 1e-3
 """kg m² required by additional hinges of an axis; without it their motion is undetermined. Chosen: a rotor behind a
-gear has
-some tenths (MuJoCo Menagerie, universal_robots_ur10e: 0.1).
+gear has some tenths (MuJoCo Menagerie, universal_robots_ur10e: 0.1).
 """
 _HEAD = (
     "Lengths are in metres and angles in radians. The hinge with a joint's name turns by the angle that the controller "

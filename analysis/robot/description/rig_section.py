@@ -33,8 +33,7 @@ _ZERO = 1e-11
 @dataclass(frozen=True)
 class Joint:
     """Properties of a joint in a source other than its axis: limits (degrees) in its own direction, degrees/s, kg, and
-    centre of
-    mass (3,) mm in the base frame with all joints at zero.
+    centre of mass (3,) mm in the base frame with all joints at zero.
     """
 
     name: str
@@ -117,8 +116,7 @@ def checked_section(
     """Return the section of axes and joints, below comment lines, after a comparison with its source.
 
     source: flange poses (n, 4, 4) mm at joint angles q (n, axes) rad and rail position in m, computed independently.
-    Raises
-    FileError naming path if the section cannot be written, or differs by more than the tolerance.
+    Raises FileError naming path if the section cannot be written, or differs by more than the tolerance.
     """
     try:
         section = robot_text(robot_of(name, denavit_hartenberg(axes), joints, axes.rail))

@@ -1,12 +1,9 @@
 """Export an arm as a URDF, `world` → `base_link` → `link_1` … `link_n` → `flange` → `tool`, and as a xacro macro.
 
 Joints have the names, directions and limits of the rig file and turn by the controller's angles: each about z of a
-frame
-fixed in the previous one, as in ROS drivers (`driver_kinematics`). A rail is a prismatic joint between `rail_base`,
-fixed
-in the world, and `base_link`. A rig file contains masses and their centres, but no moments of inertia or torques: they
-are
-written as zero, with a comment.
+frame fixed in the previous one, as in ROS drivers (`driver_kinematics`). A rail is a prismatic joint between
+`rail_base`, fixed in the world, and `base_link`. A rig file contains masses and their centres, but no moments of
+inertia or torques: they are written as zero, with a comment.
 
 With the macro a second description can include the arm under a prefix and on a parent. It is the same URDF without its
 world: an otherwise empty description that calls it has the same joints.

@@ -1,6 +1,5 @@
 """Circles: the frame of the yaw and roll tests, nominal tool poses, circle angles, gauge readings of the ball link,
-fitted
-circles, and deviations from a circle.
+fitted circles, and deviations from a circle.
 
 docs/conventions.md, "Circle test": P = C + R r(phi), z_T = -r, x_T = n, y_T = z_T × x_T (the acw tangent). The link's
 disk
@@ -9,8 +8,7 @@ the
 disk: g = (s - w (l·e)) / (l·z_T), with l the unit vector from P to B.
 
 Peaks are those of `scipy.signal.find_peaks`, reimplemented because the import takes half a second, more than a
-diagnosis
-of a small run.
+diagnosis of a small run.
 
 For a circle close to the true one the radial deviations are dR + dC·r(phi), the axial ones dC·n - R dn·r(phi), with the
 errors dC, dn and dR of the circle: two regressions on the same columns 1, cos(phi), sin(phi).
@@ -116,8 +114,7 @@ def reversals(circle: Circle, arm: Arm, where: str) -> list[Reversal]:
     """Return the joint reversals on the nominal circle, by axis and phi (Table 1 of the paper).
 
     A joint moving by less than 0.05° around the point counts as standing. Raises FileError if the arm cannot follow the
-    circle;
-    the joint limits are checked for programs, which move less than this function.
+    circle; the joint limits are checked for programs, which move less than this function.
     """
     frame = frame_of(circle)
     # Beyond a lap at both ends, so that a reversal near the start has both flanks.
@@ -232,8 +229,7 @@ def link_readings(
     """Return gauge readings (n, k) mm, before zero setting, of k gauges at `offsets_mm` (k,) along the baseline.
 
     T (n, 4, 4): link-side tool poses; ball (3,) mm in the world; link_mm: link constant, subtracted from |B - P|;
-    form_mm (n,):
-    form error of the ball, added to the distance.
+    form_mm (n,): form error of the ball, added to the distance.
     """
     to_ball = ball - T[:, :3, 3]
     distance = np.linalg.norm(to_ball, axis=1)

@@ -58,8 +58,7 @@ def hemisphere_of(rig: Rig) -> Hemisphere:
 @dataclass(frozen=True)
 class CircleProgram:
     """Laps with lead-in and lead-out, and the returns between them, at the controller's period. t_s (n,); phi (n,) rad;
-    q (n, 6)
-    rad.
+    q (n, 6) rad.
     """
 
     t_s: Array
@@ -121,8 +120,7 @@ def circle_laps(rig: Rig, direction: Direction) -> Laps:
     """Return the laps of a circle program. Raises FileError if the robot cannot drive them.
 
     Between laps the robot returns along the circle, because few arms have two spare turns of the wrist; twice as fast
-    if its
-    joints permit.
+    if its joints permit.
     """
     circle = circle_of(rig)
     arm, frame = arm_of(rig.robot), frame_of(circle)
@@ -141,8 +139,7 @@ def drive(arm: Arm, frame: CircleFrame, phi: Array, posture: Array, where: str) 
     """Return reported angles (n, 6) rad along monotone circle angles phi (n,), in either direction.
 
     The posture is that of the acw start. A cw program reverses the same joint angles: a joint with a full turn starts
-    at the
-    end of the acw lap, because most have no second turn.
+    at the end of the acw lap, because most have no second turn.
     """
     order = slice(None) if phi[-1] > phi[0] else slice(None, None, -1)
     return follow(arm, frame.poses(phi[order]), posture, where)[order]

@@ -8,9 +8,8 @@ not
 public; clauses and numbers follow public quotations (docs/figures.md).
 
 The paths, 6.8.6, lie on the same plane, parametrised by their length: the line from P2 to P4; a large circle about P1
-with
-80 % of the cube's side as diameter and a small one of a tenth of that; the rectangle P2 P3 P4 P5. The large circle is
-driven in both directions, as required by ISO 230-4. All positions are in mm, in the frame of the cube.
+with 80 % of the cube's side as diameter and a small one of a tenth of that; the rectangle P2 P3 P4 P5. The large circle
+is driven in both directions, as required by ISO 230-4. All positions are in mm, in the frame of the cube.
 """
 
 from __future__ import annotations
@@ -66,8 +65,7 @@ class Cube:
     """Poses of a cube.
 
     centre_mm (3,), level and rising (3,) unit vectors of the plane, in the world; R (3, 3): tool orientation; q (5,
-    axes) rad:
-    joints at P1 … P5; found: whether the place comes from a search.
+    axes) rad: joints at P1 … P5; found: whether the place comes from a search.
     """
 
     centre_mm: Array
@@ -319,8 +317,7 @@ CommandPath = Polygon | Ring
 
 def paths_of(cube: Cube) -> dict[PathName, CommandPath]:
     """Return the paths of a cube in the order of each cycle; `back`, from the end of the line to its start over P3, is
-    not
-    evaluated.
+    not evaluated.
     """
     _, p2, p3, p4, p5 = cube.places_mm
     radius, level, rising = FROM_CENTRE * cube.side_mm, cube.level, cube.rising

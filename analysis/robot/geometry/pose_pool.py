@@ -1,8 +1,7 @@
 """Poses of an arm in front of a tracker: within limits, collision-free, and visible.
 
 The arm is a chain of lines between joint frames and tool; its covers are unknown. Safety distances include the covers
-of
-common arms, and the operator supervises the first run.
+of common arms, and the operator supervises the first run.
 """
 
 from __future__ import annotations
@@ -35,8 +34,7 @@ _DRAWS = 40
 @dataclass(frozen=True)
 class Sight:
     """Tracker position tracker_mm (3,) in the robot's base, and viewing axis (3,) of the target in the tool frame; None
-    for a
-    target visible from everywhere.
+    for a target visible from everywhere.
     """
 
     tracker_mm: Array

@@ -20,8 +20,7 @@ from analysis.robot.kinematics.arm import Arm, Array, Integers, forward
 
 def socket_design(T: Array, socket: Integers, sockets: int) -> Array:
     """Return the derivatives (3 n, 3 + 3 s) of the ball's distance from its socket by ball position on the tool and
-    socket
-    positions, at tool poses T (n, 4, 4) mm; socket (n,): index of each socket, from 0.
+    socket positions, at tool poses T (n, 4, 4) mm; socket (n,): index of each socket, from 0.
     """
     design = np.zeros((len(T), 3, 3 + 3 * sockets))
     design[:, :, :3] = T[:, :3, :3]

@@ -2,8 +2,7 @@
 
 The arm is an immutable value, and all functions are pure. Angles are radians, lengths mm, frames homogeneous 4 × 4
 matrices named `T_parent_child`. Modified Denavit–Hartenberg after Craig, Introduction to Robotics, 3rd ed., eq. 3.6,
-with
-Hayati's angle beta between alpha and theta.
+with Hayati's angle beta between alpha and theta.
 """
 
 from __future__ import annotations
@@ -36,12 +35,10 @@ class Arm:
     """Constants of an arm with `axes` joints.
 
     a, d: (axes,) mm; alpha, beta, offset: (axes,) rad; coupling: (axes, axes); T_world_base, T_flange_tool: (4, 4);
-    limits:
-    (axes, 2) rad; speed: (axes,) rad/s; rail (3,): world direction of a rail under the base, or None.
+    limits: (axes, 2) rad; speed: (axes,) rad/s; rail (3,): world direction of a rail under the base, or None.
 
     Joint angles q (n, axes) rad of an arm on a rail may have an additional column, the rail position in m: for
-    something a
-    metre away, a metre moves as much as a radian. The default position is 0.
+    something a metre away, a metre moves as much as a radian. The default position is 0.
     """
 
     a: Array
@@ -126,8 +123,7 @@ def base_places(arm: Arm, q: Array) -> Array:
 
 def rail_frame(arm: Arm) -> Array:
     """Return the axes (3, 3) of a rail in the world as columns: along it, across it horizontally in the base frame, and
-    across
-    both. For a vertical rail the second axis is the base's x axis.
+    across both. For a vertical rail the second axis is the base's x axis.
     """
     assert arm.rail is not None  # noqa: S101 - asked for rails alone
     up = arm.T_world_base[:3, 2]
@@ -187,8 +183,7 @@ def forward_and_jacobian(arm: Arm, q: Array) -> tuple[Array, Array]:
     """Return T_world_tool (n, 4, 4) and the geometric Jacobian of the tool origin (n, 6, axes).
 
     Rows: linear velocity in mm/rad, then angular velocity, both in the world. Columns: joints of the controller,
-    including
-    couplings.
+    including couplings.
     """
     T, J = np.empty((len(q), 4, 4)), np.empty((len(q), 6, arm.axes))
     for block in blocks(len(q)):

@@ -1,8 +1,7 @@
 """Eight inverse kinematics branches in closed form, for two kinds of arms and arms close to them.
 
 With R = RotX(90°) and all signs removed, the arm is Rz(t1) TransX(a1) R, then a planar chain, then the wrist. A point
-of
-the plane is a complex number; the normal of the plane is -y of frame 1. Both kinds consist of the same three parts:
+of the plane is a complex number; the normal of the plane is -y of frame 1. Both kinds consist of the same three parts:
 
 - shoulder: the distance of the wrist centre from the plane is known, D = the sum of the offsets along the parallel
 axes,
@@ -12,17 +11,15 @@ so -x sin t1 + y cos t1 = -D: two t1;
 
 Spherical wrist: shoulder, elbow with w = a3 - i d4, wrist. Parallel axes: shoulder, wrist with t2 + t3 + t4 in place of
 t4, elbow with w = a3 after removing a4 - i d5. Derived for this program (J. Craig, Introduction to Robotics, 3rd ed.,
-ch.
-4 for the method; M. Brandstötter et al. 2014 and K. Hawkins 2013 have the same branches in other parameters).
+ch. 4 for the method; M. Brandstötter et al. 2014 and K. Hawkins 2013 have the same branches in other parameters).
 
 Two kinds of arms have a closed-form inverse: parallel axes 2 and 3 with a spherical wrist, and parallel axes 2, 3 and 4
 (Universal Robots). Reversing the z axis of joint i (a half turn about its x axis) changes the sign of theta_i and d_i
-and
-the adjacent alphas by 180°, so each arm of a kind is brought to the same alphas, all 90° or 0°, with one derivation.
+and the adjacent alphas by 180°, so each arm of a kind is brought to the same alphas, all 90° or 0°, with one
+derivation.
 
 A calibrated arm is close to a kind: small Hayati angles and alpha errors. It is snapped to the kind, and the closed
-form
-of the snapped arm gives the start values for Newton's method on the true arm.
+form of the snapped arm gives the start values for Newton's method on the true arm.
 """
 
 from __future__ import annotations
@@ -53,9 +50,8 @@ class Canonical:
     """Arm of a kind with signs removed: theta of the arm = sign · theta here.
 
     a, d, sign: (6,). T_one_world: (4, 4) from the world to the frame of axis 1 at rest, raised by d1. T_tool_wrist: (4,
-    4)
-    from the tool back along axis 6 by d6. snapped_mm: maximum tool motion caused by snapping, a radian counted as 500
-    mm.
+    4) from the tool back along axis 6 by d6. snapped_mm: maximum tool motion caused by snapping, a radian counted as
+    500 mm.
     """
 
     kind: Kind
@@ -125,14 +121,11 @@ def branches(form: Canonical, poses: Array, spread: float = 0.0, slot: int | Non
     slot.
 
     Slot = 4 · shoulder + 2 · elbow + wrist. An unreachable branch is not marked: its angles come as close as possible,
-    and
-    forward kinematics decides. With `spread` > 0 (rad) the two sides of a singularity are kept that far apart: start
-    values
-    for an arm close to its kind.
+    and forward kinematics decides. With `spread` > 0 (rad) the two sides of a singularity are kept that far apart:
+    start values for an arm close to its kind.
 
     Singular poses: a wrist centre on axis 1 has t1 = 0 and 180°; t5 = 0 has t4 = 0 (spherical wrist), or the t2 + t3 +
-    t4
-    with the elbow closest to a right angle (parallel axes). Other splits exist.
+    t4 with the elbow closest to a right angle (parallel axes). Other splits exist.
     """
     sides = [_BOTH] * 3 if slot is None else [_BOTH[[slot >> bit & 1]] for bit in (2, 1, 0)]
     solve = _spherical_wrist if form.kind == "spherical wrist" else _parallel_axes

@@ -1,12 +1,10 @@
 """Inverse kinematics along a path: joint angles that follow a sequence of tool poses without a jump.
 
 Strategy: the first pose is solved by damped Newton from the posture, or otherwise by the branch closest to the posture.
-An
-arm with a closed form, or close to one, keeps that branch over all poses together, refined by Newton. If the branch is
-discontinuous, and for an arm of no known kind, a coarse subset of the poses is solved sequentially by Newton; the poses
-in
-between are interpolated and refined. If this fails, all branches of the failed pose show whether it is out of reach or
-behind a singularity.
+An arm with a closed form, or close to one, keeps that branch over all poses together, refined by Newton. If the branch
+is discontinuous, and for an arm of no known kind, a coarse subset of the poses is solved sequentially by Newton; the
+poses in between are interpolated and refined. If this fails, all branches of the failed pose show whether it is out of
+reach or behind a singularity.
 """
 
 from __future__ import annotations

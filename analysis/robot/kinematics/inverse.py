@@ -4,9 +4,8 @@ Strategy: an arm of a kind with a closed form (`canonical`) has eight exact bran
 (`searched`) by Newton's method on stacks of start values. Every solution is confirmed by forward kinematics.
 
 For a calibrated arm close to a kind, the branches of the snapped arm are the start values. In doubtful cases, close to
-a
-singularity or the end of the reach, and for an arm of no known kind, more start values are used, including some on both
-sides of each solution near a singularity.
+a singularity or the end of the reach, and for an arm of no known kind, more start values are used, including some on
+both sides of each solution near a singularity.
 """
 
 from __future__ import annotations
@@ -76,8 +75,7 @@ def _near_branches(arm: Arm, form: Canonical, poses: Array, theta: Array) -> tup
     """Refine each branch theta (8, n) of the snapped arm by Newton: q (n, 8, 6), solved (n, 8), and clear poses (n,).
 
     theta has shape (8, 6, n) in rad. A pose is clear if no branch is close to the end of its reach, to a second branch,
-    or to
-    a singularity.
+    or to a singularity.
     """
     seeds = _joints(arm, theta.transpose(2, 0, 1))
     flat = np.repeat(poses, 8, axis=0)
@@ -98,8 +96,7 @@ def _beside(arm: Arm, poses: Array, q: Array, solved: Mask) -> tuple[Array, Mask
     """Add solutions on both sides of singular ones: q (n, 16, 6) rad, solved (n, 16).
 
     Branches are close together there, along the joint motion that does not move the tool, and several start values may
-    have
-    converged to one of them.
+    have converged to one of them.
     """
     row, slot = np.nonzero(solved)
     condition, still = null_motion(arm, q[row, slot])
@@ -156,10 +153,8 @@ class Solutions:
     """Solutions q (n, k, 6) rad, nan in empty slots; found (n, k): mask of solutions.
 
     complete: the arm has a closed form, so no branch is missing (at a singular pose, a choice of infinitely many), and
-    a slot
-    identifies its branch, 4 · shoulder + 2 · elbow + wrist. Otherwise slots have no meaning, and a solution may be
-    missing:
-    near a singularity of a calibrated arm, anywhere for an arm of no known kind.
+    a slot identifies its branch, 4 · shoulder + 2 · elbow + wrist. Otherwise slots have no meaning, and a solution may
+    be missing: near a singularity of a calibrated arm, anywhere for an arm of no known kind.
     """
 
     q: Array
@@ -172,9 +167,8 @@ def inverse(arm: Arm, poses: Array) -> Solutions:
 
     Each solution reproduces its pose within 1e-8 mm and 1e-10 rad. Whole turns are removed: coupling @ q lies in
     (-180°, 180°]. Joint limits are ignored; `within_limits` adds turns and filters. An unreachable or non-finite pose
-    has no
-    solution, without an error. At a singular wrist theta4 is chosen by t4 = 0 (`closed_form.branches`), and coinciding
-    branches are returned once.
+    has no solution, without an error. At a singular wrist theta4 is chosen by t4 = 0 (`closed_form.branches`), and
+    coinciding branches are returned once.
     """
     form = canonical(arm)
     solve = partial(_exact, arm, form) if form is not None and form.exact else partial(searched, arm, form)

@@ -57,8 +57,7 @@ def impossible_rad(q: Array) -> float:
     """Return the largest impossible angle in rad among joints q (n, axes) rad, or 0 if all are possible.
 
     Angles are impossible if more joints have turned beyond the limit than any arm has endless axes: they have a
-    different
-    unit.
+    different unit.
     """
     most = np.abs(q).max(axis=0, initial=0.0)
     return float(most.max(initial=0.0)) if np.count_nonzero(most > _MOST_RAD) > _WIND else 0.0

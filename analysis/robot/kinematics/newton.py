@@ -1,8 +1,7 @@
 """Damped Newton for inverse kinematics on stacks: from start angles to the nearest solution of each pose.
 
 Works for any arm; with more than six axes, each step is the shortest possible. Converged rows leave the stack, so that
-a
-few hard poses do not slow down the rest. The Jacobian also shows the distance to a singularity and the axes involved.
+a few hard poses do not slow down the rest. The Jacobian also shows the distance to a singularity and the axes involved.
 
 With five axes a tool reaches any position and two rotations (`newton_in_part`). The position has priority, and the
 orientation is the closest one possible there: rotational steps use only motions that preserve the position (Y.
@@ -173,8 +172,7 @@ def _damped(normal: Array, size: Array) -> Array:
     """Add damping to normal equations (6, 6, n) in place, for errors of size (n,) mm.
 
     The damping decreases with the error: safe far away, quadratic close by. The minimum exceeds the rounding of the
-    normal
-    equations; otherwise a singular pose would have no step.
+    normal equations; otherwise a singular pose would have no step.
     """
     diagonal = np.einsum("iin->in", normal)
     diagonal += 1e-6 * size**2 + 1e-14 * diagonal.sum(axis=0)
@@ -247,8 +245,7 @@ def newton_in_part(arm: Arm, targets: Array, q: Array, tool: Poses | None = None
     """Solve `targets` (n, 4, 4) from angles q (n, axes) rad, position first.
 
     Returns angles (n, axes) rad, and a mask (n,) of reached positions, with the orientation as close as possible. tool:
-    true
-    tool poses of an arm close to the nominal one, whose Jacobian is used.
+    true tool poses of an arm close to the nominal one, whose Jacobian is used.
     """
     at, reached = q.copy(), np.zeros(len(q), dtype=bool)
     moving = np.flatnonzero(np.isfinite(q).all(axis=1) & np.isfinite(targets).all(axis=(1, 2)))

@@ -75,8 +75,7 @@ def turns(t_s: Array, x: Array, stand_ends: Integers = _NONE) -> list[tuple[floa
     """Return the reversals of x (n,) rad: time in s, and new direction (±1).
 
     `stand_ends` (s,) contains the last row of each standstill of the whole robot: there a reversal happens at the
-    departure.
-    Otherwise it happens at the vertex of the motion.
+    departure. Otherwise it happens at the vertex of the motion.
     """
     follower = play(x, _TURN_RAD / 2)
     moving = np.flatnonzero(np.diff(follower))

@@ -3,12 +3,10 @@
 reported angles, in order of time  →  effects  →  readings
 
 The same function serves simulated programs and measured tables, so a difference between them lies in the model instead
-of
-the method.
+of the method.
 
 The geometric part of a model is an arm: joint zeros and link constants are valid in all postures, so any program for
-rigid
-arms can use them completely. Compliance, waves, backlash, growth and lag are not included.
+rigid arms can use them completely. Compliance, waves, backlash, growth and lag are not included.
 """
 
 from __future__ import annotations
@@ -39,10 +37,8 @@ class Path:
     """Reported motion of a table, including positions between the readings.
 
     motion: n samples. rows (m,): samples with readings. stands: whether the robot stood at each reading long enough to
-    make
-    clock differences irrelevant. alone: whether the tool is simulated at the readings only, because later effects have
-    little
-    memory.
+    make clock differences irrelevant. alone: whether the tool is simulated at the readings only, because later effects
+    have little memory.
     """
 
     motion: Motion
@@ -71,8 +67,7 @@ class SetUp:
     """Set-up: estimated in every fit, not part of a rig file.
 
     ball (3,) mm in the world; zeros_mm (k,): negative gauge offsets. For pose tables T_instrument_world and
-    T_tool_target
-    (4, 4): pose of the instrument, and position of the target on the tool.
+    T_tool_target (4, 4): pose of the instrument, and position of the target on the tool.
     """
 
     ball: Array

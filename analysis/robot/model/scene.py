@@ -41,8 +41,7 @@ class Pull:
     """Gravity at n postures.
 
     torque (n, axes) Nm on each joint of the controller; moment (n, 3) Nm of everything carried by the base, about its
-    origin
-    and in its axes.
+    origin and in its axes.
     """
 
     torque: Array

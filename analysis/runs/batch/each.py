@@ -2,8 +2,7 @@
 results.
 
 The cluster must be running: nothing here listens. Its scheduler reassigns the items of a dead worker. Workers see the
-same
-files under the same paths, and have the same versions of numerical packages, so their results equal those of this
+same files under the same paths, and have the same versions of numerical packages, so their results equal those of this
 computer.
 """
 
@@ -38,12 +37,10 @@ def each(
     scheduler: address of a Dask scheduler whose workers are used instead.
 
     Remote runs are always fetched by separate processes: store packages start threads, and a process waiting for a
-    store can
-    be ended immediately.
+    store can be ended immediately.
 
     After a killed process, for example by the out-of-memory killer, the item is repeated once and then fails. Closing
-    the
-    iteration, as after Ctrl-C, kills the processes.
+    the iteration, as after Ctrl-C, kills the processes.
     """
     if scheduler is not None:
         yield from on_cluster(work, items, scheduler)
@@ -64,7 +61,7 @@ def each(
 
 
 _AHEAD = 1000
-"""Items submitted to the cluster ahead of the awaited one: more than the threads of a cluster."""
+"""Items submitted to the cluster ahead of the expected one: more than the threads of a cluster."""
 _CONNECTED_S = 10
 _COMPUTING = (NAME, "numpy", "scipy")
 """Packages whose versions affect the digits of a result."""
@@ -74,8 +71,7 @@ def on_cluster(work: Callable[[Item], Value], items: Sequence[Item], address: st
     """Yield the outcomes in order of the items. Items not yet started are cancelled at the end of the iteration.
 
     Raises FileError if dask.distributed is not installed, CellError for a cluster that does not respond, has no
-    workers, or
-    has different versions.
+    workers, or has different versions.
     """
     client = _connected(address)
     try:

@@ -27,8 +27,7 @@ def fetched(run: Path) -> Iterator[Path]:
     """Provide the directory of a run; a remote run is copied, and the copy removed at the end.
 
     A process has one copy at a time, so it needs space for its largest run only. Errors in the block name the original
-    run.
-    Raises RigError if it cannot be fetched.
+    run. Raises RigError if it cannot be fetched.
     """
     if not isinstance(run, RemotePath):
         yield run

@@ -1,8 +1,7 @@
 """Work in several local processes, one item each at a time.
 
 A single item identifies the cause of a killed process; `concurrent.futures` abandons all work in that case. There are
-no
-threads here, so a fork never copies one in the middle of an operation.
+no threads here, so a fork never copies one in the middle of an operation.
 """
 
 from __future__ import annotations
@@ -29,12 +28,11 @@ _TRIES = 2
 
 _SIGNALS_S = 1.0
 """Duration of a wait: Python handles Ctrl-C between calls, so a Ctrl-C just before a wait would take effect only at its
-end
-(seen once in a thousand test runs on a busy computer).
+end (seen once in a thousand test runs on a busy computer).
 """
 
 _AHEAD = 200
-"""Items started ahead of the awaited one; their values are kept in memory."""
+"""Items started ahead of the expected one; their values are kept in memory."""
 
 
 def cores() -> int:

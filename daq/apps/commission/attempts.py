@@ -161,8 +161,7 @@ class Probing:
     """Host side of a conversation on trial.
 
     Opening messages sent before any data arrives configure the instrument (`OUT0`, `OUTPUT RS422`): if only requests
-    are
-    permitted, they are suppressed.
+    are permitted, they are suppressed.
     """
 
     def __init__(self, host: Host, sends: Sends, silences: int = 1) -> None:

@@ -2,8 +2,7 @@
 permissions, other processes, latency).
 
 Each finding is a function of plain values; the functions that read them from the system follow below. `root` is the
-root
-of the system's tree, so that a test can build one. No port is opened.
+root of the system's tree, so that a test can build one. No port is opened.
 """
 
 from __future__ import annotations

@@ -25,8 +25,7 @@ def examine(
     """Yield findings as they are made.
 
     unit: service of the rig. root: parent of /dev, /proc and /sys. example: whether the rig file is a shipped example,
-    whose
-    ports are not touched because they may belong to other machines in this network.
+    whose ports are not touched because they may belong to other machines in this network.
     """
     yield from examine_computer(runs, unit)
     try:

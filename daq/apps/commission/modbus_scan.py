@@ -2,14 +2,11 @@
 
 Only read functions (3 and 4) are used, while the user moves the probe. First every unit number is polled. Then the
 registers around the configured address, and around the address in manual notation (30203, 40203), are read repeatedly
-and
-judged.
+and judged.
 
 Registers can be decoded as numbers in many ways. A wrong decoding jumps over the whole range of its type or does not
-move.
-A value moving steadily within a gauge's range while the probe is moved by hand is the reading, or the higher part of
-one.
-Among several candidates those requiring the fewest changes to the rig file are chosen.
+move. A value moving steadily within a gauge's range while the probe is moved by hand is the reading, or the higher part
+of one. Among several candidates those requiring the fewest changes to the rig file are chosen.
 """
 
 from __future__ import annotations
@@ -42,8 +39,7 @@ _FEW = 5
 """Minimum number of different readings while the probe is moved."""
 _RANDOM = 0.5
 """Limit of the mean square step over twice the variance (von Neumann): 1 for random numbers, 0.2 for a motion to and
-fro
-observed ten times.
+fro observed ten times.
 """
 _CUT = 2**-4
 """The first register contains four bits of the fraction in double precision, seven in single precision."""

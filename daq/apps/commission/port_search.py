@@ -34,8 +34,7 @@ from rigs.schema.links import Line, Port
 
 _ANSWER_S = 0.3
 """Answer time during a search: 9 characters at 4800 baud take 21 ms, an FTDI adapter adds 16 ms, and a Heidenhain ND
-281 B
-takes up to 50 ms.
+281 B takes up to 50 ms.
 """
 _STOOD_STILL_NS = 250_000_000
 """After a longer stall of the program or computer an answer may have been missed, so the attempt is repeated."""
@@ -43,8 +42,7 @@ _MOST_REPEATS = 3
 _PATIENCE_S = 2.0
 _SILENT_S = 20.0
 """Limit for a built-in port, which exists with nothing plugged in: only the makers' line settings and the two commonest
-are
-tried. Pluggable ports are tried with all settings.
+are tried. Pluggable ports are tried with all settings.
 """
 _CONFIRM_S = 0.5
 """Time for further readings after a match."""
@@ -62,8 +60,7 @@ class Wanted:
     """Search options. ports: serial devices and TCP addresses named by the user; no other port is opened.
 
     named: attempts for a port with a known instrument, instead of all. listen_s: listening time per setting.
-    modbus_units:
-    units to poll.
+    modbus_units: units to poll.
     """
 
     ports: tuple[str, ...]
@@ -189,8 +186,7 @@ def _rank(candidate: tuple[Attempt, Trial]) -> tuple[bool, float, bool, int]:
     """Return the sort key of a matching attempt, the best highest.
 
     An interface with messages ending in a carriage return also accepts a following line feed, so it matches instruments
-    of
-    other interfaces that always send both.
+    of other interfaces that always send both.
     """
     enough, understood, readings = evidence_of(candidate[1].items).rank
     return enough, understood, candidate[0].interface not in _FORGIVING, readings

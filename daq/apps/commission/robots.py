@@ -1,15 +1,13 @@
 """Detect a robot: RTDE at its port, a port printing lines, or a local port contacted by a controller.
 
 The address alone determines the data sent: RTDE read requests to port 30004, FANUC Stream Motion status requests to
-port
-60015, OPC UA browse and read requests to port 4840. Other ports are only listened to: unexpected bytes can stop the
-serving program, and Universal Robots' script ports execute them. If the user names the interface, the complete
+port 60015, OPC UA browse and read requests to port 4840. Other ports are only listened to: unexpected bytes can stop
+the serving program, and Universal Robots' script ports execute them. If the user names the interface, the complete
 conversation is used as in rigd.
 
 For printed lines the separator, the clock and six angles are guessed from the numbers alone: a column growing at the
-pace
-of the host's clock is the clock. Degrees and radians can only be distinguished if an angle exceeds a turn in radians;
-otherwise the user is asked.
+pace of the host's clock is the clock. Degrees and radians can only be distinguished if an angle exceeds a turn in
+radians; otherwise the user is asked.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """A short conversation with an instrument, as in the daemon, and findings from the result.
 
 Only the regular conversation is used, which never configures the instrument. If there is no answer with the line
-settings
-of the rig file, common settings are tried in sequence.
+settings of the rig file, common settings are tried in sequence.
 """
 
 from __future__ import annotations
@@ -163,11 +162,11 @@ def examine_conversation(stream: Stream, timeout_s: float, attempt: Attempt = tr
     yield answers(stream, trial, search)
     if trial.understood and trial.samples:
         yield from filter(None, (pace(stream, trial) if serial else None, pace_of_clock(stream.name, trial.samples)))
-        yield from _of_signs(stream, trial)
+        yield from of_signs(stream, trial)
         yield from of_condition(stream.name, condition_in(stream.columns, trial.samples[-1]))
 
 
-def _of_signs(stream: Stream, trial: Trial) -> Iterator[Finding]:
+def of_signs(stream: Stream, trial: Trial) -> Iterator[Finding]:
     """Check whether gauges of a link show negative values as large positive ones."""
     values = samples_of(trial.items).values
     for name, column in zip(stream.columns, values.T, strict=True):

@@ -48,8 +48,7 @@ class Adversity:
     """Timing disturbances.
 
     latency_ms: latency of an FTDI adapter on each serial line. jitter_ms: mean delay of the robot's packets. drift_ppm:
-    rate
-    error of the controller's clock. unsteady: irregular cycles of the gauges.
+    rate error of the controller's clock. unsteady: irregular cycles of the gauges.
     """
 
     latency_ms: float = 0.0
@@ -65,8 +64,7 @@ class Cell:
     """All instruments of a rig, each with a thread, until `stop`.
 
     devices: creates the instrument for each connection, by stream name: `g1`, `g1_g2` for a shared port, `robot`.
-    names:
-    directory for permanent serial port names, like those of udev.
+    names: directory for permanent serial port names, like those of udev.
     """
 
     @classmethod

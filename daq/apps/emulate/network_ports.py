@@ -3,12 +3,9 @@
 An unplugged TCP port refuses connections and later returns at the same port; each connection has a new conversation.
 
 A controller that contacts us by UDP (RSI, EGM) sends unprompted to the local port of the rig file; a passive one
-(Stream
-Motion) waits at its port for the first datagram. Both have one peer. When the system reports that the peer's port has
-no
-process, the controller's program ends and is restarted, as by an operator: with a new conversation and, if active, a
-new
-port.
+(Stream Motion) waits at its port for the first datagram. Both have one peer. When the system reports that the peer's
+port has no process, the controller's program ends and is restarted, as by an operator: with a new conversation and, if
+active, a new port.
 """
 
 from __future__ import annotations

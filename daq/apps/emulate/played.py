@@ -268,10 +268,8 @@ class AnsweringPlayer:
         """Return number and answers of the nearest exchange with this request.
 
         An early request waits, and the answer was measured in the meantime: half the error of an equally late request.
-        The same
-        holds for a late request whose answer is still due, which keeps the host in step; it is answered if the figures
-        tolerate
-        the error.
+        The same holds for a late request whose answer is still due, which keeps the host in step; it is answered if the
+        figures tolerate the error.
         """
         after = bisect_right(self._exchanges.asked_ns, at_ns)
         before = self._first_with(question, range(after - 1, max(after - 1 - _AROUND, -1), -1))

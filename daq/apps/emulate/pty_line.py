@@ -2,10 +2,8 @@
 
 A pty passes bytes immediately at any baud rate. A real line needs one character time each, which determines the stamps,
 so the delay is added here per character on an absolute schedule. The latency timer of an FTDI adapter is emulated too,
-0
-for none. A pty stores the baud rate of the far end, but not data bits and parity: at a wrong baud rate both ends
-receive
-garbage.
+0 for none. A pty stores the baud rate of the far end, but not data bits and parity: at a wrong baud rate both ends
+receive garbage.
 
 An unplugged adapter loses its tty and returns with a new one; its name in `/dev/serial/by-id` stays. A line can have
 such

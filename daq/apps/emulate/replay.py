@@ -47,8 +47,7 @@ class Replay:
         """Open the ports of a capture.
 
         marks: file for timing deviations, or None. opening: function with the arguments of `Cell.open` that opens the
-        cell.
-        Raises FileError if the capture lacks a stream of the rig, OSError if the file cannot be created.
+        cell. Raises FileError if the capture lacks a stream of the rig, OSError if the file cannot be created.
         """
         streams, timebase = streams_of(rig), Timebase()
         heard = {stream.name: capture.of(stream.name) for stream in streams}

@@ -147,8 +147,7 @@ class SimulatedCell:
         """Start the instruments of a rig.
 
         devices: factories by stream in place of the default instruments. paced: false if the data already has the pace
-        of the
-        line, as from a capture.
+        of the line, as from a capture.
         """
         cell = cls(time, folder, text)
         devices = devices or instruments_of(cell.rig, motion, signal)

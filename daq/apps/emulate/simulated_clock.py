@@ -56,8 +56,7 @@ class SimulatedClock:
         """Create a clock.
 
         hangs_s: real time after which a thread without a wait counts as hanging. began_wall_ns: initial wall time, ns
-        since 1970
-        UTC.
+        since 1970 UTC.
         """
         self.seed, self._hangs_s, self._began_wall_ns = seed, hangs_s, began_wall_ns
         self.errors: list[BaseException] = []

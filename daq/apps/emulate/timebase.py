@@ -1,8 +1,7 @@
 """Common timebase of a replay, and the timing accuracy of each instrument.
 
 Data sent t seconds after the start of the capture is replayed t seconds after the start of the replay. Instruments
-waiting
-for the host individually would drift relative to each other, which would spoil all figures.
+waiting for the host individually would drift relative to each other, which would spoil all figures.
 """
 
 from __future__ import annotations
@@ -17,13 +16,11 @@ from daq.wire.capture import Mark, Piece
 
 _HEAD_START_NS = 100_000_000
 """Delay of the replay relative to the capture. The host's threads start about 10 ms after the ports open, later on a
-busy
-computer. An early request waits; a late request costs a reading.
+busy computer. An early request waits; a late request costs a reading.
 """
 _SHARE = 0.5
 """Share of the standard uncertainty of the relative time between gauges and robot: such an error moves a figure by less
-than
-its u.
+than its u.
 """
 _HOST_NS = 200_000
 """Punctuality of any program; all instruments of a replay are late alike."""
@@ -66,8 +63,7 @@ class Steps:
     """Timing deviation of one stream per second.
 
     Answers are judged by their median. Unprompted data is judged by the most punctual tenth, as in the analysis: a
-    piece
-    delayed by the computer is late as in any recording.
+    piece delayed by the computer is late as in any recording.
     """
 
     def __init__(

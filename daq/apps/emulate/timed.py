@@ -1,10 +1,8 @@
 """Instruments with the latching, filtering, delay and rate of `timing` in a rig file, each with a separate clock.
 
 Such a clock has its own rate: all actions and stamps of the instrument drift relative to the host's clock. An
-instrument
-with an internal cycle answers with the latest value. Real cycles are imperfect: the crystal is off and drifts, and a
-busy
-processor delays or skips ticks.
+instrument with an internal cycle answers with the latest value. Real cycles are imperfect: the crystal is off and
+drifts, and a busy processor delays or skips ticks.
 
 A real serial gauge sending whenever its line is free keeps the pace of its UART, however late a computer wakes. An
 emulated gauge that continued from its wake-up would wait after every message, depending on the load, without a steady
@@ -67,8 +65,7 @@ class Unsteady:
     """Irregularity of a cycle.
 
     ppm: limit of the rate error, with a variation of half of it. jitter: limit per tick, as a share of a cycle. missed:
-    share
-    of ticks without a new value. pace: limit per interval, accumulating.
+    share of ticks without a new value. pace: limit per interval, accumulating.
     """
 
     ppm: float = 0.0

@@ -6,9 +6,8 @@ asyncua's types (OPC 10000-6, 5.2).
 
 asyncua's decoder trusts the lengths in a message: an array of 2^31 nulls, a matrix of a million elements or texts of
 negative length, each in some twenty bytes, fill the memory. Here each length is compared with the remaining bytes
-before
-anything is allocated. The fields of structures and the readers of numbers, texts, times and node ids are those of
-asyncua.
+before anything is allocated. The fields of structures and the readers of numbers, texts, times and node ids are those
+of asyncua.
 """
 
 from __future__ import annotations
@@ -35,8 +34,7 @@ from daq.protocol.framing import Sized
 
 ELEMENTS = 65_536
 """Limit of array elements per message: six times the references that fit into a message. An element may take one byte
-in
-the message and 200 bytes in memory (a DataValue without a value).
+in the message and 200 bytes in memory (a DataValue without a value).
 """
 _IS_ARRAY, _HAS_DIMENSIONS, _TYPE = 0x80, 0x40, 0x3F
 """Bits of a variant's first byte (OPC 10000-6, 5.2.2.16)."""

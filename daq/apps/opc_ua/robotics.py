@@ -1,11 +1,9 @@
 """OPC UA for Robotics (OPC 40010-1; open questions are listed in the origin): axes and condition of a robot, read only.
 
 The host opens an anonymous session without encryption, browses for the robot, and subscribes to the positions of the
-six
-axes, whose stamps (SourceTimestamp) become the controller clock. If the server refuses, or the stamps stand still with
-the
-robot, the values are read `rate_hz` times a second; the time is then between request and answer. Values marked bad are
-faults; uncertain values are kept with their code.
+six axes, whose stamps (SourceTimestamp) become the controller clock. If the server refuses, or the stamps stand still
+with the robot, the values are read `rate_hz` times a second; the time is then between request and answer. Values marked
+bad are faults; uncertain values are kept with their code.
 """
 
 from __future__ import annotations

@@ -62,8 +62,7 @@ class Space:
     """Address space.
 
     below: children of each node as (browse name, node). variables: names of the values of variables. units: units by
-    the
-    node that states them.
+    the node that states them.
     """
 
     below: dict[Any, list[tuple[str, Any]]] = field(default_factory=dict)
@@ -158,8 +157,7 @@ class RobotServer:
     """The server.
 
     read: returns the axis angles and the columns of `condition_columns` at a time. subscriptions: whether they are
-    supported;
-    otherwise the client must poll. space: an address space in place of the default robot of `feedback`.
+    supported; otherwise the client must poll. space: an address space in place of the default robot of `feedback`.
     """
 
     EPOCH = datetime(2023, 11, 14, 22, 13, 20, tzinfo=UTC)

@@ -28,8 +28,7 @@ class AxisValue:
     """Value of an axis 0 … 5.
 
     angle_deg: nan if the server marks it bad. clock_s: time since 1970, nan without a stamp. status: 0 for good,
-    otherwise
-    the server's code.
+    otherwise the server's code.
     """
 
     axis: int

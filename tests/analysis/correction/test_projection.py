@@ -18,7 +18,7 @@ from analysis.apps.makers.controller_entries import (
     Constant,
     ControllerEntries,
     Projection,
-    _certain,
+    _certain,  # private: rules of certainty without a whole diagnosis
     controller_entries,
 )
 from analysis.apps.makers.correct_rig import correct_rig

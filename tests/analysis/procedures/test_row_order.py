@@ -9,9 +9,10 @@ import pytest
 
 from analysis.diagnosis.evidence.observation import in_content_order, observe
 from analysis.procedures.pose import evaluate as pose
+from analysis.procedures.prediction import nominal_setup, path_of, predict
 from analysis.procedures.touch import evaluate as touch
 from analysis.robot.kinematics.arm import arm_of
-from analysis.robot.model.predict import model_of, nominal_setup, path_of, predict
+from analysis.robot.model.predict import model_of
 from analysis.runs.stands import rows_a_stand
 from analysis.runs.tables import PoseTable, TouchTable
 from rigs.effects import Backlash, ThermalGrowth

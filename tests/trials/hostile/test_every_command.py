@@ -161,6 +161,11 @@ def cases() -> dict[str, Case]:
             [first(cell), "--json"],
             [first(cell), "--against", EVIL],
         ],
+        "moved": lambda cell, own: [
+            [first(cell), "--new", first(cell), "-o", own / "moved.html"],
+            [*runs(cell), "--json"],
+            [cell / "no run", "--new", EVIL, "--plan"],
+        ],
         "correct": lambda cell, own: [[cell / "rig.yaml", "-o", own / "corrections"], [cell / "rig.yaml", "-o", cell]],
         "diagnose": lambda cell, own: [[cell / "no run"], [first(cell), "--hold-out", first(cell)]],
         "doctor": lambda cell, own: [[cell / "rig.yaml"], [cell / "rig.yaml", "--json"]],

@@ -1,4 +1,4 @@
-"""The same poses in another order, and with joints a whole turn further: does the answer stay the same to 1e-6?
+"""The same poses in another order, or a joint a whole turn further: relative differences of the results.
 
 `scripts/dev order 10` writes pose tables without times of cells of `tests/worlds/unknown`, as they are, with shuffled
 rows, and with one joint 360 degrees further in some rows; it diagnoses each and prints the largest relative difference

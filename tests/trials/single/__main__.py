@@ -1,4 +1,4 @@
-"""Single effects of a UR10e driven by yaw alone, twice each way: are rivals named with honest odds?
+"""Single effects of a UR10e in yaw alone, two laps each way: wrong names, listed rivals, faults too small to matter.
 
 `scripts/dev single 60` hides 60 single effects in cells of `tests/worlds/unknown`, half of them gear errors of axis 6,
 and counts wrong names, how often the truth is listed, and faults whose error is too small to matter. Then it simulates

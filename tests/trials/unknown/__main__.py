@@ -1,4 +1,4 @@
-"""Robot cells with one cause that no library knows: is that said, is a wrong part named, does the first act help?
+"""Cells with one cause outside the library: whether that is reported, a wrong part is named, the first act helps.
 
 `scripts/dev unknown 60 --seed 1000` draws 60 cells of eight causes, diagnoses each one and the same cell without its
 cause by commands of rig, and prints a row per cell and the counts. With `--json FILE` each cell is appended to FILE

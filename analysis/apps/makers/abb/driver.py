@@ -1,7 +1,7 @@
 """RAPID: a module of data and one procedure. ABB, Technical reference manual 3HAC050917: tooldata, wobjdata, robtarget
 with a quaternion q1 … q4 (the scalar first), jointtarget in degrees, speeddata, fine and z0; MoveC turns the tool from
-beginning to end relative to its path, or evenly in space (CirPathMode PathFrame, ObjectFrame). A name
-has 32 characters at most."""
+beginning to end relative to its path, or evenly in space (CirPathMode PathFrame, ObjectFrame). A name has 32 characters
+at most."""
 
 from __future__ import annotations
 

@@ -174,10 +174,10 @@ def test_signed_readings_that_are_read_as_unsigned_are_wrong() -> None:
     values = [0.012, 65.517, 0.004, 65.531, 0.007]
     columns = len(stream.columns)
     samples = [replace(s, values=(v,) * columns) for s, v in zip(_samples(20, 2, 0), values, strict=False)]
-    found = list(trial._of_signs(stream, trial.Trial(samples, 2.0, 360, 360)))
+    found = list(trial.of_signs(stream, trial.Trial(samples, 2.0, 360, 360)))
     assert [one.verdict for one in found] == [Verdict.WRONG] * columns and found[0].remedy == "set `type: int16`"
     sound = [replace(s, values=(0.01,) * columns) for s in samples]
-    assert not list(trial._of_signs(stream, trial.Trial(sound, 2.0, 360, 360)))
+    assert not list(trial.of_signs(stream, trial.Trial(sound, 2.0, 360, 360)))
 
 
 def test_readings_that_came_all_at_once_have_no_pace() -> None:
