@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
-from itertools import pairwise
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from analysis.diagnosis.evidence.blocks import Block
 from analysis.diagnosis.fit.candidates import LARGEST_FAULT, Columns, Form, fault_sizes
-from analysis.diagnosis.fit.responses import Linearisation, Response
-from analysis.robot.geometry.circle import frame_of
-from analysis.robot.geometry.driven_programs import circle_of
-from analysis.robot.kinematics.arm import Array, Integers, forward
+from analysis.diagnosis.fit.responses import Response
+from analysis.robot.kinematics.arm import Array, Integers
 
 # ----------------------------------------------------------------------------------------------------------------------
 # Background: all unnamed contributions as one normal distribution: noise, set-ups, scatter between runs, and a healthy
@@ -447,162 +443,3 @@ def cavity_evidence(values: Array, seen: Array, variance: Array | float) -> Arra
     """Return the log evidence F(V) (…) of cavities with precision eigenvalues (…, q), squares of η along the
     eigenvectors (…, q) and prior variance V."""
     return np.asarray(0.5 * (seen / (values + 1 / variance) - np.log1p(variance * values)).sum(axis=-1), dtype=float)
-
-
-# ----------------------------------------------------------------------------------------------------------------------
-# Free forms: unnamed errors of unspecified shape. They are errors of an axis as a function of its angle, speed or
-# direction of
-# motion; of the gauges as a function of time; and of the ball as a function of position.
-#
-# Effects of the library have definite shapes, so they explain with two or three parameters what a free form explains
-# with
-# many. If a free form still explains much of the residual, an effect outside the library is present, and the form shows
-# its
-# dependence.
-
-_WAVES = 24
-"""Half waves over the range of an angle, or the duration of a run, with strength inversely proportional to the order,
-as for a random walk, so that bends and steps are possible. Chosen: fine enough for features of a few degrees.
-"""
-_WAVES_BY_WAY = 8
-"""The same of an error that changes with the way a joint turns. Chosen: friction and torque change slowly."""
-_POWERS = np.array([0.5, 1.0, 2.0])
-"""Powers of the speed for speed-dependent errors. Chosen: square root, linear and quadratic, covering friction and
-inertia.
-"""
-_SLOW = np.radians(0.2)
-"""Rad/s below which a joint's direction of motion is unclear. Chosen: a fraction of the slowest joint speeds of a
-circle.
-"""
-_UNIT_RAD, _UNIT_MM = np.radians(1e-3), 1e-3
-"""Units of the columns, without influence on the result, because the strength is scaled."""
-_STRENGTHS = 4.0 ** np.arange(-4, 11)
-"""Squares of a form's strength in these units; the best is used. The grid covers 1/16 of a unit to 1000 units in
-factors of two.
-"""
-FREE_PRICE = 6.0
-"""Log number of choices: about 26 forms times 15 strengths."""
-
-
-@dataclass(frozen=True)
-class FreeForm:
-    """Form with its description and columns (N, c) in noise standard deviations. A selected form has its most likely
-    strength, and its log evidence after the price of the selection.
-    """
-
-    words: str
-    columns: Array
-    gain: float = 0.0
-
-
-def best_free_form(forms: Sequence[FreeForm], posterior: Posterior) -> FreeForm:
-    """Return the free form with the highest evidence for the remaining residual, at its most likely strength;
-    columns (N, c).
-    """
-    # One product with all columns takes two thirds of the time of separate products.
-    ends = np.cumsum([0, *(form.columns.shape[1] for form in forms)]).tolist()
-    products, slope = posterior.cavity(np.concatenate([form.columns for form in forms], axis=1))
-    gains, strengths = [], _STRENGTHS[:, None]
-    for begin, end in pairwise(ends):
-        # Log evidence, per strength, of columns with unknown normal coefficients over none.
-        power, turn = np.linalg.eigh(products[begin:end, begin:end])
-        power = np.maximum(power, 0.0)
-        seen = (turn.T @ slope[begin:end]) ** 2
-        gains.append(0.5 * (seen / (power + 1 / strengths) - np.log1p(strengths * power)).sum(axis=1))
-    k = int(np.argmax([gain.max() for gain in gains]))
-    strength = float(np.sqrt(_STRENGTHS[np.argmax(gains[k])]))
-    return FreeForm(forms[k].words, strength * forms[k].columns, float(gains[k].max()) - FREE_PRICE)
-
-
-def discrepancy_evidence(functions: Array, posterior: Posterior) -> tuple[float, float]:
-    """Return the log evidence that free functions (N, c) of one amplitude gain beside everything else, after the price
-    of that amplitude, and their likeliest amplitude.
-
-    They are the discrepancy between the arm and every model of the library (Kennedy and O'Hagan 2001).
-    """
-    products, slope = posterior.cavity(functions)
-    power, turn = np.linalg.eigh(products)
-    power, strengths = np.maximum(power, 0.0), _STRENGTHS[:, None]
-    gains = 0.5 * ((turn.T @ slope) ** 2 / (power + 1 / strengths) - np.log1p(strengths * power)).sum(axis=1)
-    best = int(np.argmax(gains))
-    return float(gains[best]) - FREE_PRICE, float(np.sqrt(_STRENGTHS[best]))
-
-
-def free_forms_of(linear: Linearisation) -> Iterator[FreeForm]:
-    """Yield the free forms visible in the runs, with columns (N, c): functions (n, c) rad or mm at the samples of
-    each block.
-    """
-    # On circles joints move during the readings, otherwise between them.
-    blocks = tuple(block for block in linear.blocks if block.sampling) or linear.blocks
-    low, high = (of([of(block.path.q, axis=0) for block in blocks], axis=0) for of in (np.min, np.max))
-    span, fastest = high - low, np.max([np.abs(_rates(block)).max(axis=0) for block in blocks], axis=0)
-
-    def angle(joint: int, block: Block) -> Array:
-        return _waves((block.path.q[:, joint] - low[joint]) / span[joint], _UNIT_RAD)
-
-    def speed(joint: int, block: Block) -> Array:
-        return np.asarray(_UNIT_RAD * np.abs(_rates(block)[:, [joint]] / fastest[joint]) ** _POWERS, dtype=float)
-
-    def way(joint: int, block: Block) -> Array:
-        return np.asarray(_UNIT_RAD * np.tanh(_rates(block)[:, [joint]] / _SLOW), dtype=float)
-
-    for axis in range(1, linear.axes + 1):
-        error = f"an error of axis {axis} that goes with"
-        if span[axis - 1] > 0:
-            yield FreeForm(f"{error} its angle", linear.by_joint(axis, partial(angle, axis - 1)))
-        if fastest[axis - 1] > 0:
-            words = f"{error} its speed, whichever way it turns"
-            yield FreeForm(words, linear.by_joint(axis, partial(speed, axis - 1)))
-        for joint in np.flatnonzero(fastest).tolist():
-            words = f"{error} the way {'it' if joint == axis - 1 else f'axis {joint + 1}'} turns"
-            yield FreeForm(words, linear.by_joint(axis, partial(way, joint)))
-    for where, shares in (("both gauges", (1.0, 1.0)), ("gauge 1", (1.0, 0.0)), ("gauge 2", (0.0, 1.0))):
-        yield FreeForm(f"something that changes with time in {where}", linear.by_gauge(shares, _time))
-    yield FreeForm("something of the ball that goes with where the link is", linear.by_gauge((1.0, 1.0), _around))
-
-
-def discrepancy_functions(linear: Linearisation) -> Array:
-    """Return the functions (N, c) of unit amplitude that stand for causes outside the library: every free form, and of
-    each joint an error that goes with its angle and the way it turns together, as hysteresis and drag of cables do."""
-    q = [block.path.q for block in linear.blocks if block.sampling]
-    low, span = (
-        np.min([np.min(each, axis=0) for each in q], axis=0),
-        np.max([np.ptp(each, axis=0) for each in q], axis=0),
-    )
-
-    def both(joint: int, block: Block) -> Array:
-        waves = _waves((block.path.q[:, joint] - low[joint]) / span[joint], _UNIT_RAD)[:, :_WAVES_BY_WAY]
-        return np.asarray(waves * np.tanh(_rates(block)[:, [joint]] / _SLOW), dtype=float)
-
-    turning = [axis for axis in range(1, linear.axes + 1) if span[axis - 1] > 0]
-    by_way = [linear.by_joint(axis, partial(both, axis - 1)) for axis in turning]
-    return np.concatenate([*(form.columns for form in free_forms_of(linear)), *by_way], axis=1)
-
-
-def _time(block: Block) -> Array:
-    """Return functions (n, c) mm of the time of a block's samples."""
-    t = block.path.t_s
-    return _waves((t - t[0]) / (t[-1] - t[0]), _UNIT_MM) if block.sampling else np.zeros((len(t), _WAVES))
-
-
-def _around(block: Block) -> Array:
-    """Return functions (n, c) mm of the circle angle of a block's samples."""
-    q = block.path.q
-    if not block.sampling:
-        return np.zeros((len(q), 2 * _WAVES))
-    tool = forward(block.model.arm, q)[:, :3, 3]
-    turned = frame_of(circle_of(block.model.rig)).angle(tool)[:, None] * np.arange(1, _WAVES + 1)
-    waves = np.concatenate([np.cos(turned), np.sin(turned)], axis=1)
-    return _UNIT_MM * waves / np.tile(np.arange(1, _WAVES + 1), 2)
-
-
-def _waves(share: Array, unit: float) -> Array:
-    """Return half waves (n, c) of a share (n,) between 0 and 1."""
-    number = np.arange(1, _WAVES + 1)
-    return unit * np.cos(np.pi * number * np.clip(share, 0, 1)[:, None]) / number
-
-
-def _rates(block: Block) -> Array:
-    """Return the joint speeds (n, 6) rad/s; zero at targets."""
-    path = block.path
-    return np.gradient(path.q, path.t_s, axis=0) if block.sampling else np.zeros_like(path.q)

@@ -1,8 +1,7 @@
 """Candidate effects, and the columns of all possible changes of the readings.
 
 `candidates_for` lists every effect visible in these runs, and `columns_for` creates their `Columns`: responses to each
-form at a healthy size, followed by set-ups and scatter between runs. `departure_columns` contain deviations of real
-gears, balls or brakes from the ideal form.
+form at a healthy size, followed by set-ups and scatter between runs.
 """
 
 from __future__ import annotations
@@ -17,12 +16,12 @@ from numpy.typing import NDArray
 
 from analysis.diagnosis.evidence.blocks import Block, recent
 from analysis.diagnosis.evidence.setups import constants_apart
+from analysis.diagnosis.fit.departures import initial_play_columns
 from analysis.diagnosis.fit.joint_curves import CurveColumns, JointCurves, curve_columns
 from analysis.diagnosis.fit.responses import Linearisation, Response
 from analysis.robot.kinematics.arm import Array, rail_mm
 from rigs.effects import VOCABULARY, Effect, one_sided
 from rigs.schema.effect import Scope, healthy, is_play, name_of, phases, scaled
-from rigs.schema.scene import play
 
 # ----------------------------------------------------------------------------------------------------------------------
 # Candidates: possible names of a diagnosis, each with its columns in the readings. The response to an effect is
@@ -94,153 +93,6 @@ def _scope(blocks: Sequence[Block]) -> Scope:
     turned = np.max([np.ptp(table.q, axis=0) for table in moving], axis=0) / (2 * np.pi)
     payload_kg = blocks[0].model.load.payload_kg
     return Scope(timed, gauges, tuple(twist_deg.tolist()), tuple(turned[: arm.axes].tolist()), rail, payload_kg)
-
-
-# ----------------------------------------------------------------------------------------------------------------------
-# Departures: deviations of a real gear, ball or brake from the ideal form of a named effect.
-#
-# They are never named, but included, in proportion to the effect, in its fit and in the judgement of the residual. The
-# effects
-# define their departures.
-
-_REVERSAL_SHIFT = 0.4
-"""Standard deviation of the error at a sample next to a reversal, relative to the effect's size, and of the reversal
-time, relative to the sampling interval. Chosen: the time is known to about one sample, so any part of the jump may be
-on either side.
-"""
-_LEAST = 1e-3
-"""Largest entry, in noise standard deviations, of a column that can be left out."""
-_NEGLIGIBLE = 0.01
-"""Largest standard deviation along a direction, relative to the noise, left out by `fewest_columns`. Chosen: a
-ten-thousandth of the noise variance.
-"""
-_PARTS = 16
-"""Parts of a fault's backlash with separate initial positions. Chosen: finer than the rounding of a backlash
-crossing.
-"""
-
-
-def departure_columns(linear: Linearisation, effect: Effect) -> Array:
-    """Return columns (N, f) of the departures of an effect, one standard deviation each, in noise standard
-    deviations.
-    """
-    departures = effect.departures()
-    parts = [_shares(linear, departures.beside)]
-    parts += [_initial_play(linear, *departures.gap, _PARTS)] if departures.gap else []
-    parts += [_reversal_shifts(linear, *departures.jolt)] if departures.jolt else []
-    if departures.stick:
-        # One per target, for the unknown state of a sticking plunger.
-        gauge, off_mm = departures.stick
-        read = [not block.sampling and gauge == "g1" for block in linear.blocks]
-        blocks = zip(read, linear.blocks, strict=True)
-        off = linear.at_entries([reads * off_mm / block.sd_mm for reads, block in blocks])
-        targets = np.flatnonzero(off)
-        parts.append(np.zeros((len(off), len(targets))))
-        parts[-1][targets, np.arange(len(targets))] = off[targets]
-    # The remainder of a decaying effect at a block of targets may be between zero and twice as much.
-    parts += [_apart(linear, linear.columns([effect]), sampling=False)] if departures.fades else []
-    # Healthy stamp delays are modelled without the effect. A backlash crossed 2 ms later came out 1.2 % too narrow,
-    # with an
-    # uncertainty of 0.06 %. A wave of 5 Hz read at times with a scatter of 4 ms is 0.8 % smaller on average.
-    if effect.STAGE == "joint":
-        parts.append(_that_change(np.concatenate([linear.late(effect), linear.scattered(effect)], axis=1)))
-    return np.concatenate(parts, axis=1)
-
-
-def alike_columns(linear: Linearisation, effect: Effect) -> Array:
-    """Return columns (N, f) of effect combinations that resemble an effect, one standard deviation each, in noise
-    standard deviations.
-    """
-    parts = [_shares(linear, combined).sum(axis=1) for combined in effect.departures().alike]
-    return np.stack(parts, axis=1) if parts else np.empty((len(linear.y), 0))
-
-
-def _shares(linear: Linearisation, effects: Sequence[tuple[float, Effect]]) -> Array:
-    return linear.columns([effect for _, effect in effects]) * [share for share, _ in effects]
-
-
-def fewest_columns(columns: Array) -> Array:
-    """Return the fewest columns (N, g) equivalent to columns (N, f): equal covariance, except along directions that
-    hardly vary.
-
-    Backlash has a column for each of its parts and each circle, and most are similar.
-    """
-    variances, directions = np.linalg.eigh(columns.T @ columns)
-    return np.asarray(columns @ directions[:, variances > _NEGLIGIBLE**2], dtype=float)
-
-
-def initial_play_columns(linear: Linearisation, effects: Sequence[Effect]) -> Array:
-    """Return columns (N, b), one standard deviation each, for the unknown initial position of joints in their
-    backlash.
-    """
-    gaps = [departures.gap for departures in (effect.departures() for effect in effects) if departures.gap]
-    return np.concatenate([np.empty((len(linear.y), 0)), *(_initial_play(linear, *gap, 1) for gap in gaps)], axis=1)
-
-
-def _initial_play(linear: Linearisation, axis: int, half_width_deg: float, parts: int) -> Array:
-    """Return columns (N, b) for the unknown position of a joint in its backlash at the start of each circle.
-
-    Its influence lasts until the joint has crossed the backlash, possibly much of a lap. The range ± half_width_deg is
-    divided into parts, each with a column per circle; all positions are equally likely.
-    """
-    edges, half_width_rad = np.linspace(-1, 1, parts + 1), np.radians(half_width_deg)
-    # Rms of the share of each part between its middle and a random position.
-    reached = np.clip(np.linspace(-1, 1, 201)[:, None], edges[:-1], edges[1:]) - np.clip(0.0, edges[:-1], edges[1:])
-    usual = np.sqrt(np.mean((reached / np.diff(edges)) ** 2, axis=0))
-
-    def off(block: Block) -> Array:
-        x = block.path.q[:, axis - 1]
-        return np.asarray(
-            np.diff([play(x, half_width_rad, float(edge)) for edge in edges], axis=0).T * usual, dtype=float
-        )
-
-    return _apart(linear, linear.by_joint(axis, off), sampling=True)
-
-
-def _reversal_shifts(linear: Linearisation, axis: int, size_deg: float, fades_s: float) -> Array:
-    """Return columns (N, j) for the samples around each reversal of a joint.
-
-    The time of a reversal is known to about one sample and varies by that between repeats, so a spike may start earlier
-    or later, and backlash may be crossed differently. A spike decaying in fades_s (s) is smaller or larger from then
-    on: more remains if it started later.
-    """
-    jolts, faded = [], [np.empty((len(linear.y), 0))]
-    for k, (simulated, rows) in enumerate(zip(linear.simulated, linear.rows, strict=True)):
-        path = simulated.block.path
-        turns = [when for when, _ in path.motion.reversals(axis)] if simulated.block.sampling else []
-        for when in turns:
-            after = int(np.searchsorted(path.t_s, when))
-            jolts += [
-                linear.jolt(k, axis, sample, min(_REVERSAL_SHIFT * size_deg, 1.0))
-                for sample in (after - 1, after)
-                if 0 <= sample < len(path.t_s)
-            ]
-        if fades_s and turns:
-            since = np.subtract.outer(path.t_s, turns)
-            later_s = _REVERSAL_SHIFT * float(np.median(np.diff(path.t_s)))
-            more_deg = size_deg * later_s / fades_s * np.exp(-np.maximum(since, 0.0) / fades_s)
-            faded.append(np.zeros((len(linear.y), len(turns))))
-            faded[-1][rows] = simulated.by_joint(axis, np.radians(np.where(since >= 0, more_deg, 0.0)))
-    at_samples = np.stack(jolts, axis=1) if jolts else np.empty((len(linear.y), 0))
-    return np.concatenate([at_samples, np.concatenate(faded, axis=1)], axis=1) if fades_s else at_samples
-
-
-def _that_change(columns: Array) -> Array:
-    """Return the columns (N, c) that change a reading."""
-    return columns[:, np.abs(columns).max(axis=0) > _LEAST]
-
-
-def _apart(linear: Linearisation, whole: Array, *, sampling: bool) -> Array:
-    """Return columns (N, c) separately for each circle, or, without sampling, for each block of targets, as (N, f):
-    zero elsewhere, without ineffective ones.
-    """
-    columns = [np.empty((len(whole), 0))]
-    for block, rows in zip(linear.blocks, linear.rows, strict=True):
-        if bool(block.sampling) == sampling:
-            apart = np.zeros_like(whole)
-            apart[rows] = whole[rows]
-            columns.append(_that_change(apart))
-    return np.concatenate(columns, axis=1)
 
 
 # ----------------------------------------------------------------------------------------------------------------------

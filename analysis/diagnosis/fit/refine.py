@@ -16,7 +16,8 @@ from typing import Any, TypeVar
 import numpy as np
 
 from analysis.diagnosis.fit.background import Background, FittedTerms, MarginalValues
-from analysis.diagnosis.fit.candidates import LARGEST_FAULT, alike_columns, departure_columns, fewest_columns
+from analysis.diagnosis.fit.candidates import LARGEST_FAULT
+from analysis.diagnosis.fit.departures import alike_columns, departure_columns, fewest_columns
 from analysis.diagnosis.fit.responses import Linearisation, Response
 from analysis.robot.kinematics.arm import Array
 from rigs.effects import Effect, bounds, healthy_size, one_sided, size_field

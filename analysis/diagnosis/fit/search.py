@@ -14,6 +14,7 @@ from analysis.diagnosis.evidence.setups import fit_run_setups
 from analysis.diagnosis.fit.background import Posterior
 from analysis.diagnosis.fit.candidates import Columns, candidates_for, columns_for
 from analysis.diagnosis.fit.discrepancy import beside_discrepancy
+from analysis.diagnosis.fit.effort import Effort
 from analysis.diagnosis.fit.refine import Refined
 from analysis.diagnosis.fit.responses import (
     LEAST_MATERIAL_UM,
@@ -24,7 +25,7 @@ from analysis.diagnosis.fit.responses import (
     plain_worth,
 )
 from analysis.diagnosis.fit.rivals import RivalOdds, compare_with_rivals
-from analysis.diagnosis.fit.selection import Effort, Selection
+from analysis.diagnosis.fit.selection import Selection
 from analysis.diagnosis.fit.selection_state import SelectionState, beginnings
 from analysis.robot.kinematics.arm import Array, Mask
 from analysis.robot.model.predict import SetUp

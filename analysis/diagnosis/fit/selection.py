@@ -14,16 +14,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.diagnosis.fit.background import (
-    FREE_PRICE,
-    FreeForm,
-    Posterior,
-    best_free_form,
-    cavity_evidence,
-    fault_evidence,
-    free_forms_of,
-)
+from analysis.diagnosis.fit.background import Posterior, cavity_evidence, fault_evidence
 from analysis.diagnosis.fit.candidates import LARGEST_FAULT, Columns, fault_sizes, order_of
+from analysis.diagnosis.fit.effort import Effort
+from analysis.diagnosis.fit.free_forms import FREE_PRICE, FreeForm, best_free_form, free_forms_of
 from analysis.diagnosis.fit.joint_curves import JointCurves, is_of_curve
 from analysis.diagnosis.fit.refine import FIT_ROUNDS, no_effects, refine, whole_order_gain
 from analysis.diagnosis.fit.responses import Linearisation, Response
@@ -71,9 +65,6 @@ _DEPTH = 40
 healthy effects."""
 _SEARCH_ROUNDS = 40
 """Largest number of rounds; each adds or removes one effect, so it equals the largest number of effects."""
-_MOST_ROUNDS = 60
-"""Largest number of rounds of all selections of a search. Chosen: cells with up to three faults took 10 to 30, and one
-with an unknown cause did not end; what remains then widens the uncertainties by the strength of its band."""
 _HEALTHY_PRICE = 6.0
 """Log evidence that a single form at healthy size must gain to be fitted. Chosen: a smaller gain changes no verdict."""
 _OFF_STATED = 3.0
@@ -105,18 +96,6 @@ for the next. Chosen: a wild pose among 30 of a UR10 took three."""
 _FEW_ROUNDS = 3
 """Rounds of fits that are followed by others: those from several beginnings, of which only the likeliest goes on, and
 those in turn with the noise. Chosen: in a case for development the first two gained nearly all that a fit gained."""
-
-
-@dataclass
-class Effort:
-    """The rounds that a search has taken, which are bounded: an error that no name reduces would go on."""
-
-    rounds: int = 0
-
-    @property
-    def is_spent(self) -> bool:
-        """Whether no further round is taken."""
-        return self.rounds >= _MOST_ROUNDS
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import numpy as np
 
 from analysis.diagnosis.evidence.blocks import recent
 from analysis.diagnosis.evidence.noise import LEAST_ASSUMED
-from analysis.diagnosis.fit.background import Background, FreeForm, Posterior
+from analysis.diagnosis.fit.background import Background, Posterior
 from analysis.diagnosis.fit.candidates import (
     LARGEST_FAULT,
     WEIGHT_DIGITS,
@@ -21,6 +21,7 @@ from analysis.diagnosis.fit.candidates import (
     column_shares_beside,
     order_of,
 )
+from analysis.diagnosis.fit.free_forms import FreeForm
 from analysis.diagnosis.fit.joint_curves import JointCurves
 from analysis.diagnosis.fit.refine import Refined
 from analysis.diagnosis.fit.responses import Linearisation

@@ -12,8 +12,8 @@ import numpy as np
 from analysis.diagnosis.evidence.blocks import Block
 from analysis.diagnosis.evidence.link_swing import FoundVibration
 from analysis.diagnosis.evidence.setups import FittedRuns
-from analysis.diagnosis.fit.background import best_free_form, free_forms_of
 from analysis.diagnosis.fit.candidates import order_of
+from analysis.diagnosis.fit.free_forms import best_free_form, free_forms_of
 from analysis.diagnosis.fit.out_of_range import OutOfRange
 from analysis.diagnosis.fit.responses import LEAST_MATERIAL_UM, Worth, plain_worth, worth
 from analysis.diagnosis.fit.search import SearchResult

@@ -10,10 +10,11 @@ import pytest
 
 from analysis.diagnosis.evidence.blocks import Block
 from analysis.diagnosis.evidence.prepared_runs import prepare_runs
-from analysis.diagnosis.fit.background import discrepancy_evidence, discrepancy_functions
 from analysis.diagnosis.fit.discrepancy import beside_discrepancy
+from analysis.diagnosis.fit.effort import Effort
+from analysis.diagnosis.fit.free_forms import discrepancy_evidence, discrepancy_functions
 from analysis.diagnosis.fit.search import SearchResult, search
-from analysis.diagnosis.fit.selection import Effort, Selection
+from analysis.diagnosis.fit.selection import Selection
 from analysis.diagnosis.judge.result import Gap, Named
 from analysis.diagnosis.judge.verdict import within_unexplained, without_useless
 from analysis.procedures.simulate import simulate

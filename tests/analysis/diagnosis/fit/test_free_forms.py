@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from analysis.diagnosis.evidence.blocks import Block
-from analysis.diagnosis.fit.background import FREE_PRICE, FittedTerms, Posterior, best_free_form, free_forms_of
+from analysis.diagnosis.fit.background import FittedTerms, Posterior
+from analysis.diagnosis.fit.free_forms import FREE_PRICE, best_free_form, free_forms_of
 from analysis.diagnosis.fit.responses import Linearisation, Response
 from rigs.effects import Backlash, JointOffset
 from tests.support.diagnosis_cells import Array, healthy, no_background, white

@@ -10,7 +10,7 @@ import pytest
 from analysis.diagnosis.evidence.blocks import Block, blocks_of
 from analysis.diagnosis.evidence.observation import ORDER_OF, ORDER_OF_TREND
 from analysis.diagnosis.evidence.setups import fit_run_setups
-from analysis.diagnosis.fit.candidates import alike_columns, departure_columns, fewest_columns, initial_play_columns
+from analysis.diagnosis.fit.departures import alike_columns, departure_columns, fewest_columns, initial_play_columns
 from analysis.diagnosis.fit.responses import linearise
 from analysis.robot.model.motion import turns
 from analysis.runs.loading import Measured
