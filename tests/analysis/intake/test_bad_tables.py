@@ -292,7 +292,7 @@ def test_a_gauge_that_stood_still_is_told_at_once(tmp_path: Path, test: TestName
 
 def test_a_column_of_another_test_is_not_offered_for_a_missing_one(tmp_path: Path) -> None:
     (tmp_path / "t.csv").write_text(csv_text(plain("yaw")))
-    with pytest.raises(TableFileError) as caught:
+    with pytest.raises(FileError) as caught:
         import_table(tmp_path / "t.csv", tmp_path / "r", rig_file=RIG_FILE, test="pose", direction=None, operator="")
     assert "is it" not in str(caught.value)
 

@@ -80,7 +80,7 @@ def test_with_runs_it_says_which_of_a_rig_file_and_a_urdf_fits(tmp_path: Path) -
     assert ran("import", tmp_path / "poses.csv", "--rig", good, "--test", "pose", "-o", run).returncode == 0
     found = json.loads(ran("compare", wrong, good, run, "--json").stdout)
     assert found["better"] == str(good) and found["times"] > 10
-    assert "good.yaml fits: it leaves" in " ".join(ran("compare", wrong, good, run).stdout.split())
+    assert "good.yamlfits:itleaves" in "".join(ran("compare", wrong, good, run).stdout.split())
     assert ran("compare", wrong, good, run, "--plot", tmp_path / "p").returncode == 2
 
 
