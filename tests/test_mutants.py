@@ -63,9 +63,8 @@ def test_the_same_seed_draws_the_same_of_each_package(tmp_path: Path) -> None:
 def test_its_own_tests_come_first_and_those_that_import_it_before_its_folder() -> None:
     files = files_for(ROOT, "analysis/procedures/pose/evaluate.py")
     assert files[0] == "tests/analysis/procedures/pose/test_pose.py" and len(files) == len(set(files))
-    assert files.index("tests/analysis/diagnosis/test_rail.py") < files.index(
-        "tests/analysis/procedures/circle/test_circles.py"
-    )
+    of_folder, importing = "tests/analysis/procedures/pose/test_distances.py", "tests/analysis/diagnosis/test_rail.py"
+    assert files.index(importing) < files.index(of_folder)
 
 
 def test_the_first_files_are_taken_that_fit_the_time_and_one_always() -> None:

@@ -154,8 +154,9 @@ def files_for(root: Path, path: str) -> list[str]:
     texts = {str(file.relative_to(root)): file.read_text(encoding="utf-8") for file in _tests(root)}
     imports = re.compile(rf"{re.escape(module)}\b|from {re.escape(package)} import [^\n]*\b{re.escape(name)}\b")
     folder = f"tests/{path.rpartition('/')[0]}/"
+    own = package.rpartition(".")[2] if name == "evaluate" else name  # of a test: its folder has the name
     ranks: Sequence[list[str]] = (
-        [test for test in texts if test.endswith(f"/test_{name}.py")],
+        [test for test in texts if test.endswith(f"/test_{own}.py")],
         [test for test, text in texts.items() if imports.search(text)],
         [test for test in texts if test.startswith(folder)],
         [test for test, text in texts.items() if re.search(rf"\b{re.escape(package)}\b", text)],

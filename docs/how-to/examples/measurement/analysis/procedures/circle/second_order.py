@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from analysis.robot.kinematics.arm import Array
 from analysis.procedures.circle.evaluate import Measure
+from analysis.robot.kinematics.arm import Array
 from analysis.runs.noise.spectrum import NODES
 
 

@@ -12,13 +12,13 @@ from typing import ClassVar
 
 import numpy as np
 
-from analysis.robot.kinematics.arm import Array, arm_of, forward
 from analysis.procedures.shared.evaluate import Instruments, hold_numbers
 from analysis.procedures.shared.lap_curve import SEED
 from analysis.procedures.shared.quantity import Quantity, figures_of
 from analysis.procedures.shared.result_curves import PoseCurve
-from analysis.runs.noise.spectrum import DRAWS
+from analysis.robot.kinematics.arm import Array, arm_of, forward
 from analysis.runs.csv_tables import Rows, joint_cells
+from analysis.runs.noise.spectrum import DRAWS
 from analysis.runs.table_format import Kind
 from analysis.runs.table_layout import Layout, joint_columns
 from analysis.runs.tables import Table

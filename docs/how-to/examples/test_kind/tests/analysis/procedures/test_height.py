@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from analysis.robot.kinematics.arm import arm_of, forward
-from analysis.procedures.shared.evaluate import evaluate
 from analysis.procedures.height.evaluate import HeightTable
+from analysis.procedures.shared.evaluate import evaluate
+from analysis.robot.kinematics.arm import arm_of, forward
 from analysis.runs.csv_tables import columns_of, table_from
 from rigs.errors import FileError
 from rigs.load import load

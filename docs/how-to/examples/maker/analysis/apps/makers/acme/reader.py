@@ -5,9 +5,9 @@ from __future__ import annotations
 
 import re
 
-from analysis.apps.makers.program_machine import OFF, Blocks, Forget, Move, Program, Ref, Set, Unknown, Value
 from analysis.apps.makers.numbers import Decimals, frame_of
 from analysis.apps.makers.points import Points, as_value
+from analysis.apps.makers.program_machine import OFF, Blocks, Forget, Move, Program, Ref, Set, Unknown, Value
 from analysis.apps.makers.program_reader import ProgramReader, Remark
 from analysis.apps.makers.target import Form, Parsed, Target, Texts, blanked, lines_of, numbers_in, with_newlines
 

@@ -6,10 +6,8 @@ from functools import partial
 
 import numpy as np
 
-from analysis.robot.kinematics.arm import Array
 from analysis.apps.makers.program_writer import ProgramWriter
-from analysis.apps.makers.programs.motion_plan import Demand
-from analysis.apps.makers.programs.motion_plan import Arc, JointMove, Line, Move, Plan, Turn, start_of
+from analysis.apps.makers.programs.motion_plan import Arc, Demand, JointMove, Line, Move, Plan, Turn, start_of
 from analysis.apps.makers.programs.program_text import (
     DEG_DECIMALS,
     MM_DECIMALS,
@@ -20,6 +18,7 @@ from analysis.apps.makers.programs.program_text import (
     identifier,
     listed,
 )
+from analysis.robot.kinematics.arm import Array
 
 _WORDS = Words("WAIT {}", 3, "OUTPUT {} ON", "OUTPUT {} OFF", "; {}", 80, "PAUSE")
 _NAME_LENGTH = 30

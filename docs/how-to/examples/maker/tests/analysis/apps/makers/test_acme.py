@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.apps.makers.corrected_program import NO_FRAMES, CorrectedProgram, correct_program
-from analysis.correction.support import supports
 from analysis.apps.emulate.driving import Controller
-from analysis.apps.makers.writing import encoded_programs, programs_of
+from analysis.apps.makers.corrected_program import NO_FRAMES, CorrectedProgram, correct_program
 from analysis.apps.makers.programs.motion_plan import demand_of
 from analysis.apps.makers.programs.planned import plans_of
+from analysis.apps.makers.writing import encoded_programs, programs_of
+from analysis.correction.support import supports
 from rigs.load import load
 from tests.worlds.arms.faulty_arm import known
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from analysis.procedures.shared.reduction import PHI
 from analysis.procedures.circle.second_order import figures_at
+from analysis.procedures.shared.reduction import PHI
 
 
 @pytest.mark.parametrize("at_deg", [0.0, 40.0, 130.0])
