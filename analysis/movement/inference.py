@@ -91,7 +91,7 @@ def study(runs: Sequence[ObservedRun]) -> Reference:
         conditioned = condition(readings)
         left, estimate = _explained(conditioned)
         keep = _near(left, readings)
-        if not keep.all():
+        if not keep.all() and turn < _ROUNDS - 1:  # after the last round the runs stay those that were conditioned
             wild += int(np.count_nonzero(~keep))
             runs = _without_rows(runs, keep)
             continue

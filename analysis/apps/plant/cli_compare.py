@@ -127,7 +127,7 @@ def _before_and_after(after: Sequence[Path], before: Sequence[Path], as_json: bo
 def _arms(first: Path, second: Path, as_json: bool) -> None:
     from analysis.cli.console import progress_of
     from analysis.correction.arms_apart import arms_apart
-    from analysis.report.listings import arms_apart_tables
+    from analysis.report.arms_compared import arms_apart_tables
     from analysis.report.plain_console import PlainConsole
     from rigs.load import load
 
@@ -143,7 +143,7 @@ def _which_fits(arms: Sequence[Path], runs: Sequence[Path], as_json: bool) -> No
     import analysis
     from analysis.cli.console import progress_of
     from analysis.diagnosis.evidence.fitting_arm import fitting_arm
-    from analysis.report.listings import fitting_arm_table
+    from analysis.report.arms_compared import fitting_arm_table
     from analysis.report.plain_console import PlainConsole
 
     with progress_of() as progress:

@@ -155,10 +155,10 @@ def test_the_command_says_what_moved(tmp_path: Path) -> None:
     page = tmp_path / "moved.html"
     words = ["moved", str(tmp_path / "before"), "--new", str(tmp_path / "after")]
     done = CliRunner().invoke(app, [*words, "-o", str(page)])
-    assert done.exit_code == 0 and done.output.startswith("The base moved by")
+    assert done.exit_code == 0 and done.stdout.startswith("The base moved by")
     assert "The base moved by" in page.read_text(encoding="utf-8")
-    said = json.loads(CliRunner().invoke(app, [*words, "--json"]).output)
+    said = json.loads(CliRunner().invoke(app, [*words, "--json"]).stdout)
     assert said["causes"][0]["what"] == "base" and len(said["causes"][0]["translation_mm"]) == 3
     assert (
-        CliRunner().invoke(app, ["moved", str(tmp_path / "before"), "--plan"]).output.count("Next: touch socket") == 1
+        CliRunner().invoke(app, ["moved", str(tmp_path / "before"), "--plan"]).stdout.count("Next: touch socket") == 1
     )
