@@ -80,9 +80,10 @@ def import_(
 ) -> None:
     """Create a run from each table of measurements; every bad row is reported with its line and the reason.
 
-    Poses may come as their instrument wrote them: a map of the columns is proposed, checked by the arm of the rig file,
-    shown, and kept in the run. What remains open is asked; without a terminal the map is written for you to complete,
-    and nothing is imported.
+    Poses may come as their instrument wrote them: a map of the columns is
+    proposed, checked by the arm of the rig file, shown, and kept in the run. What
+    remains open is asked; without a terminal the map is written for you to
+    complete, and nothing is imported.
     """
     from analysis import read_table, save_run
     from analysis.apps.interchange.bags import file_of

@@ -56,8 +56,8 @@ def moved(
 ) -> None:
     """Report what moved since a reference: base, socket, tool, a joint's zero, nothing, or something else.
 
-    RUN… are reference runs of touches, poses or circles. A few new readings of the same sockets or targets are enough.
-    """
+    RUN… are reference runs of touches, poses or circles. A few new
+    readings of the same sockets or targets are enough."""
     from analysis.report.html_page import hold_page
     from analysis.report.movement_report import as_screen, write_page
     from analysis.report.plain_console import PlainConsole

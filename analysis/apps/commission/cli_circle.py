@@ -50,8 +50,9 @@ def fit(
 ) -> None:
     """Find centre, normal, radius, start and posture of a circle, each with its uncertainty.
 
-    The robot drove the circle, whole or in part, or stood at three or more points of it for a second each. Gauges need
-    not be connected. With --live, jog or lead the robot while rigd runs, and press Ctrl-C at the end.
+    The robot drove the circle, whole or in part, or stood at three or more points
+    of it for a second each. Gauges need not be connected. With --live, jog or
+    lead the robot while rigd runs, and press Ctrl-C at the end.
     """
     import numpy as np
 

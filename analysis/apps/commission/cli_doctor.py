@@ -32,9 +32,10 @@ def doctor(
 ) -> None:
     """Report what is wrong with a cell: ports, line settings, rates, clocks, disk, service.
 
-    Talks to the instruments as rigd would, at other line settings too where they do not answer; where rigd runs, it is
-    asked instead. With --scan Modbus gauges are read in other ways than the rig file says, until one moves like a
-    probe. Exit code 1 where something is wrong.
+    Talks to the instruments as rigd would, at other line settings too where they
+    do not answer; where rigd runs, it is asked instead. With --scan Modbus gauges
+    are read in other ways than the rig file says, until one moves like a probe.
+    Exit code 1 where something is wrong.
     """
     import dataclasses
     from functools import partial

@@ -94,9 +94,10 @@ def init(
 ) -> None:
     """Look for gauges and robot, ask which is which, and write a checked rig file.
 
-    It only reads, and opens only ports that you name: they are listened to, then asked with each protocol's own
-    request. Answers are kept beside the rig file until that is written, so that an interrupted rig init goes on where
-    it was. Without a terminal, every question has its option.
+    It only reads, and opens only ports that you name: they are listened to, then
+    asked with each protocol's own request. Answers are kept beside the rig file
+    until that is written, so that an interrupted rig init goes on where it was.
+    Without a terminal, every question has its option.
     """
     from analysis.apps.commission.init_answers import Options, keys_of, places_of
     from analysis.cli.check import check

@@ -52,11 +52,13 @@ def emulate(
 ) -> None:
     """Start the gauges and the robot of RIG on ptys and local ports, and serve until stopped.
 
-    Writes rig.yaml, the rig file with these ports in it, for rigd; and truth.json, what a perfect measurement would
-    find. Type acw, cw, roll acw, roll cw, radial or repeatability to start a program of its own, run NAME to start one
-    of --programs; stop, pause and go on, as a person at the robot; enter FILE to enter what rig correct wrote into its
-    controller; quit to end. show speed_percent 40, and the like, changes what the robot shows of its condition, not how
-    it drives.
+    Writes rig.yaml, the rig file with these ports in it, for rigd; and
+    truth.json, what a perfect measurement would find. Type acw, cw, roll acw,
+    roll cw, radial or repeatability to start a program of its own, run NAME to
+    start one of --programs; stop, pause and go on, as a person at the robot;
+    enter FILE to enter what rig correct wrote into its controller; quit to
+    end. show speed_percent 40, and the like, changes what the robot shows of
+    its condition, not how it drives.
     """
     from analysis.apps.emulate.served_cell import EmulatedCell
     from analysis.cli.dialogue import has_keyboard
@@ -81,8 +83,9 @@ def replay(
 ) -> None:
     """Serve the instruments of a capture on ptys and local ports, at the times of the capture, until its end.
 
-    Writes rig.yaml, the rig file with these ports in it, for rigd. The time of all of them begins with the daemon's
-    first word. A run that is recorded while one is out of step is marked, and rig analyse refuses it.
+    Writes rig.yaml, the rig file with these ports in it, for rigd. The time
+    of all of them begins with the daemon's first word. A run that is
+    recorded while one is out of step is marked, and rig analyse refuses it.
     """
     from analysis.apps.emulate.served_cell import MARKS, locked_cell, rig_file_of_cell, serve
     from daq.apps.emulate.replay import Replay

@@ -37,8 +37,9 @@ def live(
 ) -> None:
     """Show gauges, angle, lap, joints, faults and recording until q or Ctrl-C.
 
-    The screen fills the terminal and shows its keys. It comes back when the daemon does. Without a terminal, and
-    without --plain or --json, the state of the daemon is printed once.
+    The screen fills the terminal and shows its keys. It comes back when the
+    daemon does. Without a terminal, and without --plain or --json, the state
+    of the daemon is printed once.
     """
     from analysis.apps.live.terminal import is_terminal
     from rigs.errors import UseError

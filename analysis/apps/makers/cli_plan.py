@@ -95,8 +95,8 @@ def plan(
 ) -> None:
     """Report which effects the tests can detect and distinguish, from which size on, and which test adds the most.
 
-    With --poses, plan which poses a tracker measures: those after which the arm is known best over its workspace, clear
-    of floor and column, and seen.
+    With --poses, plan which poses a tracker measures: those after which the arm
+    is known best over its workspace, clear of floor and column, and seen.
     """
     if poses:
         if tests or propose or minutes:

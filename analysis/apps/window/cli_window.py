@@ -62,8 +62,9 @@ def window(
 ) -> None:
     """Serve the live cell, its session, runs, reports and history to browsers, until Ctrl-C.
 
-    It is a client of rigd, as rig live is, and only this computer reaches it unless --listen says otherwise. It reads
-    only, unless --control is given; the robot is never commanded.
+    It is a client of rigd, as rig live is, and only this computer reaches
+    it unless --listen says otherwise. It reads only, unless --control is
+    given; the robot is never commanded.
     """
     from rigs.distribution import to_install
     from rigs.errors import CellError
