@@ -138,7 +138,7 @@ def test_faults_that_find_no_room_keep_their_kind_and_count(
 def test_a_stream_that_floods_gives_the_others_as_long_as_it_took(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its link always has more, and what it brings takes 50 ms of the processor; at last it brings one message."""
     used_s, now_s, paused = 0.0, 1000.0, []
-    rounds = [b"flood", b"flood", b"one"]
+    rounds = [b"flood", b"flood", b"one", b"fast", b"fast"]
 
     class Endless:
         def read(self, timeout_s: float) -> bytes:
@@ -157,8 +157,8 @@ def test_a_stream_that_floods_gives_the_others_as_long_as_it_took(monkeypatch: p
 
         def received(self, data: bytes, now_ns: int) -> Step:
             nonlocal used_s, now_s
-            took_s = 0.05 if data == b"flood" else 0.00003
-            used_s, now_s = used_s + took_s, now_s + took_s
+            took_s = {b"flood": 0.05, b"fast": 0.015}.get(data, 0.00003)
+            used_s, now_s = used_s + took_s, now_s + (0.04 if data == b"fast" else took_s)
             return Step()
 
         def lost(self, now_ns: int) -> tuple[()]:
