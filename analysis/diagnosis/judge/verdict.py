@@ -265,7 +265,7 @@ def _named(result: SearchResult, k: int, gain: float | None, change: EffectChang
             apart = result.linear.without_set_up(tried.refined.residual - result.fit.residual)
             (twins if np.linalg.norm(apart) < _SAME_SIGMA else rivals).append(rival)
     odds = own_odds.odds + sum(twin.posterior for twin in twins)
-    doubt = _doubt(result, k, change, odds, gain)
+    doubt = _doubt(result, k, change, odds, gain, sd[size])
     # Effects that depend on more than the posture may differ from run to run, or from day to day.
     by_posture = effect.compensation().use != "none"
     named = Named(
@@ -276,10 +276,12 @@ def _named(result: SearchResult, k: int, gain: float | None, change: EffectChang
     return replace(named, doubt="contradicted") if named.contradicted else named
 
 
-def _doubt(result: SearchResult, k: int, change: EffectChange, odds: float, gain: float | None) -> Doubt | None:
+def _doubt(
+    result: SearchResult, k: int, change: EffectChange, odds: float, gain: float | None, u: float
+) -> Doubt | None:
     """Return why the diagnosis does not stand by an effect, whatever its set-ups show, or None if it does.
 
-    What is certain and larger than arms of its build show is never too small to say.
+    What is certain and larger than arms of its build show is never too small to say. u: uncertainty of the size.
     """
     state, healthy_odds = result.state, result.rival_odds[k].healthy_odds
     effect = state.effects[k]
@@ -290,6 +292,8 @@ def _doubt(result: SearchResult, k: int, change: EffectChange, odds: float, gain
         (healthy_odds >= _HEALTHY, "healthy_shows_it"),
         (odds <= _LIKELY, "rival"),
         (change.um <= _SIGMA * change.u_um, "unsure"),
+        # A size that may be zero is no fault, however certain its shape: a play that rests on one flank at each pose.
+        (abs(getattr(effect, size_field(effect))) <= u, "unsure"),
     )
     return next((doubt for holds, doubt in reasons if holds), None)
 
