@@ -17,7 +17,7 @@ MOST = {
     # in parts: in memory of one part, and of what is counted over all of them; 950 of kinds of tests and makers that
     # own themselves; 350 of arms of any number of axes, 480 of printed parts; 470 of one axis at a time, approach and u
     # between series, 270 of what an import makes of foreign files; 120 of imports whose names grew with the rings.
-    # 27 November: 2100 of what moved, 1100 of parameters out of range, joint scale, strain wave and the unexplained part,
+    # 2100 of what moved, 1100 of parameters out of range, joint scale, strain wave and the unexplained part,
     # 900 of states of programs, 800 of readiness and tables as they come, 600 of order, turns and signs, 400 of odds.
     "product lines": 101_000,
     "product files": 575,  # 24 effects, 23 drivers and 22 of makers stand one a file; 12 more folders, each a package
