@@ -83,7 +83,7 @@ def test_example_writes_rig_files_that_are_good_and_takes_the_place_of_none(tmp_
 def checkout(tmp_path: Path) -> Path:
     """A checkout that is ready to be released as 1.2.3."""
     (tmp_path / "pyproject.toml").write_text('[project]\nversion = "1.2.3"\n')
-    (tmp_path / "CHANGELOG.md").write_text("# Changelog\n\n## 1.2.3 (2026-11-21)\n\n- New.\n\n## 1.2.2\n\n- Old.\n")
+    (tmp_path / "CHANGELOG.md").write_text("# Changelog\n\n## [1.2.3] - 2026-11-21\n\n- New.\n\n## 1.2.2\n\n- Old.\n")
     _run("git", "init", "--quiet", cwd=tmp_path)
     _commit(tmp_path)
     return tmp_path
@@ -106,7 +106,7 @@ def test_a_release_that_is_ready_lacks_nothing(checkout: Path) -> None:
 
 def test_a_release_is_refused_for_each_thing_that_it_lacks(checkout: Path) -> None:
     _run("git", "tag", "v1.2.3", cwd=checkout)
-    (checkout / "CHANGELOG.md").write_text("# Changelog\n\n## Unreleased\n\n- New.\n\n## 1.2.2\n\n- Old.\n")
+    (checkout / "CHANGELOG.md").write_text("# Changelog\n\n## [Unreleased]\n\n- New.\n\n## [1.2.2] - 2026-11-20\n\n- Old.\n")
     code, lacking = _checklist(checkout)
     assert code == 1
     assert lacking == [

@@ -46,7 +46,7 @@ def main(
     print("then, by hand:")
     print(f"  git tag --annotate v{version} --message 'rig {version}' && git push origin v{version}")
     print(f"  publish dist/, which is called {NAME}, and the section of CHANGELOG.md as the text of the release")
-    print("  begin the next section of CHANGELOG.md, ## Unreleased")
+    print("  begin the next section of CHANGELOG.md, ## [Unreleased]")
 
 
 def of_files(root: Path, version: str) -> Iterator[tuple[str, str]]:
@@ -68,8 +68,8 @@ def of_commands(root: Path) -> Iterator[tuple[str, str]]:
 
 
 def _sections(changelog: str) -> dict[str, str]:
-    """Text of each section by its heading, without a date that may follow the version."""
-    parts = re.split(r"^## +(\S+).*$", changelog, flags=re.M)
+    """Return the text of each section by its version, without brackets and date."""
+    parts = re.split(r"^## +\[?([^\s\]]+)\]?.*$", changelog, flags=re.M)
     return {heading: text.strip() for heading, text in zip(parts[1::2], parts[2::2], strict=True)}
 
 
