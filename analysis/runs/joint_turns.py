@@ -20,14 +20,14 @@ from rigs.text import listed
 
 _TURN = 2 * np.pi
 _SLACK_RAD = float(np.radians(0.1))
-"""What a joint may be read beyond its limit: noise, and the rounding of limits in data sheets."""
+"""Tolerance of a reading beyond the limit: noise, and the rounding of limits in data sheets."""
 _BY_CHANCE = 1e-3
 """Probability below which a gap in the angles of a joint, modulo a turn, is no accident: n angles all over a turn leave
 a share g of it free with a probability of at most n (1 - g)^(n - 1)."""
 
 
 def without_whole_turns(table: Table, rig: Rig) -> tuple[Table, tuple[str, ...]]:
-    """Return poses or touches with each joint counted in one turn, and a message for each joint that was not."""
+    """Return poses or touches with each joint counted in the same turn, and a message for each joint that was not."""
     if not table.kind.of_places:
         return table, ()
     limits, turned, doubts = arm_of(rig.robot).limits, np.zeros(table.q.shape), list[str]()
@@ -41,8 +41,9 @@ def without_whole_turns(table: Table, rig: Rig) -> tuple[Table, tuple[str, ...]]
 
 
 def turns_further(angle: Array, limits: Array) -> Integers:
-    """Return by how many turns each angle (n,) rad of a joint was counted further than the others, or than its limits
-    (2,) rad allow; zero if the joint really turned."""
+    """Return the number of turns by which each angle (n,) rad of a joint was counted further than the others, or
+    than the limits (2,) rad allow; zero if the joint really turned.
+    """
     places = np.sort(angle % _TURN)
     gaps = np.diff(places, append=places[:1] + _TURN)
     widest = int(np.argmax(gaps))
@@ -59,8 +60,9 @@ def turns_further(angle: Array, limits: Array) -> Integers:
 
 
 def _turns_beyond(angle: Array, limits: Array) -> Integers:
-    """Return by how many turns angles (n,) rad have to be counted back to lie within limits (2,) rad; zero if they
-    do, or if no turn brings them there."""
+    """Return the number of turns by which angles (n,) rad must be counted back to lie within limits (2,) rad; zero
+    if they do, or if no turn brings them there.
+    """
     low, high = limits[0] - _SLACK_RAD, limits[1] + _SLACK_RAD
     above, below = np.ceil((angle - high) / _TURN), np.floor((angle - low) / _TURN)
     turns = np.where(angle > high, above, np.where(angle < low, below, 0.0))
@@ -84,13 +86,13 @@ def beyond_limits(table: Table, rig: Rig) -> tuple[str, ...]:
 
 
 def _has_fractional_wave(rig: Rig, axis: int) -> bool:
-    """Return whether the rig file has an error of an axis that does not repeat with its turn."""
+    """Return whether the rig file contains an error of an axis that does not repeat with the turn."""
     effects = (*rig.effects, *(rig.calibrated.effects if rig.calibrated else ()))
     return any(getattr(effect, "axis", None) == axis and not effect.repeats_each_turn for effect in effects)
 
 
 def _counted_further(table: Table, axis: int, turns: Integers, count: int) -> str:
-    """Return the message about rows in which a joint is counted so many turns further."""
+    """Return the message about rows in which a joint is counted this number of turns further."""
     rows = turns == count
     way = f"{abs(count)} whole turn{'s' * (abs(count) > 1)} {'further' if count > 0 else 'back'}"
     low, high = np.degrees([table.q[rows, axis - 1].min(), table.q[rows, axis - 1].max()])
@@ -101,7 +103,7 @@ def _counted_further(table: Table, axis: int, turns: Integers, count: int) -> st
 
 
 def _row_words(table: Table, chosen: Mask) -> str:
-    """Return the rows of the file that a mask (n,) chooses, in words."""
+    """Return the rows of the file selected by a mask (n,), in words."""
     rows = np.sort(table.rows[chosen]).tolist()
     if len(rows) == 1:
         return f"in row {rows[0]}"

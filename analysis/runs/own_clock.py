@@ -1,14 +1,12 @@
-"""Map an instrument's stamps to host time: by its clock, or by the steady pace of its messages.
+"""Map an instrument's timestamps to host time: by the clock of the instrument, or by the steady rate of the messages.
 
-(host - instrument) is the offset of the clock plus a delay, and delays are positive: its lower envelope is the clock.
-First
-the stamps are cleaned: a wrapped counter is continued, single wrong stamps are left out, and a restarted clock is
-fitted in
-pieces.
+(host - instrument) is the offset of the clock plus a delay, and delays are positive: the lower envelope is the clock.
+First the timestamps are cleaned: a wrapped counter is continued, single wrong timestamps are left out, and a restarted
+clock is fitted in pieces.
 
-An instrument that sends unprompted without a clock has a steady pace. Message n was sent at n periods and arrived with
-a delay; with n as its clock the lower envelope gives the time. This works through an adapter that buffers bytes for 16
-ms.
+An instrument with no clock that sends unprompted has a steady rate. Message n was sent at n periods and arrived with a
+delay; with n as the clock the lower envelope determines the time. This works through an adapter that buffers bytes for
+16 ms.
 """
 
 from __future__ import annotations
@@ -103,7 +101,7 @@ def _among(wrong: Mask, kept: NDArray[Any], filler: float) -> NDArray[Any]:
 
 
 def _starts(device_s: Array, host_ns: Array) -> Integers:
-    """Return the rows at which the clock restarted: it decreased, or its offset from the host's clock changed
+    """Return the rows of the clock restarts: the clock decreased, or the offset from the host's clock changed
     permanently.
     """
     offset_s = (host_ns - host_ns[0]) / 1e9 - device_s
@@ -120,7 +118,7 @@ def _starts(device_s: Array, host_ns: Array) -> Integers:
 
 
 def unwrapped(device_s: Array, host_ns: Array) -> Array:
-    """Stamps (n,) s of a counter, going on where it wrapped: where it fell by just what it can count to."""
+    """Timestamps (n,) s of a counter, continued after each wrap: a decrease by exactly the counter range."""
     ticks, passed = np.diff(device_s), np.diff(host_ns) / 1e9
     leaps = np.flatnonzero(np.abs(ticks - passed) > min(_WRAPS_S) - _LEAP_S)
     if not len(leaps):
@@ -128,15 +126,15 @@ def unwrapped(device_s: Array, host_ns: Array) -> Array:
     added, ticks, passed = np.zeros(len(device_s)), ticks[leaps], passed[leaps]
     for wrap_s in _WRAPS_S:
         added[leaps[(ticks < 0) & (np.abs(ticks + wrap_s - passed) < _LEAP_S)] + 1] = wrap_s
-        # One message of before, come late.
+        # A late duplicate of an earlier message.
         added[leaps[(ticks > 0) & (np.abs(ticks - wrap_s - passed) < _LEAP_S)] + 1] = -wrap_s
     return np.asarray(device_s + np.cumsum(added))
 
 
 def out_of_order(device_s: Array) -> Mask:
-    """Which stamps (n,) are wrong by themselves: the fewest without which those around them are in order.
+    """Return the wrong timestamps (n,): the fewest whose removal leaves increasing timestamps around them.
 
-    Where that would be many, the clock restarted, and none is wrong.
+    If they are many, the clock restarted, and none is wrong.
     """
     wrong = np.zeros(len(device_s), dtype=bool)
     for fell in (np.flatnonzero(np.diff(device_s) < 0) + 1).tolist():
@@ -177,7 +175,7 @@ def _fitted(device_s: Array, host_ns: Array) -> tuple[Array, Mask]:
 
 
 def _by_arrival(ns: Array, wrong: Mask, restarted: tuple[int, ...], host_ns: Array) -> FittedClock:
-    """Where the stamp is wrong, the arrival less the usual delay takes its place."""
+    """Replace wrong timestamps by the arrival minus the usual delay."""
     u_s = np.zeros(len(ns))
     if wrong.any() and not wrong.all():
         delay = (host_ns - ns)[~wrong]
@@ -187,56 +185,60 @@ def _by_arrival(ns: Array, wrong: Mask, restarted: tuple[int, ...], host_ns: Arr
 
 
 _AHEAD = 32
-"""Messages of which one is hardly late: some beats of a period against an adapter's timer."""
+"""Messages of which at least a single message is hardly late: some beats of a period against an adapter's timer."""
 _EARLY = 0.15
 """The share of a period by which the least delay may fall, by the beat and by a period not yet well known."""
 _MOSTLY = 0.75
-"""There is a pace where the least delay hardly changes in so many of the steps from each few messages to the next: the
-others may be waits. Of messages without a pace, a third."""
+"""Share of steps between groups of messages with hardly any change of the smallest delay that proves a steady rate:
+the other steps may be waits. Messages with no steady rate reach a third.
+"""
 _HARDLY = 8
 """A message is hardly ever earlier than the earliest of the `_AHEAD` before by such a part of their usual delay."""
 _APART = (_AHEAD, 8 * _AHEAD, 64 * _AHEAD, 64 * _AHEAD)
-"""Messages so far apart determine the period: hardly any between two of the nearest is missing, and of the others it is
-then known which; a quarter of a short run at the most."""
+"""Message distances that determine the period: between the nearest pairs hardly any message is missing, and between
+the others the missing ones are then known; a quarter of a short run at most.
+"""
 _PAIRS = 100_000
-"""Their median is known to a three-hundredth of how much they differ."""
+"""Number of pairs; the uncertainty of their median is a three-hundredth of their scatter."""
 _STAYS = 0.4
-"""A lateness wanders where it differs from each few messages to the next by so much less than in the whole run (von
-Neumann's ratio, 1 for what is independent), …"""
+"""Ratio of the change of the delay between groups of messages to the scatter in the complete run (von Neumann's
+ratio, 1 for independent values) below which a delay wanders, …
+"""
 _WANDERS = 6.0
-"""… or leaves its median by so many times what it differs; …"""
+"""… or multiple of the scatter by which it leaves the median; …"""
 _WANDERS_NS = 0.2e6
-"""… and by this at the least: a busy computer is a little later for longer."""
+"""… and smallest change: a busy computer is slightly later for a longer time."""
 _HELD_UP_NS = 0.5e9
-"""A computer is rarely held up for longer: of the messages of such a time, and of `_AHEAD`, hardly all are late."""
+"""Longest usual stall of a computer: of the messages in such a time, and of `_AHEAD`, hardly all are late."""
 
 _COMES_BACK = 8
-"""Blocks of such a time. A lateness that is made up for within so many was delay, of a computer held up for seconds: an
-instrument that waited never makes up for it. At the most a quarter of a short run."""
+"""Number of blocks of that time after which a recovered delay was a stall of some seconds: an instrument that waited
+never catches up. A quarter of a short run at most.
+"""
 
 
 def through_pace(host_ns: Array) -> FittedClock:
-    """Host times (n,) ns of messages that arrived at host_ns (n,).
+    """Return host times (n,) ns of messages that arrived at host_ns (n,).
 
-    A crystal keeps its pace whatever its computer does, so lateness that comes and goes is delay, and the floor of it
-    the pace. An instrument that waits, as a program without a crystal does, never makes up for it: lateness that
-    stays is its own. Where lateness wanders the arrivals' own floor gives the times, and the shared uncertainty covers
-    both readings.
+    A crystal keeps the rate regardless of the computer. A temporary delay is therefore a transmission delay, and the
+    lower envelope is the clock. An instrument that waits, like a program with no crystal, never catches up: a permanent
+    delay belongs to the instrument. If the delay wanders, the lower envelope of the arrivals determines the times, and
+    the shared uncertainty covers both interpretations.
 
-    The arrivals themselves where there is no steady pace in them: where the least delays of each few messages differ
-    from those of the next. A host that stalls now and then delays many, but never all. How uneven the arrivals come is
-    then their uncertainty.
+    The result is the arrivals themselves if they have no steady rate: the smallest delays differ between groups of
+    messages. A host that stalls sometimes delays many messages, but never all. The scatter of the arrivals is then
+    their uncertainty.
     """
     if len(host_ns) < 2 * _AHEAD:
         return FittedClock(host_ns, _uneven_s(host_ns))
     number = np.arange(len(host_ns), dtype=np.int64)
     for apart in _APART:
-        # By pairs of messages so far apart, `_PAIRS` or a few more of them.
+        # Pairs of messages at these distances, `_PAIRS` or a few more.
         lag, every = min(apart, len(number) // 4), max(1, len(host_ns) // _PAIRS)
         later, earlier = slice(lag, None, every), slice(None, -lag, every)
         period_ns = float(np.median((host_ns[later] - host_ns[earlier]) / (number[later] - number[earlier])))
         if not period_ns > 0:
-            return FittedClock(host_ns, _uneven_s(host_ns))  # most came at once, after a stall
+            return FittedClock(host_ns, _uneven_s(host_ns))  # most arrived at once, after a stall
         former, number = number, numbered(host_ns, period_ns)
         if apart > _APART[0] and np.array_equal(number, former):
             break
@@ -250,8 +252,9 @@ def through_pace(host_ns: Array) -> FittedClock:
 
 
 def _not_early(number: Integers, host_ns: Array, period_ns: float) -> Integers:
-    """Numbers (n,), the last few before a missing message put right: very late, they are taken for the first ones after
-    it, and would then be earlier than all before."""
+    """Return the numbers (n,) with the last few before a missing message corrected: very late messages are mistaken
+    for the first ones after it, and would then be earlier than all before.
+    """
     number = number.copy()
     for row in (np.flatnonzero(np.diff(number) > 1) + 1).tolist():
         before, after = slice(max(0, row - _AHEAD), row), slice(row, row + _AHEAD)
@@ -265,19 +268,22 @@ def _not_early(number: Integers, host_ns: Array, period_ns: float) -> Integers:
 
 
 def _wandering(fitted: FittedClock, late_ns: Array, block: int) -> FittedClock:
-    """Times of messages that are late_ns (n,): whether a lateness stays is seen by the least of each block."""
+    """Return times of messages that are late_ns (n,) late; the minimum of each block shows whether a delay is
+    permanent.
+    """
     least_ns = _least_of_blocks(late_ns, block)
     steps_ns = np.diff(least_ns)
     level_ns = np.median(np.lib.stride_tricks.sliding_window_view(np.pad(least_ns, 1, mode="edge"), 3), axis=1)
     few = max(1, min(_COMES_BACK, len(level_ns) // 4))
     stayed_ns = _floor_around(np.pad(level_ns, few, mode="edge"), few)[few:-few]  # at an end no recovery can be seen
     off_ns = np.abs(stayed_ns - np.median(stayed_ns)).max()
-    scatter_ns = np.median(np.abs(steps_ns)) / 0.6745 / math.sqrt(2)  # 0.6745: the median of a normal one's size
+    # 0.6745: median absolute value of a normal variable
+    scatter_ns = np.median(np.abs(steps_ns)) / 0.6745 / math.sqrt(2)
     stays = np.mean(steps_ns**2) < _STAYS * 2 * np.var(least_ns) or off_ns > _WANDERS * scatter_ns
     if not (stays and off_ns > _WANDERS_NS):
         return replace(fitted, shared_u_s=float(stayed_ns.std()) / 1e9)
     wanders_s = float(np.ptp(level_ns)) / 1e9
-    # One reading or the other is true: the root mean square error of the one that is taken.
+    # Either interpretation is true: root mean square error of the chosen interpretation.
     ns = fitted.ns + _floor_around(late_ns, block)
     return replace(fitted, ns=ns, shared_u_s=wanders_s / math.sqrt(2), wanders_s=wanders_s)
 
@@ -288,16 +294,19 @@ def _least_of_blocks(values: Array, block: int) -> Array:
 
 
 def _floor_around(late_ns: Array, width: int) -> Array:
-    """The least lateness (n,) of so many messages before or after each; it steps just where one that stays begins."""
+    """Return the smallest delay (n,) of `width` messages before or after each; it steps exactly at the start of a
+    permanent delay.
+    """
     least = _least_of_next(late_ns, width)
     return np.maximum(np.pad(least, (0, width - 1), mode="edge"), np.pad(least, (width - 1, 0), mode="edge"))
 
 
 def numbered(host_ns: Array, period_ns: float) -> Integers:
-    """Which message of the series each arrival (n,) is, (n,): where one is missing all that follow are a period late.
+    """Return the sequence number (n,) of each arrival (n,): after a missing message all following ones are a period
+    late.
 
-    Any may be late for its own reasons, but hardly all of the next `_AHEAD`. Among the last of a run nothing missing
-    can be seen. There are at least `_AHEAD` arrivals.
+    Any message may be late for other reasons, but hardly all of the next `_AHEAD`. Among the last messages of a run a
+    missing message is not detected. There are at least `_AHEAD` arrivals.
     """
     least = np.empty(len(host_ns) - _AHEAD + 1)  # the least of `_AHEAD` delays against the period in turn
     for begin in range(0, len(least), _BLOCK):
@@ -309,17 +318,17 @@ def numbered(host_ns: Array, period_ns: float) -> Integers:
     if not missing.any():
         return along
     missing = np.pad(missing, (0, _AHEAD - 1), mode="edge")
-    # What is missing stays so: a stall longer than the look ahead was none.
+    # A missing message is permanent: a stall longer than the look-ahead is not.
     along += np.minimum.accumulate(missing[::-1])[::-1]
     return along
 
 
 def _missing(least: Array, period_ns: float) -> Integers:
-    """The number of periods by which each least delay (n,) lies behind those of the `_AHEAD` rows before it, as these
-    are counted.
+    """Return the number of periods by which each smallest delay (n,) lags behind those of the `_AHEAD` rows before, as
+    these are counted.
 
-    Where those rows are counted alike, the count of the next one changes by what its delay rises, whatever their count
-    is: such changes are found for all rows at once. Only the rows after a change are counted one by one.
+    If those rows are counted alike, the count of the next changes with the rise of the delay, regardless of their
+    count: such changes are found for all rows at once. Only the rows after a change are counted singly.
     """
     missing, done, count = np.zeros(len(least), dtype=np.int64), 0, 0
     changes: list[int] = []
@@ -343,9 +352,9 @@ def _missing(least: Array, period_ns: float) -> Integers:
 
 
 def _counted(least: Array, behind: Array, period_ns: float) -> list[int]:
-    """Counts of the first rows of least (n,), until `_AHEAD` of them in turn are alike.
+    """Return the counts of the first rows of least (n,), until `_AHEAD` consecutive counts are equal.
 
-    behind (_AHEAD,): the least delays of the rows before, without the periods that were missing until then.
+    behind (_AHEAD,): smallest delays of the rows before, with the periods missing until then subtracted.
     """
     before, counts, alike = deque(behind.tolist(), maxlen=_AHEAD), list[int](), 0
     lowest = min(before)
@@ -366,7 +375,7 @@ def _counted(least: Array, behind: Array, period_ns: float) -> list[int]:
 
 
 def _least_of_next(values: Array, width: int = _AHEAD) -> Array:
-    """The least of so many values (n,) in turn, (n - width + 1,)."""
+    """Running minimum of values (n,) over `width` values, (n - width + 1,)."""
     covered = 1
     while covered < width:
         step = min(covered, width - covered)
@@ -376,7 +385,9 @@ def _least_of_next(values: Array, width: int = _AHEAD) -> Array:
 
 
 def _uneven_s(host_ns: Array) -> Array:
-    """Standard uncertainty (n,) s of arrivals that may be late by as much as they are uneven: as usual, and each."""
+    """Standard uncertainty (n,) s of arrivals with delays of the size of their scatter: the usual scatter, and that
+    of each.
+    """
     if len(host_ns) < 2:
         return np.zeros(len(host_ns))
     steps = np.diff(host_ns)

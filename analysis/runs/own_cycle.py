@@ -1,13 +1,12 @@
-"""When a gauge with a cycle of its own read what it answers: its ticks, seen in the readings themselves.
+"""Reading times of a gauge with an internal cycle, found from the readings themselves.
 
-Such a gauge answers with the last reading of its cycle, however old. Its value can change only at a tick, so two
-answers that differ have a tick between them. Each such change bounds one tick; a steady cycle, numbered and fitted
-through all of them, gives each far better than its own bounds (`CycleLine`). In an uneven cycle the bounds alone
-hold. Where answers come hardly oftener than ticks nothing is seen of them, and the age of a reading is anything up to
-a cycle.
+Such a gauge answers with the last reading of the cycle, of any age. The value can change only at a tick; two different
+answers therefore have a tick between them. Each such change bounds a tick; a steady cycle, numbered and fitted through
+all of them, determines each far better than the bounds (`CycleLine`). In an uneven cycle only the bounds are valid. If
+answers are hardly more frequent than ticks, ticks are invisible, and the age of a reading is anything up to a cycle.
 
 The fit is interval-censored least squares by the EM algorithm (Dempster, Laird, Rubin 1977): each tick is expected
-within its bounds where the line and the scatter about it put it, the line goes through the expected ticks, and the
+within the bounds according to the line and the scatter about it, the line is fitted to the expected ticks, and the
 scatter is the likeliest.
 """
 
@@ -27,14 +26,15 @@ _JUMP = 4.0
 _REPEATS = 0.85
 """… in less than the rest of this share of its answers."""
 _STAND = 4.0
-"""The gauge stood still where so many times the usual number of answers have one value."""
+"""Multiple of the usual number of answers with the same value from which the gauge was at rest."""
 _NEAR = 8
 
 
 @dataclass(frozen=True)
 class Bounds:
-    """Changes of the value: tick in (low_ns, high_ns] (m,), shown from answer `row` (m,) on; jumps (m,): whether the
-    gauge was on the move there."""
+    """Changes of the value: tick in (low_ns, high_ns] (m,), visible from answer `row` (m,) on; jumps (m,): whether
+    the gauge was moving there.
+    """
 
     low_ns: Array
     high_ns: Array
@@ -57,13 +57,13 @@ class Bounds:
 
     @property
     def usual_ns(self) -> float:
-        """Distance of neighbouring ticks, of those on the move."""
+        """Distance of neighbouring ticks during motion."""
         lag = min(_NEAR, len(self.row) // 2)
         return float(np.quantile(self.middle_ns[lag:] - self.middle_ns[:-lag], 0.3)) / lag
 
     @property
     def repeating(self) -> bool:
-        """Whether a gauge showed values more than once while it moved, oftener than its resolution explains."""
+        """Whether a gauge repeated values during motion more often than the resolution explains."""
         runs = np.diff(self.row)[self.jumps[1:]]
         if len(runs) < FEW or self.jumps.mean() < 0.5 or self.usual_ns <= 0:
             return False
@@ -72,7 +72,7 @@ class Bounds:
 
 
 def changes(asked_ns: Array, values: Array) -> Bounds:
-    """Where answers at asked_ns (n,) show another value (n, k) than the one before; no number equals no number."""
+    """Return the changes of values (n, k) between consecutive answers at asked_ns (n,); NaN equals NaN."""
     row = np.flatnonzero(_changed(values)) + 1
     with np.errstate(over="ignore"):  # readings may be as large as a double: their difference is then infinite
         steps = np.nan_to_num(np.abs(values[row] - values[row - 1])).max(axis=1, initial=0.0)
@@ -83,7 +83,7 @@ def changes(asked_ns: Array, values: Array) -> Bounds:
 
 
 def repeats(values: Array) -> bool:
-    """Whether readings (n, k) mm stay the same so often that a cycle of their own is worth looking for."""
+    """Return whether readings (n, k) mm repeat often enough to search for an internal cycle."""
     return bool(np.count_nonzero(_changed(values)) < _REPEATS * len(values))
 
 
@@ -93,7 +93,9 @@ def _changed(values: Array) -> Mask:
 
 
 _LAGS = (8, 32, 128)
-"""Over so many changes distances are compared with the cycle: each step makes it as many times better known."""
+"""Numbers of changes over which distances are compared with the cycle: each step improves the estimate by that
+factor.
+"""
 _BLOCK = 32
 """Changes that share a phase while they are being numbered: half a cycle of drift over these would lose count."""
 _KNOT = 50
@@ -101,13 +103,13 @@ _KNOT = 50
 _ROUNDS = 8
 _STEPS = 5
 _WRONG = 0.01
-"""Share of the changes that may not be a tick, as where a line garbles a digit."""
+"""Share of the changes that may not be a tick, such as garbled digits on a line."""
 _SHIFTS = 81
 _SCATTERS = 60
 _LOG_LIKELY = 2.0
-"""A scatter is likely whose log likelihood falls short of the best by no more: two standard deviations."""
+"""Largest difference in log likelihood from the best scatter: two standard deviations."""
 _SAMPLE = 2000
-"""Ticks that determine the common phase, and requests that show whether they keep step: more show the same."""
+"""Ticks that determine the common phase, and requests that show synchronisation with the cycle: more show the same."""
 
 
 def period_of(middle_ns: Array, usual_ns: float, within: float) -> float:
@@ -140,9 +142,10 @@ def numbered(middle_ns: Array, period_ns: float) -> Integers:
 
 @dataclass(frozen=True)
 class CycleLine:
-    """A cycle: at_ns (k,) of its knots by their number (k,), its period and scatter, what its phase is uncertain by,
-    and of the changes (m,) which agree with it, the number and the likeliest time of the tick, and its own
-    uncertainty."""
+    """A cycle: at_ns (k,) of the knots by their number (k,), period and scatter, uncertainty of the phase, and for
+    the changes (m,) the agreement with the cycle, the number and the likeliest time of the tick, and the separate
+    uncertainty.
+    """
 
     knots: Array
     at_ns: Array
@@ -155,7 +158,7 @@ class CycleLine:
     u_ns: Array
 
     def tick_ns(self, number: Array) -> Array:
-        """Time of ticks by their number (n,); beyond the ends the cycle goes on."""
+        """Time of ticks by their number (n,); beyond the ends the cycle is extrapolated."""
         inside = np.clip(number, self.knots[0], self.knots[-1])
         return np.asarray(np.interp(inside, self.knots, self.at_ns) + (number - inside) * self.period_ns)
 
@@ -179,7 +182,7 @@ def fitted(bounds: Bounds, number: Integers, period_ns: float) -> CycleLine:
             line_ns = np.interp(number, knots, at_ns)
             ticks, _, inside = _expected(bounds.low_ns - line_ns, bounds.high_ns - line_ns, scatter_ns)
             ticks, weight = ticks + line_ns, _likely(inside, width_ns / period_ns)
-        # How far ticks lie from the line: the least and the most that are likely, since wide bounds show little of it.
+        # Smallest and largest likely scatter of ticks about the line, since wide bounds show little of it.
         low, high = _sampled(bounds, np.interp(number, knots, at_ns))
         scatters = np.geomspace(1e-4, 0.5, _SCATTERS) * period_ns
         log = np.array([_log_likelihood(low, high, scatter, period_ns) for scatter in scatters])
@@ -199,7 +202,7 @@ def _broken(x: Array, y: Array, weight: Array, knots: Array) -> Array:
     """Heights (k,) at increasing knots of the broken line closest to y (n,) at x (n,), by the normal equations."""
     from scipy.linalg import solveh_banded  # noqa: PLC0415 - slow to import, needed for such gauges only
 
-    weight = weight + 1e-6  # a knot whose changes all agree with no tick
+    weight = weight + 1e-6  # a knot with no change agreeing with a tick
     knot = np.clip(np.searchsorted(knots, x, side="right") - 1, 0, len(knots) - 2)
     right_share = (x - knots[knot]) / (knots[knot + 1] - knots[knot])
     left_share = 1 - right_share
@@ -214,7 +217,9 @@ def _summed(place: Integers, values: Array, knots: Array) -> Array:
 
 
 def _expected(low: Array, high: Array, scatter: float) -> tuple[Array, Array, Array]:
-    """Mean (n,) and standard deviation (n,) of a normal variable within bounds (n,), and the chance to lie there."""
+    """Mean (n,) and standard deviation (n,) of a normal variable within bounds (n,), and the probability of the
+    interval.
+    """
     from scipy.special import ndtr  # noqa: PLC0415 - as above
 
     a, b = low / scatter, high / scatter
@@ -243,9 +248,9 @@ def _log_likelihood(low: Array, high: Array, scatter_ns: float, period_ns: float
 
 
 def _phase(bounds: Bounds, line_ns: Array, scatter_ns: float, period_ns: float) -> tuple[float, float]:
-    """Standard deviation and mean of the shift that all ticks of the line share.
+    """Standard deviation and mean of the shift common to all ticks of the line.
 
-    Where requests keep step with the cycle every change has the same bounds, and the phase may lie anywhere in them.
+    If requests are synchronous with the cycle, every change has the same bounds, and the phase may be anywhere in them.
     """
     low, high = _sampled(bounds, line_ns)
     reach, mean, sd = float(np.median(high - low)) + 2 * scatter_ns, 0.0, 0.0
@@ -262,9 +267,9 @@ def _phase(bounds: Bounds, line_ns: Array, scatter_ns: float, period_ns: float) 
 _WIDE = 0.7
 """Changes that are not seen to this share of a cycle do not bound a tick, …"""
 _STATED = 0.02
-"""… a stated cycle is true to this share (a crystal to far less, a maker's round figure to this), …"""
+"""Relative tolerance of a stated cycle (far less for a crystal, this for a manufacturer's round figure), …"""
 _SOUGHT = 0.3
-"""… and one that is not stated lies so near to the usual distance of changes."""
+"""… and of an unstated cycle relative to the usual distance of changes."""
 _AGREE = 0.8
 """Share of the changes that must agree with a cycle before it is believed."""
 _STEADY = 0.15
@@ -273,8 +278,9 @@ _STEADY = 0.15
 
 @dataclass(frozen=True)
 class Ticks:
-    """When each of n answers was read. ns (n,); own_u_s (n,); u_s: shared by all; period_ns; steady: whether the cycle
-    keeps it."""
+    """Reading times of n answers. ns (n,); own_u_s (n,); u_s: shared by all; period_ns; steady: whether the cycle is
+    steady.
+    """
 
     ns: Array
     own_u_s: Array
@@ -284,10 +290,10 @@ class Ticks:
 
 
 def through_cycle(asked_ns: Array, values: Array, cycle_ns: float | None) -> Ticks | None:
-    """Ticks of the answers given at asked_ns (n,) with values (n, k); None where they are not to be seen.
+    """Return the ticks of the answers given at asked_ns (n,) with values (n, k); None if they are invisible.
 
-    cycle_ns: as stated. Where nothing is stated a cycle is believed only of a gauge that was seen to repeat itself
-    while it moved by more than its resolution.
+    cycle_ns: as stated. If unstated, a cycle is accepted only for a gauge that repeated values while it moved by more
+    than the resolution.
     """
     start_ns = float(asked_ns[0])
     asked_ns = asked_ns - start_ns
@@ -309,7 +315,7 @@ def through_cycle(asked_ns: Array, values: Array, cycle_ns: float | None) -> Tic
         return replace(ticks, ns=start_ns + ticks.ns)
     if not bounds.repeating:
         return None
-    # On the move every answer was read where its value first showed; else within a usual cycle.
+    # During motion every answer was read at the first appearance of the value; otherwise within a usual cycle.
     run = np.searchsorted(bounds.row, np.arange(len(asked_ns)), side="right") - 1
     seen = (run >= 0) & bounds.jumps[np.maximum(run, 0)]
     ns = np.where(seen, bounds.middle_ns[run], asked_ns - bounds.usual_ns / 2)
@@ -318,8 +324,8 @@ def through_cycle(asked_ns: Array, values: Array, cycle_ns: float | None) -> Tic
 
 
 def _at_ticks(asked_ns: Array, bounds: Bounds, close: Mask, line: CycleLine) -> Ticks:
-    """The tick of every answer at asked_ns (n,): of the change before it, or a later one at which nothing changed."""
-    # What does not agree with any tick is not one: a garbled reading, and the next one, which is right again.
+    """Return the tick of every answer at asked_ns (n,): of the preceding change, or a later tick with no change."""
+    # A change agreeing with no tick is not a tick: a garbled reading, and the next correct reading.
     true = ~close
     true[close] = line.agreeing
     bounds, close = bounds.of(true), close[true]
@@ -329,7 +335,7 @@ def _at_ticks(asked_ns: Array, bounds: Bounds, close: Mask, line: CycleLine) -> 
     number[~close] = np.floor(exact)
     tick_ns, u_ns = line.tick_ns(number.astype(float)), np.full(len(number), line.scatter_ns)
     tick_ns[close], u_ns[close] = line.ns[line.agreeing], line.u_ns[line.agreeing]
-    # A change across a gap that ends close to a tick may show that tick or the one before.
+    # A change across a gap that ends close to a tick may show that tick or the previous tick.
     unclear = np.abs(exact - np.round(exact)) * line.period_ns < 2 * line.scatter_ns
     u_ns[~close] = np.where(unclear, line.period_ns / math.sqrt(12), u_ns[~close])
 
@@ -337,7 +343,7 @@ def _at_ticks(asked_ns: Array, bounds: Bounds, close: Mask, line: CycleLine) -> 
     first = np.concatenate([[np.iinfo(np.int64).min // 2], number])[run]
     last = np.concatenate([number, [np.iinfo(np.int64).max // 2]])[run] - 1
     seen = np.minimum(np.floor(line.number_at(asked_ns)).astype(np.int64), last)
-    # On the move nothing reads the same twice: the gauge left a tick out, and its answer is as old as it looks.
+    # No two readings are equal during motion: the gauge missed a tick, and the answer is as old as it appears.
     stale = np.concatenate([[False], bounds.jumps])[run] & (run < len(bounds.row))
     later = (seen > first) & ~stale
     of_run = np.maximum(run - 1, 0)
@@ -347,10 +353,10 @@ def _at_ticks(asked_ns: Array, bounds: Bounds, close: Mask, line: CycleLine) -> 
 
 
 def anywhere_in_a_cycle(asked_ns: Array, cycle_ns: float) -> tuple[Array, float]:
-    """Own (n,) and shared standard uncertainty in s of readings taken half a cycle before asked_ns (n,).
+    """Separate (n,) and shared standard uncertainty in s of readings taken half a cycle before asked_ns (n,).
 
-    Where requests keep step with the cycle all readings are equally old: the share of it that they have in common is
-    the length of their mean phase, at the cycle near the stated one that makes the most of it.
+    If requests are synchronous with the cycle, all readings are equally old: the shared part is the length of their
+    mean phase, at the cycle near the stated value that maximises it.
     """
     each = asked_ns[np.linspace(0, len(asked_ns) - 1, min(len(asked_ns), _SAMPLE)).astype(int)] - asked_ns[0]
     off = np.linspace(-1e-3, 1e-3, 41)

@@ -1,9 +1,9 @@
-"""A kind of test: every question that rig asks of one, and where its answers stand.
+"""Kinds of tests: the interface of a test, and the place of each implementation.
 
-Code that has a table asks `table.kind`, and never which kind it is: a kind is `evaluate` in the folder of
-`analysis.procedures` with the test's name (yaw and roll share `circle`), and nothing else names it. It answers from
-the columns of a file to the part of a set-up that is fitted; what several tests have in common, `places_and_targets`
-in `shared` and `evaluate` in `circle` answer.
+Code with a table calls `table.kind` and never compares kinds. A kind is `evaluate` in the folder of
+`analysis.procedures` with the test's name (yaw and roll share `circle`), and no other code names it. It covers
+everything from the columns of a file to the fitted part of a set-up. Common parts are in `places_and_targets` and
+`evaluate` of `shared`, and in `evaluate` of `circle`.
 """
 
 from __future__ import annotations
@@ -49,66 +49,70 @@ a third of it."""
 
 
 class Kind(ABC, Generic[T]):
-    """What a test is to rig. Answers that most tests share stand here; a test overrides those that it has otherwise."""
+    """Interface of a test. The base class contains the common answers; a test overrides the different ones."""
 
     gauges: tuple[Gauge, ...] = ()
     """The gauges that it is read with."""
     certified: tuple[str, ...] = ()
-    """What of the rig file may have a certificate, and decides its readings: gauges, ball, link."""
+    """Parts of the rig file that may have a certificate and determine the readings: gauges, ball, link."""
 
     example: tuple[str, float, float] | None = None
-    """One of its figures, and bounds from which it is watched and fails, of the size of those in docs/rig-file.md:
-    examples, to be replaced."""
+    """Example figure with bounds for warning and failure, of the size of the values in docs/rig-file.md, to be
+    replaced.
+    """
     part = ""
-    """The part of `tests` in a rig file that says where and how it is driven."""
+    """Section of `tests` in a rig file describing place and motion of the test."""
     further: tuple[str, str] | None = None
-    """What a plan calls it as a further test in a rig file with that part, and why it adds something."""
+    """Name in a plan as an additional test in a rig file with that section, and the reason for adding it."""
     along = "place"
-    """What its curve runs along, in a table of measured and simulated."""
+    """Abscissa of the curve in a table of measured and simulated values."""
 
     in_order_of_time = False
-    """Whether its rows have times, which increase."""
+    """Whether rows have increasing times."""
     swept = False
-    """Whether joints move while it is read."""
+    """Whether joints move during the reading."""
     of_places = False
     """Whether a reading is a place, three coordinates of a target or ball on the tool."""
     of_tracker = False
-    """Whether an instrument sees the places, which stands anywhere and may read joints before they rest."""
+    """Whether an instrument sees the places; it may be placed anywhere and may read joints before they rest."""
     constants_apart = False
-    """Whether its readings alone show an arm's constants, which then have widths of their own."""
+    """Whether the readings alone determine the constants of an arm, which then have separate widths."""
     setup_terms, frame_terms = 4, 0
-    """How many numbers of its set-up are fitted, and how many first ones of them, of places, are those of instrument or
-    socket; the others are those of the target on the tool, which placements share."""
+    """Number of fitted set-up terms, and number of leading terms for places that belong to the instrument or socket;
+    the others belong to the target on the tool, common to all placements.
+    """
     setup_words = "the ball's position and the gauges' zeros"
-    """What these are."""
+    """Description of the set-up terms."""
     wild_spreads = 10.0
-    """Robust standard deviations from which a reading is wild beside a calibrated arm; they are taken to be at least
-    the largest of real cells, 0.06 mm. Chosen: as for the sphere of a radial test."""
+    """Robust standard deviations from which a reading is an outlier relative to a calibrated arm; the standard
+    deviation is at least the largest of real cells, 0.06 mm. Chosen: as for the sphere of a radial test.
+    """
     assumed_sd_mm = np.nan
-    """Standard deviation of a coordinate where no place was visited twice."""
+    """Standard deviation of a coordinate if no place was visited twice."""
     never_twice = ""
-    """What to say where no reading was repeated; empty where it is said with all tests."""
+    """Message if no reading was repeated; empty if the message is common to all tests."""
     finders: tuple[tuple[str, Callable[[T, Rig], Iterable[Finding]]], ...] = ()
-    """Conventions that few tests can break, each with what looks for findings about it."""
+    """Conventions that few tests can break, each with the function finding violations."""
     joints_fit = "rows lie on the path of the test"
     rows_called = "targets"
     away_from = ""
     when_far = ""
-    """Words: what rows do whose joints mean what they are called; what a row is; from where one is far; what to check
-    then."""
+    """Words: action of rows whose joints have the labelled meaning; name of a row; origin of the distance; subject
+    to check.
+    """
     without_joints = ""
-    """Why it shows nothing of single joints; empty where it does."""
+    """Reason for not showing single joints; empty if the test does show them."""
 
     def __init__(self, test: TestName) -> None:
         self.test: TestName = test
 
     def refused(self, where: str) -> FileError:
-        """Return the error for whom it shows nothing of an arm's joints."""
+        """Return the error for a test showing nothing of an arm's joints."""
         return FileError(where, self.without_joints, "give poses, touches or circles")
 
     @abstractmethod
     def layout(self, axes: int = 6, *, rail: bool = False) -> Layout:
-        """Return the columns of its table for an arm of so many axes, on a rail or not."""
+        """Return the columns of the table for an arm with this number of axes, on a rail or not."""
 
     @abstractmethod
     def table_of(self, rows: Rows, direction: Direction | None, where: str) -> T:
@@ -116,20 +120,23 @@ class Kind(ABC, Generic[T]):
 
     @abstractmethod
     def columns(self, table: T) -> Mapping[str, Array | Integers | Sequence[str] | pa.Array]:
-        """Return the columns (n,) of docs/tables.md by name, in its order: degrees and mm."""
+        """Return the columns (n,) of docs/tables.md by name, in the documented order: degrees and mm."""
 
     @abstractmethod
     def readings(self, table: T) -> Array:
-        """Return what was read (n, k), in mm: a column for each gauge, or three coordinates."""
+        """Return the readings (n, k), in mm: a column for each gauge, or three coordinates."""
 
     def differs(self, table: T) -> Mask | None:
-        """Return which rows (n - 1,) are something else than the row before, whatever the joints; None where a row is
-        never a second reading of one stand: the robot was driven, or each row is a visit by itself."""
+        """Return a mask (n - 1,) of the rows differing from the previous row, regardless of the joints; None if a row is never
+        a second reading of the same standstill: the robot was driven, or each row is a separate visit.
+        """
         return None
 
     def averaged(self, table: T, first: Mask, mean: Callable[[Array], Array]) -> T:
-        """Return the table with a row for each stand, of those that `differs` separates; first (n,): whether a row
-        begins one, mean: means (s, …) over each stand of values (n, …) in their unit; labels are those of the first."""
+        """Return the table with a row for each standstill separated by `differs`; first (n,): whether a row is the
+        first of a standstill, mean: means (s, …) over each standstill of values (n, …) in their unit; labels are
+        those of the first row.
+        """
         columns = {name: column for name, column in vars(table).items() if isinstance(column, np.ndarray)}
         return replace(table, **{name: mean(c) if c.dtype.kind == "f" else c[first] for name, c in columns.items()})
 
@@ -138,10 +145,10 @@ class Kind(ABC, Generic[T]):
         raise FileError(where, f"a recorded {self.test} run has no instrument to read", "import its table: rig import")
 
     # ------------------------------------------------------------------------------------------------------------------
-    # What a model predicts of it.
+    # Model prediction of the table.
 
     def setup(self, rig: Rig) -> SetUp:
-        """Return the nominal set-up: ball in its place, gauges at zero, instrument in the world's frame."""
+        """Return the nominal set-up: ball in the nominal centre, gauges at zero, instrument in the world frame."""
         raise self.refused(f"rig {rig.name}")
 
     def path(self, model: Model, table: T) -> Path:
@@ -157,23 +164,25 @@ class Kind(ABC, Generic[T]):
         raise self.refused(f"a {self.test} table")
 
     def simulated(self, rig: Rig, direction: Direction | None, run: Simulation) -> T:
-        """Return one run as it would be measured. Raises FileError where the robot cannot do the test."""
+        """Return a run as it would be measured. Raises FileError if the robot cannot do the test."""
         raise FileError(f"{self.test} test", "is not simulated", "simulate another test")
 
     # ------------------------------------------------------------------------------------------------------------------
-    # What speaks against its columns being what they are called.
+    # Evidence against the labelled meaning of the columns.
 
     def findings(self, convention: str, table: T, rig: Rig) -> Iterable[Finding]:
-        """Return what speaks against a convention in a table, of those that `finders` look at."""
+        """Return the findings of a table against a convention, by `finders`."""
         find = dict(self.finders).get(convention)
         return find(table, rig) if find else ()
 
     def unit_findings(self, table: T, rig: Rig, T_tool: Array) -> Iterable[Finding]:
-        """Return what speaks against units, beside nominal tool poses T_tool (n, 4, 4), surest first."""
+        """Return the findings against units, relative to nominal tool poses T_tool (n, 4, 4), the most certain
+        first.
+        """
         return ()
 
     def cannot_tell(self, table: T, rig: Rig) -> str:
-        """Return why a table cannot show what its joint columns mean; empty where it can."""
+        """Return the reason why a table cannot show the meaning of the joint columns; empty if it can."""
         return self.without_joints
 
     def judged_joints(self, table: T, rig: Rig) -> Verdict:
@@ -181,37 +190,36 @@ class Kind(ABC, Generic[T]):
         raise self.refused(f"rig {rig.name}")
 
     def off_path(self, table: T, rig: Rig, T_tool: Array) -> Off | None:
-        """Return how far tool poses T_tool (n, 4, 4) lie from where the test has them; None where that is unknown."""
+        """Return the distance of tool poses T_tool (n, 4, 4) from the nominal path of the test; None if unknown."""
         return None
 
     def targets(self, table: T, rig: Rig) -> Array | None:
-        """Return the places (n, 3) mm to which the rows were to go; None where the rig file does not say it."""
+        """Return the target places (n, 3) mm of the rows; None if the rig file does not contain them."""
         return None
 
     def numbers_of(self, table: T) -> Integers:
-        """Return the number (n,) by which a person knows what each row is of: its row in the file, or its target."""
+        """Return the number (n,) identifying each row to the user: row in the file, or target."""
         return table.rows
 
     def thinned(self, table: T, count: int) -> T:
-        """Return a table of some `count` rows at the most, where the test may have millions; others are short."""
+        """Return a table of about `count` rows at most if the test may have millions; others are short."""
         return table
 
     # ------------------------------------------------------------------------------------------------------------------
-    # What it measures.
+    # Figures of the test.
 
     @abstractmethod
     def evaluate(self, table: T, rig: Rig, where: str, instruments: Instruments) -> Evaluated:
-        """Return its figures. Raises FileError where a table is not a valid measurement."""
+        """Return the figures. Raises FileError if a table is not a valid measurement."""
 
     def hold_evaluable(self, table: T, rig: Rig, where: str) -> None:
-        """Raise FileError for what an evaluation will refuse, where that is seen at once: gauges apart."""
+        """Raise FileError if an evaluation will refuse the table for an immediately visible reason, gauges excluded."""
 
     # ------------------------------------------------------------------------------------------------------------------
-    # How a fit observes an arm by it.
+    # Observation of an arm by the test in a fit.
 
     def rows_used(self, table: T, rig: Rig, where: str) -> Integers:
-        """Return the numbers (m,) of the rows whose readings are explained. Raises FileError for a table of
-        another rig."""
+        """Return the numbers (m,) of the rows with explained readings. Raises FileError for a table of another rig."""
         return np.arange(len(table.q))
 
     def direction(self, table: T) -> Direction | None:
@@ -219,48 +227,50 @@ class Kind(ABC, Generic[T]):
         return None
 
     def visits(self, table: T) -> Integers:
-        """Return integers (n, k) that readings of one place, reached in one way, share."""
+        """Return numbers (n, k) shared by readings of the same place, reached in the same way."""
         return np.round(table.q / SAME_RAD).astype(np.int64)
 
     def parts(self, table: T) -> NDArray[np.str_] | None:
-        """Return to which part each row (n,) belongs, where parts of a table have set-ups of their own."""
+        """Return the number of the part of each row (n,), if parts of a table have separate set-ups."""
         return None
 
     def sides(self, table: T) -> Integers | None:
-        """Return on which side of its play each joint stands (n, axes): the way of its last move, -1 or 1, 0 where it
-        stayed; None where rows do not say from where joints came."""
+        """Return the side of the backlash for each joint (n, axes): direction of the last move, -1 or 1, 0 if the
+        joint did not move; None if rows do not contain the approach of the joints.
+        """
         return None
 
     def last_moves(self, table: T) -> Array | None:
-        """Return by how much each joint turned (n, axes) rad in its last move; None if rows do not state it."""
+        """Return the rotation of each joint (n, axes) rad in the last move; None if rows do not state it."""
         return None
 
     def counted_back(self, table: T, turns_rad: Array) -> T:
-        """Return the table with joints counted back by whole turns (n, axes) rad; only of stands in no order."""
+        """Return the table with joints counted back by full turns (n, axes) rad; only for standstills in no order."""
         return table
 
     def far(self, table: T, arm: Arm) -> Far | None:
-        """Return which rows lie far from all others, of places; others are judged beside the calibrated arm alone."""
+        """Return the rows far from all others, for places; other tests are compared with the calibrated arm only."""
         return None
 
     def lost(self, table: T) -> Mask:
-        """Return which rows (n,) hold no measurement, by what an instrument writes that has none."""
+        """Return a mask (n,) of the rows without a measurement, by the value that an instrument writes in that case."""
         return np.zeros(len(table.q), dtype=bool)
 
     def doubts(self, table: T, model: Model, where: str) -> tuple[str, ...]:
-        """Return what a table shows beside the arm alone that a diagnosis should say."""
+        """Return doubts raised by a table compared with the arm alone, for the diagnosis to report."""
         return ()
 
     def angles_of(self, table: T, rig: Rig) -> tuple[Array, Array]:
-        """Return polar angle and azimuth (n,) rad under which a map draws each row, nan where it has none."""
+        """Return polar angle and azimuth (n,) rad of each row on a map, nan if there is none."""
         nowhere = np.full(len(table.q), np.nan)
         return nowhere, nowhere
 
 
 @cache
 def kind_named(test: TestName) -> Kind[Table]:
-    """Return the kind of a test: what its module in `analysis.procedures` has as KIND, or what a package offers as
-    `rig.tests` under its name. Raises FileError for an offer that is none."""
+    """Return the kind of a test: KIND of the module in `analysis.procedures`, or the offer of a package as
+    `rig.tests` under that name. Raises FileError for an invalid offer.
+    """
     offer = OFFERED_TESTS.get(test)
     if offer is None:
         package = f"analysis.procedures.{test}"

@@ -1,11 +1,11 @@
-"""Writing files, as CSV, Parquet or whatever a writer puts into them, by the one rule for those that are there already.
+"""Writing files in CSV, Parquet or any format, with a common rule for existing files.
 
-What records or decides something is never replaced. What only shows runs, pages, pictures and tables of figures, is
-made again under its name, where rig made what is there (docs/decisions/0034-existing-files.md).
+Files that record or decide something are never replaced. Files that only show runs, such as pages, pictures and tables
+of figures, are replaced under the same name if rig made the existing file (docs/decisions/0034-existing-files.md).
 
-A table from elsewhere may hold `=cmd|…` in a note, which a spreadsheet would compute. Such a cell of a CSV file gets an
-apostrophe as its first character, by which a spreadsheet knows text; what is read from a CSV file loses it again, so
-that a table that goes out and comes back is the same. Numbers are no text, and stay as they are.
+A table from elsewhere may contain `=cmd|…` in a note, which a spreadsheet would compute. Such a cell of a CSV file gets
+a leading apostrophe, which marks text for a spreadsheet; reading a CSV file removes it again, and a table written and
+read is therefore unchanged. Numbers are not text and remain unchanged.
 """
 
 from __future__ import annotations
@@ -32,25 +32,26 @@ if TYPE_CHECKING:
 _ENDS = 65536
 """Bytes at either end of a file by which it is known: the schema of the widest table that is written has 3 kB."""
 PDF_MARK = b"% made by rig\n"
-"""A comment at the end of a PDF of rig: WeasyPrint 70 compresses what names the maker of one."""
+"""A comment at the end of a PDF made by rig: WeasyPrint 70 compresses the metadata naming the producer."""
 _MARKS: dict[str, tuple[bytes, tuple[bytes, ...]]] = {
     ".html": (b"<!doctype html>", (b"content=\"default-src 'none'; base-uri 'none'; form-action 'none'",)),
     ".pdf": (b"%PDF-", (PDF_MARK,)),
     ".png": (b"\x89PNG\r\n", (b"Matplotlib",)),
     ".parquet": (b"PAR1", (b"started_utc", b"standing")),
 }
-"""What a file begins with, by its ending, and what such files of rig hold near their begin or end."""
+"""Initial bytes of a file, by suffix, and bytes near the start or end of such files made by rig."""
 
 
 def refuse_existing(path: Path, option: str = "--output") -> None:
-    """Raise FileError where something has the name of a file that records or decides something, before anything is
-    computed. option: what gives it another name."""
+    """Raise FileError if a path has the name of a file that records or decides something, before anything is
+    computed. option: the option for another name.
+    """
     if os.path.lexists(path):
         raise FileError(str(path), "exists already", f"give another {option}, or remove it first")
 
 
 def refuse_foreign(path: Path, option: str = "--output") -> None:
-    """Raise FileError where something has the name of a page, a picture or a table of figures that rig did not make."""
+    """Raise FileError if the path exists as a page, picture or table of figures not made by rig."""
     try:
         begin, size = read_from(path, 0, _ENDS)
         end = begin if size <= _ENDS else read_from(path, size - _ENDS, _ENDS)[0]
@@ -84,34 +85,35 @@ def as_it_was(text: str) -> str:
 
 
 ROWS_AT_ONCE = 65_536
-"""Rows of a table that are in memory as Python's own numbers, which take some ten times the memory of an array's."""
+"""Rows of a table in memory as Python numbers, which use some ten times the memory of an array."""
 _SHEET_ROWS = 1_048_576
-"""Rows of a sheet, its header among them (Excel specifications and limits, Microsoft)."""
+"""Rows of a sheet, including the header (Excel specifications and limits, Microsoft)."""
 Writer = Callable[[BinaryIO], object]
-"""Puts what a file holds into it."""
+"""Function writing the content of a file into it."""
 
 
 def holding(data: bytes) -> Writer:
-    """Return the writer of a file that holds these bytes."""
+    """Return the writer of a file with these bytes as content."""
     return lambda file: file.write(data)
 
 
 def write_all_new(directory: Path, files: Mapping[str, Writer]) -> list[Path]:
-    """Make files by their names in a directory, which is made where it is missing: all of them or none.
+    """Create files by name in a directory, which is created if missing: all of them or none.
 
-    Raises FileError where one exists already or cannot be made, CellError when the disk refuses.
+    Raises FileError if a file exists already or cannot be created, CellError if the disk refuses.
     """
     return _write_all(directory, files, over=False)
 
 
 def write_all_over(directory: Path, files: Mapping[str, Writer]) -> list[Path]:
-    """Make files as `write_all_new` does, in place of those that are there: each is the old or the new one, whole."""
+    """Create files like `write_all_new`, replacing existing ones: each is completely the old or the new file."""
     return _write_all(directory, files, over=True)
 
 
 def write_views(directory: Path, files: Mapping[str, Writer]) -> list[Path]:
-    """Make pictures by their names in a directory, in place of those that rig made before. Raises FileError for any
-    other file that is there, and as `write_all_new` does."""
+    """Create pictures by name in a directory, replacing earlier ones of rig. Raises FileError for any other existing
+    file, and the errors of `write_all_new`.
+    """
     for name in files:
         refuse_foreign(directory / name, "--plot")
     return _write_all(directory, files, over=True)
@@ -139,9 +141,9 @@ def _write_all(directory: Path, files: Mapping[str, Writer], *, over: bool) -> l
 
 
 def write_new(path: Path, write: Writer) -> None:
-    """Make a file by `write`, whole or not at all: until it is complete it has another name.
+    """Create a file by `write`, completely or not at all: until it is complete it has another name.
 
-    Raises FileError where it exists already or cannot be made, CellError when the disk refuses.
+    Raises FileError if it exists already or cannot be created, CellError if the disk refuses.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -187,17 +189,17 @@ def _exists(path: Path) -> FileError:
 
 
 def write_parquet(table: pa.Table, file: BinaryIO) -> None:
-    """The table as Parquet, without the store's own notes."""
+    """Write the table as Parquet, excluding the metadata of the store."""
     import pyarrow.parquet as pq  # noqa: PLC0415 - slow to import, needed for Parquet only
 
     pq.write_table(table.replace_schema_metadata(None), file, compression="zstd")
 
 
 def write_csv(table: pa.Table, file: BinaryIO) -> None:
-    """The table as UTF-8 with a header and commas; every number in the fewest digits that give it back.
+    """Write the table as UTF-8 CSV with a header; every number in the fewest digits that reproduce it.
 
-    Text is plain (`rigs.text`), line feeds in it stay; text that a spreadsheet takes for a formula has an apostrophe
-    before it, as those programs themselves write it. Parquet keeps text as it was.
+    Text is plain (`rigs.text`) and keeps line feeds; text that a spreadsheet interprets as a formula has a leading
+    apostrophe, as those programs write it. Parquet keeps text unchanged.
     """
     file.write((",".join(map(_quoted, table.column_names)) + "\n").encode())
     for batch in table.to_batches(max_chunksize=ROWS_AT_ONCE):
@@ -207,9 +209,9 @@ def write_csv(table: pa.Table, file: BinaryIO) -> None:
 
 
 def write_xlsx(table: pa.Table, file: BinaryIO) -> None:
-    """The table as a workbook with one sheet, its header kept in sight; text is text, never a formula or a link.
+    """Write the table as a workbook with a single sheet and a frozen header; text is text, never a formula or a link.
 
-    Raises FileError for more rows than a sheet has, and CellError where the library is missing.
+    Raises FileError for more rows than a sheet has, and CellError if the library is missing.
     """
     try:
         import openpyxl  # noqa: PLC0415 - an extra, and slow to import
@@ -229,12 +231,12 @@ def write_xlsx(table: pa.Table, file: BinaryIO) -> None:
 
 
 def _in_sheet(sheet: Any, value: Any) -> Any:
-    """What stands in a cell of a sheet; what is unknown leaves it empty."""
+    """Return the content of a cell of a sheet; unknown values leave it empty."""
     if isinstance(value, str):
         from openpyxl.cell import WriteOnlyCell  # noqa: PLC0415
 
         cell = WriteOnlyCell(sheet, plain_lines(value))
-        cell.data_type = "s"  # also where it begins as a formula
+        cell.data_type = "s"  # also for text that looks like a formula
         return cell
     return value if value is not None and math.isfinite(value) else None
 

@@ -135,8 +135,8 @@ def plays_of_visits(x: Array, half: Array, samples: int) -> Array:
 def play(x: Array, half: float, begin: float = 0.0) -> Array:
     """Return the follower y (n,) of x (n,) in a gap of ± half, starting at `begin` (-1 … 1) times half from the middle.
 
-    x, y and half have one unit. Play operator (Visintin, Differential Models of Hysteresis, 1994): y moves only when x pushes against a side of the
-    gap. On a monotone section it has the closed form used here.
+    x, y and half have one unit. Play operator (Visintin, Differential Models of Hysteresis, 1994): y moves only when x
+    pushes against a side of the gap. On a monotone section it has the closed form used here.
     """
     follower: Array = plays(x, np.array([half]), begin)[0]
     return follower

@@ -1,4 +1,4 @@
-"""Which of two arms fits runs: what each leaves of the same readings, with the set-ups fitted to it."""
+"""Comparison of two arms: residuals of the same readings, with the set-ups fitted to each."""
 
 from __future__ import annotations
 
@@ -18,13 +18,14 @@ from rigs.errors import FileError
 from rigs.rig import Rig
 
 _CLEARLY = 0.97
-"""Ratio of the residuals below which one arm fits better: 3 % of the rms is more than a fitted set-up gains by chance.
+"""Ratio of the residuals below which an arm fits better: 3 % of the rms is more than a fitted set-up gains by
+chance.
 """
 
 
 @dataclass(frozen=True)
 class ArmFit:
-    """What an arm leaves of runs, µm of the readings: root mean square and at most. `file` is where it comes from."""
+    """Residual of runs for an arm, µm of the readings: root mean square and maximum. `file` is the file of the arm."""
 
     file: str
     rms_um: float
@@ -33,7 +34,7 @@ class ArmFit:
 
 @dataclass(frozen=True)
 class FittingArm(Tabular):
-    """Two arms held against the same runs, and doubts in words."""
+    """Two arms compared with the same runs, and doubts in words."""
 
     fits: tuple[ArmFit, ArmFit]
     runs: tuple[str, ...]
@@ -47,7 +48,7 @@ class FittingArm(Tabular):
 
     @property
     def times(self) -> float:
-        """How many times as much the worse arm leaves as the better one."""
+        """Ratio of the residual of the worse arm to that of the better arm."""
         best, worse = sorted(fit.rms_um for fit in self.fits)
         return worse / best if best > 0 else np.inf
 
@@ -56,7 +57,7 @@ class FittingArm(Tabular):
         return table_of_rows(("file", "rms_um", "largest_um"), [asdict(fit) for fit in self.fits])
 
     def to_dict(self) -> dict[str, Any]:
-        """In plain types: what `rig compare ARM ARM RUN… --json` prints."""
+        """Plain types: the output of `rig compare ARM ARM RUN… --json`."""
         plain: dict[str, Any] = for_json(
             {
                 "fits": [asdict(fit) for fit in self.fits],
@@ -70,14 +71,15 @@ class FittingArm(Tabular):
 
 
 def fitting_arm(runs: Sequence[Measured], arms: Sequence[tuple[str, Rig]]) -> FittingArm:
-    """Return what each of two arms, of which the file is named, leaves of runs of (m, k) mm. Raises FileError for an
-    arm of another number of axes than the runs."""
+    """Return the residual of runs of (m, k) mm for each of two arms, given with file names. Raises FileError for an
+    arm with another number of axes than the runs.
+    """
     first, second = (_fit(runs, file, rig) for file, rig in arms)
     return FittingArm((first[0], second[0]), tuple(run.run.manifest.name for run in runs), first[1])
 
 
 def _fit(runs: Sequence[Measured], file: str, rig: Rig) -> tuple[ArmFit, tuple[str, ...]]:
-    """Return what an arm leaves of runs of (m, k) mm, and messages about their placements."""
+    """Return the residual of runs of (m, k) mm for an arm, and messages about their placements."""
     axes = len(rig.robot.axes)
     for run in runs:
         if (count := len(run.rig.robot.axes)) != axes:

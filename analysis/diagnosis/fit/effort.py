@@ -5,17 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 _MOST_ROUNDS = 60
-"""Largest number of rounds of all selections of a search. Chosen: cells with up to three faults took 10 to 30, and one
-with an unknown cause did not end; what remains then widens the uncertainties by the strength of its band."""
+"""Largest number of rounds of all selections of a search. Chosen: cells with up to three faults took 10 to 30, and a
+cell with an unknown cause did not end; the residual then widens the uncertainties by the strength of the band.
+"""
 
 
 @dataclass
 class Effort:
-    """The rounds that a search has taken, which are bounded: an error that no name reduces would go on."""
+    """Number of rounds of a search, which is limited: an error that no name reduces would never end."""
 
     rounds: int = 0
 
     @property
     def is_spent(self) -> bool:
-        """Whether no further round is taken."""
+        """Whether no further round is allowed."""
         return self.rounds >= _MOST_ROUNDS

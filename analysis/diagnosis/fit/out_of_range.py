@@ -1,9 +1,9 @@
-"""A parameter that is out of range: its error is larger than the limits of the search.
+"""A parameter out of range: the error is larger than the limits of the search.
 
-A search that may not give a length -30 mm gives it -24 mm, and explains the rest by other parameters that are sound.
-So if any size ends at its limit, or a constant comes near, each candidate is fitted alone and without a limit. If one
-of them explains the readings better than all the effects that were found within their limits, that parameter is wrong
-and nothing else is named. Waves are no candidates: they imitate any error of a joint.
+A search that cannot set a length to -30 mm sets it to -24 mm, and explains the rest by other, correct parameters. If
+any size ends at the limit, or a constant comes near, each candidate is therefore fitted alone with no limit. If any of
+them explains the readings better than all the effects found within their limits, that parameter is wrong and nothing
+else is named. Waves are no candidates: they imitate any error of a joint.
 """
 
 from __future__ import annotations
@@ -19,22 +19,25 @@ from rigs.effects import Effect, size_field
 from rigs.schema.effect import identity, is_wave, name_of
 
 _CANDIDATES = 4
-"""Constants of the arm that are fitted alone, those whose columns resemble the residual most. Chosen: in 13 simulated
-cells the wrong one was always among the first two."""
+"""Constants of the arm fitted alone, those with columns most similar to the residual. Chosen: in 13 simulated cells
+the wrong constant was always among the first two.
+"""
 _LARGE = 0.25
-"""Share of its limit from which a constant is looked at again: several large ones may share what one beyond its limit
-does. A zero off by 7° was found as zeros of 2.6 and 0.4°, a soft link and a gear error."""
+"""Share of the limit from which a constant is checked again: several large constants may share the response of a
+constant beyond the limit. A zero wrong by 7° was found as zeros of 2.6 and 0.4°, a soft link and a gear error.
+"""
 _ALIKE = 1.05
 """Ratio of the residuals of two parameters up to which the readings do not distinguish them. Chosen: below the share of
 the residual that an arm with errors of usual size adds by chance."""
 _TOLERANCE = 1e-3
-"""Relative tolerance of a size at this stage; the later fit beside everything else decides it."""
+"""Relative tolerance of a size at this stage; the later fit with everything else determines it."""
 
 
 @dataclass(frozen=True)
 class OutOfRange:
-    """The parameter that is out of range, as an effect of the estimated size, and the `twins` that explain the readings
-    equally well in its place."""
+    """The parameter out of range, as an effect of the estimated size, and the `twins` that would explain the
+    readings equally well.
+    """
 
     effect: Effect
     twins: tuple[Effect, ...] = ()
@@ -46,8 +49,9 @@ class OutOfRange:
 
 
 def find_out_of_range(result: SearchResult, runs: Sequence[ObservedRun]) -> OutOfRange | None:
-    """Return the parameter that explains runs, of (m, k) mm, alone and beyond its limit, better than the effects of a
-    search do within theirs; None if no size came near its limit, or no single parameter does."""
+    """Return the parameter that alone and beyond the limit explains runs, of (m, k) mm, better than the effects of a
+    search within their limits; None if no size came near the limit, or no single parameter does.
+    """
     at_limit = [effect for effect in result.effects if ended_at_limit(effect)]
     if not at_limit and not any(map(_is_large_constant, result.effects)):
         return None
@@ -71,7 +75,7 @@ def _is_large_constant(effect: Effect) -> bool:
 
 
 def _likely_constants(result: SearchResult) -> list[Effect]:
-    """Return the constants of the arm whose columns resemble the residual (N,) of the initial model most."""
+    """Return the constants of the arm with columns most similar to the residual (N,) of the initial model."""
     linear, gains = result.linear, list[tuple[float, Effect]]()
     residual = linear.without_set_up(linear.residual(()))
     for form in result.columns.forms:

@@ -1,9 +1,9 @@
-"""Refinement of named effects: their sizes and shapes fitted on the simulator by Gauss-Newton, beside the background.
+"""Refinement of named effects: sizes and shapes fitted on the simulator by Gauss-Newton, with the background.
 
-The residual of a right name with a wrong shape would support other names. So the shape of each effect (the gradual
-crossing of a play, a third harmonic, the order of a gear, a decay) is fitted together with its size, restricted to
-plausible values, and the departures of a real gear, ball or brake from the ideal effect (`departures`) are allowed for
-in proportion to it.
+The residual of a right name with a wrong shape would support other names. The shape of each effect (the gradual
+crossing of a backlash, a third harmonic, the order of a gear, a decay) is therefore fitted together with the size,
+restricted to plausible values, and the deviations of a real gear, ball or brake from the ideal effect (`departures`)
+are allowed for in proportion to the effect.
 """
 
 from __future__ import annotations
@@ -24,33 +24,40 @@ from rigs.effects import Effect, bounds, healthy_size, one_sided, size_field
 from rigs.schema.effect import PHASE, is_wave, name_of
 
 FIT_ROUNDS = 8
-"""Largest number of Gauss-Newton rounds. Chosen: more than a fit near its optimum needs, since it stops by `_ENOUGH`.
+"""Largest number of Gauss-Newton rounds. Chosen: more than a fit near the optimum needs, since it stops by
+`_ENOUGH`.
 """
 _TRIES = 5
 """Largest number of damping increases in a round. Chosen: five factors of 8 raise the damping by more than 10⁴."""
 _FURTHEST = 4.0
-"""Largest distance of a shape from its expected value, in prior standard deviations. Chosen: beyond it the shape is
-implausible."""
+"""Largest distance of a shape from the expected value, in prior standard deviations. Chosen: beyond it the shape is
+implausible.
+"""
 _ENOUGH = 0.1
-"""Chi-square that a round must gain for the fit to continue. Chosen: far below the log evidence that any
-decision depends on."""
+"""Chi-square that a round must gain for the fit to continue. Chosen: far below the log evidence relevant to any
+decision.
+"""
 _NEARBY = 0.005
-"""Part of the size of an effect, and of the spread of a shape, over which its derivatives and departures are not
-computed again. Chosen: at 2 % the uncertainty of a play of 0.1° was 28 % too large, at 0.5 and 0.2 % it is right."""
+"""Change of the size of an effect, and of the spread of a shape, up to which derivatives and departures are not
+computed again. Chosen: at 2 % the uncertainty of a backlash of 0.1° was 28 % too large, at 0.5 and 0.2 % it is
+right.
+"""
 
 _AT_LIMIT = 1e-6
-"""Share of its limit within which a size is at the limit: rounding."""
+"""Relative distance to the limit within which a size is at the limit: rounding."""
 _WHOLE = 0.5
-"""Share of the orders of gears that are whole: the numbers of teeth, and of turns of a stage where its ratio is whole.
-Chosen: a wave of another order loses half of its odds at most."""
+"""Share of integer orders of gears: numbers of teeth, and turns of a stage with an integer ratio. Chosen: a wave of
+another order loses half of the odds at most.
+"""
 
 _One = TypeVar("_One")
 
 
 @dataclass(frozen=True)
 class Unknown:
-    """One unknown parameter: the index of its effect, its field, its expected value and prior standard deviation, and
-    its lower bound."""
+    """An unknown parameter: the index of the effect, the field, the expected value, prior standard deviation, and
+    lower bound.
+    """
 
     effect: int
     field: str
@@ -63,11 +70,11 @@ class Unknown:
 class Refined:
     """Effects with fitted sizes and shapes.
 
-    `values` (q,) and `covariance` (q, q) belong to the unknowns. `to_limit` (q,) has the way to its limit of each
-    unknown that one more step would take there, and NaN for the others. `residual` (N,) is the whitened residual with
-    the effects, with set-ups and background unchanged; `tangents` are its derivatives by the unknowns of each effect,
-    in their order. `departures` has those of each effect, and `free` the columns of free forms, one standard deviation
-    each.
+    `values` (q,) and `covariance` (q, q) belong to the unknowns. `to_limit` (q,) is the distance to the limit of each
+    unknown that the next step would move there, and NaN for the others. `residual` (N,) is the whitened residual with
+    the effects, with set-ups and background unchanged; `tangents` are the derivatives by the unknowns of each effect,
+    in their order. `departures` contains those of each effect, and `free` the columns of free forms, a standard
+    deviation each.
     """
 
     effects: tuple[Effect, ...]
@@ -81,7 +88,9 @@ class Refined:
     free: Response
 
     def sd(self, effect: int) -> dict[str, float]:
-        """Return the standard uncertainty of each fitted parameter of one effect, with that of its form."""
+        """Return the standard uncertainty of each fitted parameter of an effect, including the uncertainty of the
+        form.
+        """
         sds = np.sqrt(np.diag(self.covariance))
         stated = {u.field: float(sd) for u, sd in zip(self.unknowns, sds, strict=True) if u.effect == effect}
         whole, name = self.effects[effect], size_field(self.effects[effect])
@@ -106,7 +115,7 @@ class Refined:
         )
 
     def without(self, place: int) -> Refined:
-        """Return the fit without one effect, the others unchanged; its residual (N,) is not updated."""
+        """Return the fit with an effect removed, the others unchanged; the residual (N,) is not updated."""
         kept = [k for k, unknown in enumerate(self.unknowns) if unknown.effect != place]
         unknowns = [replace(u, effect=u.effect - (u.effect > place)) for u in self.unknowns if u.effect != place]
         return replace(
@@ -126,15 +135,15 @@ def refine(
     *,
     begins: bool = False,
 ) -> Refined:
-    """Return sizes and shapes of effects fitted from their current values; no effects leave the residual (N,)
+    """Return sizes and shapes of effects fitted from their current values; an empty list leaves the residual (N,)
     unchanged.
 
     `fitted` is an earlier fit of the first of these effects. They move with the others along their earlier tangents,
-    which costs a fraction of a full fit and has an error that grows with their movement; a final fit of all effects
-    together removes it. A new effect begins within the limits of its size, which what stands beside it needs, too, and
-    one that others resemble is first fitted without them. `free` (N, f) has the columns of free forms, one standard
-    deviation each, and `rounds` is the largest number of Gauss-Newton rounds of a fit. One that only `begins` ends
-    before it is beside what resembles the new effect.
+    which costs a fraction of a full fit and has an error growing with the movement; a final fit of all effects together
+    removes it. A new effect starts within the limits of the size, which also apply to the effects fitted with it; if
+    others resemble it, it is first fitted alone. `free` (N, f) contains the columns of free forms, a standard deviation
+    each, and `rounds` is the largest number of Gauss-Newton rounds of a fit. A fit that only `begins` ends before the
+    joint fit with effects resembling the new effect.
     """
     before = fitted or no_effects(linear)
     old = len(before.effects)
@@ -149,7 +158,8 @@ def refine(
         )
 
     if fitted:
-        # Beside what resembles it the fit of a new effect may go astray: a play ended at a fifth of its width.
+        # Together with effects resembling it the fit of a new effect may diverge: a backlash ended at a fifth of the
+        # width.
         first = solved(effects, alike=False)
         if begins or not any(effect.departures().alike for effect in effects[old:]):
             return first
@@ -158,10 +168,11 @@ def refine(
 
 
 def whole_order_gain(refined: Refined, place: int) -> float:
-    """Return the log evidence that a fitted wave gains since many orders are whole; 0 for all other effects.
+    """Return the log evidence that a fitted wave gains since many orders are integers; 0 for all other effects.
 
-    A fit takes the order for continuous. The evidence for the nearest whole order over a continuous one is the ratio of
-    the densities of posterior and prior there (Dickey 1971). Without it, order 2.00 ± 0.02 paid 3.2 for its digits.
+    A fit treats the order as continuous. The evidence for the nearest integer order over a continuous order is the
+    ratio of the densities of posterior and prior there (Dickey 1971). Otherwise order 2.00 ± 0.02 would pay 3.2 for the
+    digits.
     """
     for k, unknown in enumerate(refined.unknowns):
         if unknown.effect == place and unknown.field == "order":
@@ -173,7 +184,9 @@ def whole_order_gain(refined: Refined, place: int) -> float:
 
 
 def _departures(linear: Linearisation, effect: Effect, *, alike: bool) -> Response:
-    """Return the departures (N, f) of an effect, or of the latest one near it, with what is `alike`."""
+    """Return the departures (N, f) of an effect, or of the latest effect near it, including those of `alike`
+    effects.
+    """
 
     def compute() -> Array:
         departures = departure_columns(linear, effect)
@@ -186,7 +199,7 @@ def _departures(linear: Linearisation, effect: Effect, *, alike: bool) -> Respon
 
 
 def _steps_nearby(effect: Effect, unknowns: Sequence[Unknown]) -> dict[str, float]:
-    """Return the differences of an effect's parameters over which its derivatives and departures hardly change."""
+    """Return the differences of an effect's parameters over which derivatives and departures hardly change."""
     steps = {unknown.field: _NEARBY * unknown.spread for unknown in unknowns}
     size = size_field(effect)
     steps[size] = _NEARBY * max(abs(float(getattr(effect, size))), healthy_size(effect))
@@ -209,7 +222,7 @@ class _Projected:
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """A fit beside a background, of effects of which the first are `fitted` before; other arrays as in `Refined`."""
+    """A fit with a background, of effects of which the first are `fitted` before; other arrays as in `Refined`."""
 
     linear: Linearisation
     background: Background
@@ -230,7 +243,7 @@ class _Problem:
 
     @cached_property
     def _allowed(self) -> MarginalValues:
-        """What is allowed for beside the effects: the columns (N, f) of departures and free forms, marginal."""
+        """Deviations allowed in addition to the effects: the columns (N, f) of departures and free forms, marginal."""
         return self.background.marginal_responses((*self.departures, self.free))
 
     @cached_property
@@ -289,7 +302,7 @@ class _Problem:
         )  # fmt: skip
 
     def _residual(self, effects: Sequence[Effect]) -> _Projected:
-        """Return the residual (N, 1) with the effects, and with the background at its prior means."""
+        """Return the residual (N, 1) with the effects, and with the background at the prior means."""
         return self._projected(self.background.marginal_residual(self.linear.residual(effects)))
 
     def _projected(self, marginal: MarginalValues) -> _Projected:
@@ -297,7 +310,9 @@ class _Problem:
         return _Projected(marginal, self._allowed.products(marginal))
 
     def _product(self, first: _Projected, second: _Projected) -> Array:
-        """Return one' (C + FF')⁻¹ other, with F the departures and free forms: (k, l) for values (N, k) and (N, l)."""
+        """Return first' (C + FF')⁻¹ second, with F the departures and free forms: (k, l) for values (N, k) and (N,
+        l).
+        """
         return first.marginal.products(second.marginal) - first.across.T @ self._inverse @ second.across
 
     def _normal(self, J: _Projected, r: _Projected) -> tuple[Array, Array]:
@@ -312,8 +327,9 @@ class _Problem:
         return float(self._product(r, r)[0, 0]) + float((((x - self.expected) / self.spread) ** 2).sum())
 
     def _slopes(self, effects: Sequence[Any]) -> tuple[Response, ...]:
-        """Return the derivatives (N, q) by the unknowns of each new effect, or of the latest one near it. Effects add,
-        so each has its own."""
+        """Return the derivatives (N, q) by the unknowns of each new effect, or of the latest effect near it. Effects
+        are additive, and the derivatives therefore separate.
+        """
         near, slopes = self.linear.near, []
         for k in range(len(self.fitted.effects), len(effects)):
             unknowns = [unknown for unknown in self.unknowns if unknown.effect == k]
@@ -322,8 +338,9 @@ class _Problem:
         return tuple(slopes)
 
     def _limits(self, effects: Sequence[Any]) -> Array:
-        """Return the lower and the upper bounds (2, q) of the unknowns; a phase has none. A shape stays near its
-        plausible values, however long the first step is."""
+        """Return the lower and the upper bounds (2, q) of the unknowns; a phase has none. A shape remains near the
+        plausible values, even after a long first step.
+        """
         limits = np.empty((2, len(self.unknowns)))
         for k, unknown in enumerate(self.unknowns):
             effect = effects[unknown.effect]
@@ -344,8 +361,9 @@ class _Problem:
 
 
 def slopes_of(linear: Linearisation, effect: Any, unknowns: Sequence[Unknown]) -> Array:
-    """Return the derivatives (N, q) of whitened readings by the unknowns of an effect, over small steps that stay
-    within the bounds."""
+    """Return the derivatives (N, q) of whitened readings by the unknowns of an effect, over small steps within the
+    bounds.
+    """
     steps, changed = np.empty(len(unknowns)), []
     for k, unknown in enumerate(unknowns):
         size = 1e-3 * unknown.spread if unknown.field != size_field(effect) else 0.05 * healthy_size(effect)
@@ -357,8 +375,9 @@ def slopes_of(linear: Linearisation, effect: Any, unknowns: Sequence[Unknown]) -
 
 
 def size_limits(effect: Effect, *, unlimited: bool = False) -> tuple[float, float]:
-    """Return the smallest and the largest size that a fit may give an effect, in the unit of its size; if `unlimited`,
-    only the sign is limited."""
+    """Return the smallest and the largest size of an effect in a fit, in the unit of the size; if `unlimited`, only
+    the sign is limited.
+    """
     if unlimited:
         return 0.0 if one_sided(effect) else -np.inf, np.inf
     (low, high), most = bounds(effect, size_field(effect)), effect.MOST * healthy_size(effect)
@@ -366,7 +385,7 @@ def size_limits(effect: Effect, *, unlimited: bool = False) -> tuple[float, floa
 
 
 def ended_at_limit(effect: Effect) -> bool:
-    """Return whether the size of a fitted effect is at the limit of its search, or beyond it."""
+    """Return whether the size of a fitted effect is at the limit of the search, or beyond it."""
     size, (low, high) = float(getattr(effect, size_field(effect))), size_limits(effect)
     near = _AT_LIMIT * max(abs(low), abs(high))
     return size >= high - near or (low != 0 and size <= low + near)
@@ -380,19 +399,19 @@ def _within_limits(linear: Linearisation, effect: Effect) -> Effect:
 
 def step_within(limits: Array, H: Array, gradient: Array) -> tuple[Array, Array]:
     """Return the step (q,) to the optimum within limits of the step (2, q), given the normal matrix H (q, q) and the
-    negative gradient (q,), and the part (q,) of it that limits hold, NaN for unknowns within them.
+    negative gradient (q,), and the part (q,) of it held by limits, NaN for unknowns within them.
 
-    Cutting a step at a limit leaves the other unknowns where they would be best without the limit, so they are solved
-    again. Nine of ten fits have an unknown at a limit, and a third of them ended where they began. The evidence follows
-    the tangents to their optimum, too: a play that may not be wider, and that gravity holds on one flank, resembles a
-    zero, and as wide as that needs, it took the place of a zero that was wrong by 1.6°.
+    Cutting a step at a limit would leave the other unknowns at their optimum for no limit; they are therefore solved
+    again. Nine of ten fits have an unknown at a limit, and a third of them ended at the start. The evidence also
+    follows the tangents to their optimum: a backlash that cannot be wider, and that gravity keeps on a flank, resembles
+    a zero, and with unlimited width it replaced a zero that was wrong by 1.6°.
     """
     step, (low, high) = np.linalg.solve(H, gradient), limits
     if ((step >= low) & (step <= high)).all():
         return np.asarray(step, dtype=float), np.full(len(step), np.nan)
     from scipy.optimize import lsq_linear  # noqa: PLC0415 - slow to import
 
-    # H = A'A, in units in which its diagonal is one; eigenvalues below rounding are rounding.
+    # H = A'A, in units with a diagonal of 1; eigenvalues below rounding are rounding.
     unit = 1 / np.sqrt(np.diag(H))
     values, turn = np.linalg.eigh(unit[:, None] * H * unit)
     root = np.sqrt(np.maximum(values, values[-1] * np.finfo(float).eps))

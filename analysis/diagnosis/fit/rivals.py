@@ -1,5 +1,6 @@
-"""The comparison of faults with their rivals: the effects that could replace a fault, fitted in its place, and the odds
-between them."""
+"""Comparison of faults with their rivals: effects that could replace a fault, fitted in the same role, and the odds
+between them.
+"""
 
 from __future__ import annotations
 
@@ -14,30 +15,37 @@ from analysis.robot.kinematics.arm import Array
 from rigs.schema.effect import label_of, name_of, size_of
 
 _NEAR = 6.0
-"""Log evidence behind a name within which its rivals are fitted on the simulator; further behind, their odds are below
-1 in 400."""
+"""Log evidence behind a name within which rivals are fitted on the simulator; further behind, the odds are below 1
+in 400.
+"""
 _MISSED = 0.9
-"""Share of the evidence of a name, or of its linear form where that is less, above which the linear form of a rival is
-also fitted. Chosen: forms alike differ by less than a tenth in what their lines miss of their fits."""
+"""Share of the evidence of a name, or of the linear form if that is less, above which the linear form of a rival is
+also fitted. Chosen: linear forms of similar effects miss the evidence of the fits by shares differing less than a
+tenth.
+"""
 _SWAPS = 4
-"""Largest number of replacements of a name by its rival. Chosen: each costs a search."""
+"""Largest number of replacements of a name by a rival. Chosen: each costs a search."""
 _RIVALS = 4
-"""Largest number of rivals that are fitted. Chosen: those further behind have negligible odds."""
+"""Largest number of fitted rivals. Chosen: others have negligible odds."""
 _CAUTIOUS = 0.25
-"""Level of an arm below which odds are averaged with those at this level. Chosen: one standard deviation of the prior
-of a level below the level of a healthy arm."""
+"""Level of an arm below which odds are averaged with those at this level. Chosen: a standard deviation of the prior
+of a level below the level of a healthy arm.
+"""
 _NEARLY = 0.5
-"""Share of the least fault that the linear form of a rival must have to be fitted where faults alone count. Chosen: a
-fit hardly doubles a size."""
+"""Share of the smallest fault that the linear form of a rival must have to be fitted if only faults count. Chosen: a
+fit hardly doubles a size.
+"""
 _DOUBT = 5.0
-"""Log evidence behind a name within which a rival is also fitted beside the name, to check whether it explains
-something else. Chosen: odds of 150 to 1."""
+"""Log evidence behind a name within which a rival is also fitted together with the name, to check whether it
+explains another part. Chosen: odds of 150 to 1.
+"""
 
 
 @dataclass(frozen=True)
 class RivalOdds:
-    """The odds of a name and of its rivals, the best first, each as the state with the rival in the name's place.
-    `healthy_odds` are those that a healthy arm shows the same."""
+    """Odds of a name and of the rivals, the best first, each as the state with the rival in place of the name.
+    `healthy_odds` are the odds of a healthy arm showing the same.
+    """
 
     odds: float
     rivals: tuple[tuple[SelectionState, float], ...] = ()
@@ -50,8 +58,8 @@ def compare_with_rivals(
     """Return the state and the odds of each name after the comparison of each fault with its rivals. A rival with more
     evidence replaces the fault, and the search continues from there.
 
-    An effect of healthy size, or one that is a fault only in this arm and changes readings by no more than the limits
-    (b,) µm, is not reported as a fault: of its rivals only those count that would be one.
+    An effect of healthy size, or a fault only in this arm that changes readings by no more than the limits (b,) µm, is
+    not reported as a fault: only rivals that would be faults count.
     """
     state = without_needless_names(selection, state, limits)
     swapped: set[int] = set()
@@ -76,11 +84,11 @@ def compare_with_rivals(
 
 
 def without_needless_names(selection: Selection, state: SelectionState, limits: Array) -> SelectionState:
-    """Return the state without the faults that do not pay once everything else is fitted again without them; those that
+    """Return the state with the faults removed that do not pay after everything else is fitted again; faults that
     change readings by no more than the limits (b,) µm are not tried.
 
-    A name that was added while a large fault was not fitted closely yet may have taken up what that left, and then
-    keeps it from its place. The fault of largest worth is not tried: the others are beside it.
+    A name added before a large fault was fitted closely may have absorbed the residual of that fault, and then blocks
+    the part. The fault of largest worth is not tried: the others are judged together with it.
     """
     state = selection.settled(state)
     tried: set[str] = set()
@@ -98,16 +106,17 @@ def without_needless_names(selection: Selection, state: SelectionState, limits: 
 
 
 def _worth(selection: Selection, state: SelectionState, place: int) -> Worth:
-    """Return the worth of an effect beside the others."""
+    """Return the worth of an effect in addition to the others."""
     change = selection.linear.residual(state.refined.without(place).effects) - state.refined.residual
     return worth(selection.linear, change)
 
 
 def cautious_odds(selection: Selection, state: SelectionState, place: int, *, faults_only: bool = False) -> RivalOdds:
-    """Return the odds of a name and of its rivals as `rival_odds`, of a quiet arm averaged with those at a usual level.
+    """Return the odds of a name and of the rivals as `rival_odds`, for a quiet arm averaged with those at a usual
+    level.
 
-    The level comes from what the readings show most, mostly waves of gears. Constants that a set-up absorbs may be
-    usual in the same arm, and beside them a rival may explain as much.
+    The level comes from the dominant part of the readings, mostly waves of gears. Constants that a set-up absorbs may
+    be usual in the same arm, and with them a rival may explain as much.
     """
     odds = rival_odds(selection, state, place, faults_only=faults_only)
     if state.level >= _CAUTIOUS:
@@ -123,8 +132,9 @@ def cautious_odds(selection: Selection, state: SelectionState, place: int, *, fa
 
 
 def rival_odds(selection: Selection, state: SelectionState, place: int, *, faults_only: bool = False) -> RivalOdds:
-    """Return the odds of a name and of its rivals: effects that explain as much without it and nothing beside it; with
-    `faults_only` of those rivals alone that would be faults."""
+    """Return the odds of a name and of the rivals: effects that explain as much in place of the name and nothing in
+    addition to it; with `faults_only` only of rivals that would be faults.
+    """
     forms, effect, build = selection.columns.forms, state.effects[place], selection.backgrounds.build
     without = selection.without(state, place)
     bare, whole = selection.evidence(without), selection.evidence(state)
@@ -135,7 +145,7 @@ def rival_odds(selection: Selection, state: SelectionState, place: int, *, fault
     size = without_name.gains(forms, without.level).size
     linear = selection.gains(without, without_name)
     linear += selection.usual_gains([form.effect for form in forms], size, without.level)
-    # The linear form of a large effect may lose a third of what its fit gains, and so may those of its rivals.
+    # The linear form of a large effect may lose a third of the evidence gained by the fit, and so may the rivals.
     own_linear = max((linear[k] for k, form in enumerate(forms) if form.name == name_of(effect)), default=gain)
     least = min(gain - _NEAR, _MISSED * min(gain, own_linear))
     score = linear - np.maximum(gains, 0.0)
@@ -157,15 +167,15 @@ def rival_odds(selection: Selection, state: SelectionState, place: int, *, fault
             continue
         instead = selection.evidence(tried) - bare + selection.usual_gain(tried.effects[-1], without.level)
         gain_over = instead - max(float(gains[k]), 0.0)
-        # A wave may be beside the name already, and have another order only without it.
+        # A wave may already be fitted with the name, and have another order only if the name is removed.
         is_new = np.isfinite(gains[k])
         if is_new and gain_over > gain - _DOUBT:
-            # A rival that explains as much beside the name explains a different part of the readings.
+            # A rival that explains as much in addition to the name explains a different part of the readings.
             both = selection.with_form(state, now, k)
             gain_over = instead - max(selection.evidence(both) - whole, 0.0)
         rivals.append((tried, gain_over))
     rivals.sort(key=lambda rival: -rival[1])
-    # A width of constants that has one large constant to go by is as large: a healthy one of it is not.
+    # A single large constant determines the width of constants: a healthy constant of that width is equally large.
     healthy = min(0.0, gain - selection.gain_of(state, now, place)) if selection.columns.constants_apart else 0.0
     scores = np.array([gain, healthy, *(score for _, score in rivals)])
     weight = np.exp(scores - scores.max())

@@ -1,4 +1,6 @@
-"""The search: set-ups, noise and names in turn until nothing moves, and readings taken before joints stood."""
+"""Search: set-ups, noise and names in turn until convergence, and detection of readings taken before joints were at
+rest.
+"""
 
 from __future__ import annotations
 
@@ -34,30 +36,34 @@ from rigs.schema.vocabulary import Build
 from rigs.text import counted
 
 # ----------------------------------------------------------------------------------------------------------------------
-# The search: set-ups fitted, noise estimated and names selected, repeated until the names leave the set-ups where
-# they are, and the columns were computed beside the faults.
+# Search: set-ups fitted, noise estimated and names selected, repeated until the names no longer move the set-ups, and
+# the columns were computed with the faults.
 #
-# A large effect displaces the ball that a fit without it found, and makes the linearisation invalid. It also changes
-# what a healthy arm adds: a length that is 0.4 mm wrong makes the readings of a large gear error 0.5 % smaller, ten
-# times the uncertainty of its size. So a selection stops at a fault beside which the columns do not hold, and the
-# next one begins with columns that were computed beside it.
+# A large effect displaces the ball found by a fit with no such effect, and makes the linearisation invalid. It also
+# changes the response to the errors of a healthy arm: a length that is 0.4 mm wrong makes the readings of a large gear
+# error 0.5 % smaller, ten times the uncertainty of the size. A selection therefore stops at a fault that invalidates
+# the columns, and the next starts with columns computed with the fault.
 
 _PLACINGS = 8
-"""Largest number of fits of instrument and target to poses before a search, each about the place of the one before.
-Chosen: two or three mostly suffice."""
+"""Largest number of fits of instrument and target to poses before a search, each about the placement of the previous
+fit. Chosen: two or three mostly suffice.
+"""
 _GIVEN_TURNS = 4
-"""Largest number of fits of given effects, each about the set-ups of the one before. Chosen: they move less each time.
+"""Largest number of fits of given effects, each about the set-ups of the previous fit. Chosen: they move less each
+time.
 """
 _STOPS, _ITERATIONS = 5, 8
-"""Largest number of selections that stop at a fault, and of all. Chosen: few faults of an arm are so large that they
-change the columns of those found before, and of three complete selections the second mostly ends where the first did.
+"""Largest number of selections that stop at a fault, and of all. Chosen: few faults of an arm are large enough to
+change the columns of earlier faults, and of three complete selections the second mostly had the same end as the
+first.
 """
 
 
 @dataclass(frozen=True)
 class SearchResult:
-    """The result of a search: the selection among runs about set-ups and reference effects, its state, and each name
-    with its rivals. N counts the whitened entries of all blocks."""
+    """Result of a search: the selection among runs about set-ups and reference effects, the state, and each name
+    with the rivals. N counts the whitened entries of all blocks.
+    """
 
     selection: Selection
     state: SelectionState
@@ -85,7 +91,7 @@ class SearchResult:
 
     @cached_property
     def posterior(self) -> Posterior:
-        """The posterior of all coefficients beside the names."""
+        """The posterior of all coefficients other than the names."""
         return self.selection.posterior(self.state)
 
     @property
@@ -95,7 +101,7 @@ class SearchResult:
 
     @cached_property
     def blocks_as_shown(self) -> list[Block]:
-        """The blocks, of which those with assumed noise have as much of it as their readings show."""
+        """The blocks, with assumed noise reduced to the amount shown by the readings."""
         root = np.sqrt(np.minimum(self.strength, 1.0))
         blocks = zip(self.linear.blocks, self.linear.rows, strict=True)
         return [block if block.measured else replace(block, sd_mm=root[rows] * block.sd_mm) for block, rows in blocks]
@@ -117,22 +123,22 @@ class SearchResult:
 
     @property
     def built(self) -> Build:
-        """How the arm is built, by which it is judged what is usual."""
+        """Build of the arm, the reference for usual effects."""
         return self.linear.blocks[0].model.rig.robot.built
 
     @cached_property
     def contributions(self) -> list[Array]:
-        """What each name adds to the whitened readings beside the others, (N,) each."""
+        """Additional contribution of each name to the whitened readings, (N,) each."""
         return self.linear.contributions(self.effects, self.fit.residual)
 
     @cached_property
     def initial_residual(self) -> Array:
-        """The whitened residual (N,) of the model without the names, with set-ups fitted."""
+        """The whitened residual (N,) of the model with no names, with set-ups fitted."""
         return self.linear.without_set_up(self.linear.residual(()))
 
     @cached_property
     def scatter_limits_um(self) -> Array:
-        """The changes (b,) µm from which a name is material beside the scatter of one run."""
+        """Changes (b,) µm from which a name is material compared with the scatter of a run."""
         return limits_um(self.linear)
 
     @cached_property
@@ -142,15 +148,16 @@ class SearchResult:
 
     @property
     def free_share(self) -> Array:
-        """What free forms and the discrepancy add to the whitened readings (N,): nothing names that."""
+        """Unnamed contribution of free forms and the discrepancy to the whitened readings (N,)."""
         free, own = self.fit.free.columns, self.columns.discrepancy
         of_forms = free @ self.posterior.term_means[len(self.posterior.term_means) - free.shape[1] :]
         return np.asarray(of_forms + self.columns.X[:, own] @ self.posterior.mean[own], dtype=float)
 
     @cached_property
     def calibrated_posterior(self) -> Posterior:
-        """The posterior without free forms and discrepancy. No model holds them, and what they take and the background
-        gives back would be left in it: 92 µm where the names alone left 19."""
+        """The posterior excluding free forms and discrepancy. No model contains them, and a part shared between them
+        and the background would remain in it: 92 µm, compared with 19 for the names alone.
+        """
         if not self.state.free_forms and not self.state.discrepancy:
             return self.posterior
         return self.selection.posterior(self.selection.without_free_forms(self.state))
@@ -162,8 +169,9 @@ class SearchResult:
 
 
 def search(runs: Sequence[ObservedRun], progress: Callable[[str], None]) -> SearchResult:
-    """Return the names found in runs, about set-ups fitted with them; the readings of a run are (m, k) mm. Names that
-    change readings by no more than the scatter of one run have no rivals."""
+    """Return the names found in runs, about set-ups fitted with them; the readings of a run are (m, k) mm. Names
+    that change readings by no more than the scatter of a run have no rivals.
+    """
     refitted: tuple[Effect, ...] = ()
     so_far: tuple[Effect, ...] = ()
     effort = Effort()
@@ -196,8 +204,9 @@ def fit_given(
     progress: Callable[[str], None],
     unlimited: frozenset[str] = frozenset(),
 ) -> SearchResult:
-    """Return the fit of given effects to runs of (m, k) mm, beside a healthy arm's share of everything else; nothing
-    else is named, and nothing is a rival. The sizes of effects of `unlimited` names have no limit."""
+    """Return the fit of given effects to runs of (m, k) mm, together with a healthy arm's share of everything else;
+    nothing else is named, and there are no rivals. The sizes of effects of `unlimited` names have no limit.
+    """
     so_far: tuple[Effect, ...] = ()
     setups, previous = _starting_setups(runs, progress)
     for turn in range(_GIVEN_TURNS):
@@ -221,7 +230,9 @@ def _selection(
     effects: tuple[Effect, ...] = (),
     unlimited: frozenset[str] = frozenset(),
 ) -> Selection:
-    """Return a selection among all that may explain runs, about set-ups and beside effects that are in the model."""
+    """Return a selection among all possible causes in runs, about set-ups and together with the effects in the
+    model.
+    """
     linear = linearise(blocks_of(runs, setups, effects), setups, effects, unlimited)
     return Selection(linear, columns_for(linear, candidates_for(linear)))
 
@@ -229,11 +240,11 @@ def _selection(
 def _starting_setups(
     runs: Sequence[ObservedRun], progress: Callable[[str], None]
 ) -> tuple[dict[str, SetUp], SelectionState | None]:
-    """Return fitted set-ups to begin with; those of poses are fitted beside what a healthy arm shows of every effect,
-    in the state that is returned too, with the curves of its joints.
+    """Return initial fitted set-ups. Those of poses are fitted together with a healthy arm's share of every effect, in
+    the state that is returned too, with the curves of the joints.
 
-    A target moves along with what the arm's constants do to the last link. Beside the nominal arm that of a UR10 was
-    fitted 73 mm from where it is beside the calibrated one, too far for columns that are computed once.
+    A target moves with the response of the last link to the arm's constants. With the nominal arm the target of a UR10
+    was fitted 73 mm from the place with the calibrated arm, too far for columns that are computed a single time.
     """
     # The first run of each kind is sufficient as a starting point.
     setups = fit_run_setups(list({run.name: run for run in reversed(runs)}.values()))[0]
@@ -253,23 +264,25 @@ def _starting_setups(
 # ----------------------------------------------------------------------------------------------------------------------
 # Detection of poses whose joints were read before they had come to rest.
 #
-# A link that moves on after its joint was read is ahead of the reported angle, and a play holds it back, so the sign
+# A link that moves on after the joint was read is ahead of the reported angle, and a backlash delays it: the sign
 # distinguishes the two. The reversal errors of a healthy arm have the same shape and could absorb this error with a
-# wrong sign, so their share is added back. The direction of travel correlates with the joint angle, so whatever
-# varies with each joint's angle is removed first. Only poses that state where their joints came from can show it: the
-# order of rows in a table is not the order in which they were measured.
+# wrong sign; their share is therefore added back. The direction of travel correlates with the joint angle; any
+# dependence on each joint's angle is therefore removed first. Only poses that state the origin of their joints can show
+# it: the order of rows in a table is not the order of measurement.
 
 _SURE_SIGMA = 5.0
 """Smallest size of a joint's error, in standard deviations, that is reported. Among six joints, chance exceeds 5 sigma
 once in a million diagnoses."""
 _LEAST_SHARE = 0.2
-"""Smallest share of the residual energy that must follow the direction of travel. Poses are visited in some order, so a
-small share always does: 8 % in a UR10 measured at rest (Landgraf et al. 2021)."""
+"""Smallest share of the residual energy that must follow the direction of travel. Poses are visited in some order,
+and a small share always does: 8 % in a UR10 measured at rest (Landgraf et al. 2021).
+"""
 _ALIKE, _UNABSORBED = 0.5, 0.2
-"""Chosen: a contribution counts as an arrival error when at least 0.5 of its own energy follows the direction of
-travel; and at least 0.2 of its energy must remain once the dependence on joint angle is removed."""
+"""Chosen: a contribution counts as an arrival error if at least 0.5 of the energy follows the direction of travel;
+and at least 0.2 of the energy must remain after the dependence on joint angle is removed.
+"""
 _STEPS = 19
-"""Angles of a joint, each with as many poses to the next, beyond which its link may be off. Chosen: 5 % each."""
+"""Angles of a joint, equally spaced in poses, beyond which the link may be displaced. Chosen: 5 % each."""
 _ORDERS = np.array([1, 2, 3])
 """Cycles per turn of the functions of a joint's angle. Chosen: the first three orders describe gravity and eccentric
 gear wheels."""
@@ -285,13 +298,13 @@ def early_readings(result: SearchResult) -> tuple[str, ...]:
     taken = basis_of(np.concatenate([linear.U, *_by_angle(linear, _smooth)], axis=1))
     joints = range(1, linear.axes + 1)
     freedom = int(rows.sum()) - taken.shape[1] - len(joints)
-    if freedom < taken.shape[1]:  # as many terms as readings follow anything, the direction of travel too
+    if freedom < taken.shape[1]:  # as many terms as readings fit anything, including the direction of travel
         return ()
 
     def free(values: Array) -> Array:
         return values - taken @ (taken.T @ values)
 
-    # One degree in the direction in which a joint came, or the way that it came itself, in rad.
+    # A degree in the direction of the last move of a joint, or the move itself, in rad.
     kinds = [
         (lambda came: np.radians(np.sign(came)), "by {:.4f} ± {:.4f}°", 1.0),
         (lambda came: came, "by {:.3f} ± {:.3f} % of each move", 100.0),
@@ -327,8 +340,9 @@ def _moves(block: Block) -> Array | None:
 
 
 def _by_angle(linear: Linearisation, shape: Callable[[Array], Array]) -> list[Array]:
-    """Return what errors that are a shape (n, c) of the angle (n, 1) of each joint change in pose readings, a list of
-    (N, c) arrays."""
+    """Return the changes of pose readings by errors of a shape (n, c) of the angle (n, 1) of each joint, a list of
+    (N, c) arrays.
+    """
 
     def errors(joint: int, block: Block) -> Array:
         return np.asarray(np.radians(shape(block.path.q[:, [joint]])) * block.table.kind.of_tracker, dtype=float)
@@ -341,8 +355,10 @@ def _smooth(q: Array) -> Array:
 
 
 def _step_share(linear: Linearisation, rows: Mask, free: Callable[[Array], Array], y: Array) -> float:
-    """Return the share of the energy of readings y (N,) that a link explains best which is off beyond one angle of its
-    joint, after a slipped tooth: a joint comes to large angles from below, so that this goes with its way, too."""
+    """Return the share of the energy of readings y (N,) explained best by a link displaced beyond some angle of the
+    joint, after a slipped tooth: a joint reaches large angles from below, and the error therefore also follows
+    the direction.
+    """
     steps = _by_angle(linear, lambda q: np.heaviside(q - np.quantile(q, np.linspace(0, 1, _STEPS + 2)[1:-1]), 0.0))
     columns = free(np.concatenate(steps, axis=1))[rows]
     gains = (columns.T @ y[rows]) ** 2 / np.maximum((columns**2).sum(axis=0), 1e-30)
@@ -350,8 +366,9 @@ def _step_share(linear: Linearisation, rows: Mask, free: Callable[[Array], Array
 
 
 def _with_alike(result: SearchResult, A: Array, free: Callable[[Array], Array]) -> Array:
-    """Return the residual (N,) plus those contributions of names and of the healthy share that have the shape of the
-    arrival errors A (N, axes), and the curves of joints."""
+    """Return the residual (N,) plus the contributions of names and of the healthy share with the shape of the
+    arrival errors A (N, axes), and the curves of joints.
+    """
     posterior = result.posterior
     columns = posterior.background.columns
     others = np.concatenate([columns.X[:, : columns.set_ups.start], columns.X[:, columns.set_ups.stop :]], axis=1)
@@ -361,14 +378,15 @@ def _with_alike(result: SearchResult, A: Array, free: Callable[[Array], Array]) 
     energy = (freed**2).sum(axis=0)
     alike = ((basis.T @ freed) ** 2).sum(axis=0) > _ALIKE * np.maximum(energy, 1e-12)
     alike &= energy > _UNABSORBED * (taken**2).sum(axis=0)
-    # The sum of many waves takes what goes with the way a joint came, and no single one of them resembles it.
+    # The sum of many waves absorbs the dependence on the direction of travel, although no single wave resembles it.
     alike[columns.curves.columns] = True
     return np.asarray(posterior.residual + taken[:, alike].sum(axis=1), dtype=float)
 
 
 def _of_joint(off: Callable[[Array], Array], joint: int) -> Callable[[Block], Array]:
-    """Return a function of a block that gives the error of one joint of poses, (n, 1) rad at the samples of the block's
-    path, and zero for other tests."""
+    """Return a function of a block with the error of a joint of poses, (n, 1) rad at the samples of the block's
+    path, and zero for other tests.
+    """
 
     def samples(block: Block) -> Array:
         path, moves = block.path, _moves(block)

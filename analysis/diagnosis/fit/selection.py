@@ -1,8 +1,8 @@
-"""The selection of the effects that explain the readings.
+"""Selection of the effects that explain the readings.
 
-A state (`state.py`) has the effects that are named so far, as they were fitted. `Selection.select` changes it round by
-round: it adds the form of a candidate whose fit gains most log evidence, drops an effect that no longer pays its price,
-and estimates the noise again, until neither pays. All that is not named stays possible as the background of columns.
+A state (`state.py`) contains the effects named so far, as fitted. `Selection.select` changes it round by round: it adds
+the form of a candidate whose fit gains most log evidence, drops an effect that no longer pays the penalty, and
+estimates the noise again, until neither pays. All unnamed effects remain possible as the background of columns.
 """
 
 from __future__ import annotations
@@ -42,65 +42,76 @@ from rigs.effects import Effect, healthy_size
 from rigs.schema.effect import is_wave, name_of, size_of
 
 # ----------------------------------------------------------------------------------------------------------------------
-# The selection of the effects that explain the readings: faults and the visible effects of a healthy arm compete by
+# Selection of the effects that explain the readings: faults and the visible effects of a healthy arm compete by
 # evidence.
 #
-# The residual of a band of orders, or of targets, has its own strength beyond the noise, estimated in each round;
-# every effect must explain more than it does. Each round adds the form with the largest gain as an effect, and fits
-# its size and shape on the simulator before the next round, because the residual of a wrong shape would support wrong
-# names. The visible plays and gear errors of a healthy arm are fitted like faults, and the size of an effect decides
-# which of the two it is. Effects whose evidence no longer covers their price are removed.
+# The residual of a band of orders, or of targets, has a separate strength beyond the noise, estimated in each round;
+# every effect must explain more than that. Each round adds the form with the largest gain as an effect, and fits size
+# and shape on the simulator before the next round, because the residual of a wrong shape would support wrong names. The
+# visible backlash and gear errors of a healthy arm are fitted like faults, and the size of an effect distinguishes the
+# two. Effects whose evidence no longer covers their penalty are removed.
 
 _FAULTS = 2.0
-"""Expected number of faults of an arm that somebody diagnoses, before anything is measured. Chosen: between one fault
-and the 9 to 14 of an arm that was never calibrated."""
+"""Expected number of faults of an arm sent for diagnosis, before anything is measured. Chosen: between a single
+fault and the 9 to 14 of an arm that was never calibrated.
+"""
 _OFF = 0.1
-"""Share of what the faults do by which the reference ones may differ from them. Chosen: columns beside no faults missed
-up to 1 % of a large one, so that they then miss 0.1 %."""
+"""Share of the response of the faults by which the reference faults may differ from them. Chosen: columns computed
+with no faults missed up to 1 % of a large fault; they then miss 0.1 %.
+"""
 _FEW_SIGMA = 100.0
-"""Norm of what the faults and the reference ones do differently, in standard deviations of the noise, up to which
-columns hold, however small the faults are. Chosen: columns that miss 1 % of it (6 % at worst) miss one (six)."""
+"""Norm of the difference between the responses of the faults and the reference faults, in standard deviations of the
+noise, up to which columns remain valid for any size of fault. Chosen: columns with an error of 1 % of it (6 % at
+worst) miss 1 (6) standard deviations.
+"""
 _DEPTH = 40
 """Largest number of fitted effects: real arms that were never calibrated have 9 to 14 faults, and as many visible
 healthy effects."""
 _SEARCH_ROUNDS = 40
-"""Largest number of rounds; each adds or removes one effect, so it equals the largest number of effects."""
+"""Largest number of rounds; each adds or removes an effect, and the limit therefore equals that of the effects."""
 _HEALTHY_PRICE = 6.0
 """Log evidence that a single form at healthy size must gain to be fitted. Chosen: a smaller gain changes no verdict."""
 _OFF_STATED = 3.0
-"""Standard deviations of what is stated from which something else is meant."""
+"""Standard deviations from the stated value beyond which another cause is meant."""
 _SEEN = 4.0
-"""Sigmas that the largest fault must have for its name to be testable. Chosen: below the 7 sigma at which an effect is
-detected, so that names in between are not reported as hidden."""
+"""Sigmas that the largest fault must have for the name to be testable. Chosen: below the 7 sigma at which an effect
+is detected, to avoid reporting names in between as hidden.
+"""
 _SURE_EVIDENCE = 5.0
 """Log evidence of the cavity above which an effect is not tested for removal. Chosen: odds of 150 to 1."""
 _MUCH = 50.0
 """Log evidence from which a free form competes with names. Chosen: foreign effects leave 50 to 500 in log evidence, and
 effects of the library mostly less than 8."""
 _MARGIN = 1.2
-"""Factor by which a free form must explain more than the best name, whose first fit is not at its optimum. Chosen."""
+"""Factor by which a free form must explain more than the best name, whose first fit is not at the optimum. Chosen."""
 _TRIED, _CLOSE = 3, 0.5
-"""Largest number of names that are fitted before one is added, and the share of the largest gain that the others must
-have. Chosen: each fit costs a fraction of a round."""
+"""Largest number of names fitted before a name is added, and the share of the largest gain that the others must
+have. Chosen: each fit costs a fraction of a round.
+"""
 _BENT, _PLAIN_TO_SEE = -5.0, 10.0
-"""Log evidence of a form from which its name is fitted too where no name gains much, and sigmas of the readings in
-which it must be seen: none of its stretched shapes may be near enough. The spike of an axis that fades in 0.93 s, 21
-sigma, lost 2.5 by that of 1 s and gained 420 when it was fitted; left out, it made 33 ms of a lag of 0.6."""
+"""Log evidence of a form from which the name is fitted too if no name gains much, and sigmas of the readings in
+which the form must be visible: all stretched shapes may be too far from the true shape. The spike of an axis that
+fades in 0.93 s, 21 sigma, lost 2.5 with the shape of 1 s and gained 420 when fitted; when left out, it turned a
+lag of 0.6 ms into 33 ms.
+"""
 _OF_SET_UP = 0.01
-"""Share of a column that is left where a set-up may do as it likes, below which it is one of its terms. Chosen: beside
-a soft joint the last length, on which the torque depends, leaves 0.002, and was named as 24 mm for 36 µm; what is no
-term leaves 0.6 and more."""
+"""Share of a column remaining with a free set-up, below which the column is a term of the set-up. Chosen: next to a
+soft joint the last length, which determines the torque, leaves 0.002, and was named as 24 mm for 36 µm; columns
+that are no term leave 0.6 and more.
+"""
 _CURVE_ROUNDS, _ENOUGH_OF_CURVES = 3, 2.0
-"""Largest number of fits of curves in turn with the weights of wild readings, and the log evidence that one must gain
-for the next. Chosen: a wild pose among 30 of a UR10 took three."""
+"""Largest number of fits of curves alternating with the weights of outliers, and the log evidence that a fit must
+gain for the next. Chosen: an outlier among 30 poses of a UR10 took three.
+"""
 _FEW_ROUNDS = 3
-"""Rounds of fits that are followed by others: those from several beginnings, of which only the likeliest goes on, and
-those in turn with the noise. Chosen: in a case for development the first two gained nearly all that a fit gained."""
+"""Rounds of fits that are followed by others: fits from several starts, of which only the likeliest continues, and
+fits alternating with the noise. Chosen: in a development case the first two gained nearly all that a fit gained.
+"""
 
 
 @dataclass(frozen=True)
 class Selection:
-    """The selection of effects for the residual (N,) of one linearisation."""
+    """Selection of effects for the residual (N,) of a linearisation."""
 
     linear: Linearisation
     columns: Columns
@@ -112,7 +123,7 @@ class Selection:
 
     @cached_property
     def _log_choices(self) -> Array:
-        """The logarithm (n,) of one over the likelihood of each form among those of its name."""
+        """The logarithm (n,) of the inverse likelihood of each form among the forms of the name."""
         return np.asarray(-np.log(self.columns.likelihoods), dtype=float)
 
     @cached_property
@@ -126,7 +137,7 @@ class Selection:
 
     @property
     def shows_free_forms(self) -> bool:
-        """Whether the readings show errors without a name."""
+        """Whether the readings show unnamed errors."""
         return bool(self._free)
 
     @cached_property
@@ -137,7 +148,8 @@ class Selection:
 
     def initial_state(self, effects: Sequence[Effect] = (), previous: SelectionState | None = None) -> SelectionState:
         """Return a state with the given effects fitted, in an arm at healthy level and with the estimated noise; the
-        noise and the curves of joints that poses show are searched from those of the `previous` state."""
+        search for the noise and the curves of joints shown by poses starts from those of the `previous` state.
+        """
         strength, robust = np.ones(len(self.columns.count)), np.ones(len(self.linear.y))
         curves = JointCurves((1.0,) * max(self.linear.axes, self.columns.curves.count)) if self._shows_curves else None
         if curves is not None and previous is not None and previous.curves is not None:
@@ -148,9 +160,9 @@ class Selection:
         bare = SelectionState(none, (-1,) * len(effects), 1.0, strength, robust, curves=first)
         state = replace(bare, refined=refine(self.linear, self.backgrounds.of(bare), effects))
         if first is not None:
-            # The likeliest curves and noise, and then the weights of wild readings beside them, in turn. Readings whose
-            # weights came before the curves looked wild where a curve was large, and 30 poses of a UR10 left a tenth
-            # more.
+            # Alternate between the likeliest curves and noise, and the weights of outliers. With weights computed
+            # before the curves, readings looked like outliers wherever a curve was large, and 30 poses of a UR10 left a
+            # tenth more.
             for _ in range(_CURVE_ROUNDS):
                 whole = self.evidence(state)
                 state = self.renewed(self._with_likeliest_curves(state, self._hyperparameters.strength_limits))
@@ -170,10 +182,11 @@ class Selection:
         return all(block.table.kind.of_tracker for block in self.linear.blocks)
 
     def state_with(self, effects: Sequence[Effect], previous: SelectionState | None = None) -> SelectionState:
-        """Return a state with the given effects fitted, whatever size and shape they are given with.
+        """Return a state with the given effects fitted, from any initial size and shape.
 
-        An effect whose readings are not in proportion to it, such as a play, begins where it explains most beside those
-        before it, the one that explains most first. Fitted from a small width, a play of 0.03° ended at 0.
+        An effect with readings not proportional to the size, such as a backlash, starts at the size explaining most in
+        addition to the previous effects, in the order of their explained part. Fitted from a small width, a backlash of
+        0.03° ended at 0.
         """
         forms = self.columns.forms
         waiting = [effect for effect in effects if effect.FREE or (effect.STRETCHED and not is_wave(effect))]
@@ -193,8 +206,9 @@ class Selection:
         return state
 
     def _with_likeliest_curves(self, state: SelectionState, limits: Array) -> SelectionState:
-        """Return the state with the likeliest sizes of the curves of joints, and the likeliest strengths of the noise
-        beside them within `limits` (2, b)."""
+        """Return the state with the likeliest sizes of the curves of joints, and the likeliest strengths of the
+        noise for them within `limits` (2, b).
+        """
         assert state.curves is not None  # noqa: S101 - poses alone have them
         of_curves, terms, noise = self.columns.curves.columns, state.refined.fitted_terms, self._hyperparameters
 
@@ -209,11 +223,11 @@ class Selection:
         return replace(state, curves=curves, strength=strength)
 
     def fitted_again(self, state: SelectionState, refitted: Sequence[Effect] = ()) -> SelectionState:
-        """Return the state with each fault fitted again from the best form of its name, where that explains more,
-        except those that are `refitted` already.
+        """Return the state with each fault fitted again from the best form of the name, if that explains more, except
+        the `refitted` faults.
 
-        A shape that was found about set-ups elsewhere may be a local optimum: a spike of 0.18 s remained one of 0.05 s,
-        most of which took four times as long.
+        A shape found with other set-ups may be a local optimum: a spike of 0.18 s remained at 0.05 s, although most of
+        it took four times as long.
         """
         place = 0
         for effect in state.effects:
@@ -226,24 +240,26 @@ class Selection:
                 best = max((k for k in of_name if np.isfinite(gain[k])), key=lambda k: gain[k], default=None)
                 again = None if best is None else self.with_form(without, posterior, best)
             if again is not None and not is_twice(again.effects) and self.evidence(again) > self.evidence(state):
-                state = again  # it is the last now, and the next one is in its place
+                state = again  # it is the last now, and the next effect has moved to this index
             else:
                 place += 1
         return state
 
     def select(self, state: SelectionState, *, stops: bool = False) -> SelectionState:
-        """Return the state with all effects that cover their price and without those that do not. Where a free form
-        explained more than the best name, the search that accepts it is tried too, and the state with more evidence is
-        returned. Where it `stops`, it ends at the first new fault beside which the columns do not hold, unless a free
-        form explained more before."""
+        """Return the state with all effects that cover their penalty and no others. If a free form explained more
+        than the best name, the search accepting it is tried too, and the state with more evidence is returned. If
+        it `stops`, it ends at the first new fault that invalidates the columns, unless a free form explained more
+        before.
+        """
         named, with_free_form = self._stepwise(state, accept_free_forms=False, stops=stops)
         if with_free_form is None:
             return named
         return self.likeliest([named, self._stepwise(with_free_form, accept_free_forms=True)[0]])[1]
 
     def holds_for(self, state: SelectionState) -> bool:
-        """Return whether the columns hold for a state: its effects hardly move the set-ups, and the faults among the
-        effects beside which the columns were computed do nearly what those of the state do."""
+        """Return whether the columns are valid for a state: the effects hardly move the set-ups, and the reference
+        faults of the columns have nearly the response of the faults of the state.
+        """
         linear = self.linear
         if not linear.is_straight(self.moves(state)):
             return False
@@ -255,10 +271,11 @@ class Selection:
         return float(np.linalg.norm(off)) <= max(_OFF * float(np.linalg.norm(whole)), _FEW_SIGMA)
 
     def moves(self, state: SelectionState) -> Array:
-        """Return the terms of the set-ups (s,) mm that fit the readings best with the effects of a state; those of
-        poses with everything else that is known too.
+        """Return the terms of the set-ups (s,) mm that fit the readings best with the effects of a state; for poses
+        with all other known contributions too.
 
-        A target moves along with what the arm's constants do to the last link, so it is placed beside all of them.
+        A target moves with the response of the last link to the arm's constants, and is therefore fitted with all of
+        them.
         """
         moves, poses = self.linear.moves_with(state.effects), sorted(self.linear.terms_of_poses)
         if poses:
@@ -267,10 +284,10 @@ class Selection:
 
     @cached_property
     def _shows_curves(self) -> bool:
-        """Whether the readings show curves of joints and no single waves of a healthy one.
+        """Whether the readings show curves of joints and no single waves of a healthy joint.
 
-        Poses see long pieces of the curve of a joint's error over its angle, and no wave of a healthy joint stands out
-        of it. Of a UR10, 22 waves that were picked one by one took nine tenths of the time and left what none left.
+        Poses see long pieces of the curve of a joint's error over the angle, and no wave of a healthy joint is
+        dominant. Of a UR10, 22 waves picked singly took nine tenths of the time and left the same residual as no wave.
         """
         return not any(block.sampling for block in self.linear.blocks)
 
@@ -281,21 +298,25 @@ class Selection:
     def _stepwise(
         self, state: SelectionState, *, accept_free_forms: bool, stops: bool = False
     ) -> tuple[SelectionState, SelectionState | None]:
-        """Return the result of a stepwise search, and the first state in which a free form explained more than the best
-        name, if any. `accept_free_forms` states whether such a form is then used, and `stops` whether it ends at a new
-        fault beside which the columns do not hold, unless there is such a form. It ends at a series of waves too."""
+        """Return the result of a stepwise search, and the first state in which a free form explained more than the
+        best name, if any. `accept_free_forms` states whether such a form is then used, and `stops` whether the
+        search ends at a new fault that invalidates the columns, unless there is such a form. The search also ends
+        at a series of waves.
+        """
         with_free_form = None
-        # Faults without a name resemble an arm with a high level, so names are selected at level 1 first.
+        # Unnamed faults resemble an arm with a high level; names are therefore selected at level 1 first.
         for level_cap in (1.0, MOST_LEVEL):
             level, state = state.level, self.renewed(replace(state, level_cap=level_cap))
             if level_cap > 1.0 and state.level == level:
                 break
             for _ in range(_SEARCH_ROUNDS):
                 if series_among(state.effects) or self.effort.is_spent:
-                    break  # further names would stand for what a series leaves of an error of another form
+                    # further names would only describe the residual of a series approximating an error of another form
+                    break
                 self.effort.rounds += 1
                 posterior = self.posterior(state)
-                # What pays nothing goes, and only then is an effect added; if none gains, what is doubtful goes.
+                # Effects that pay nothing are removed first, and only then is an effect added; if none gains, doubtful
+                # ones are removed.
                 changed = self._backward_step(state, posterior, below=0.0)
                 if changed is None:
                     may_try_free = accept_free_forms or with_free_form is None
@@ -321,13 +342,14 @@ class Selection:
         return self.backgrounds.of(state).posterior(state.refined.fitted_terms)
 
     def without_free_forms(self, state: SelectionState) -> SelectionState:
-        """Return the state without its free forms, with the same effects and the noise that it shows then."""
+        """Return the state with the free forms removed, with the same effects and the noise estimated again."""
         none = Response(np.empty((len(self.linear.y), 0)))
         return self.renewed(replace(state, free_forms=(), discrepancy=0.0, refined=replace(state.refined, free=none)))
 
     def not_testable(self, state: SelectionState, posterior: Posterior) -> tuple[str, ...]:
-        """Return the names that these tests would not show at the size of a large fault, beside everything else that
-        may be present."""
+        """Return the names that these tests would not show at the size of a large fault, with all other possible
+        effects present.
+        """
         sigma = posterior.gains(self.columns.forms, state.level).sigma
         named = {name_of(effect) for effect in state.effects}
         seen = {self.columns.forms[k].name for k in np.flatnonzero(LARGEST_FAULT * sigma > _SEEN).tolist()}
@@ -335,12 +357,13 @@ class Selection:
         return tuple(name for name in hidden if name not in seen | named)
 
     def renewed(self, state: SelectionState) -> SelectionState:
-        """Return the state with the strengths, robust weights and level that it shows."""
+        """Return the state with strengths, robust weights and level estimated again."""
         return self._hyperparameters.update(state, self.posterior(state), self.evidence, self.posterior)
 
     def _backward_step(self, state: SelectionState, posterior: Posterior, *, below: float) -> SelectionState | None:
-        """Return the state without the effect of least evidence, if it does not cover its price, and None otherwise.
-        Only effects whose cavity gains log evidence below `below` are tested."""
+        """Return the state with the effect of least evidence removed, if that does not cover the penalty, and None
+        otherwise. Only effects whose cavity gains log evidence below `below` are tested.
+        """
         doubtful = [k for k in range(len(state.effects)) if self.gain_of(state, posterior, k) < below]
         if not doubtful:
             return None
@@ -353,13 +376,14 @@ class Selection:
         return self.refusing(without, state.effects[place], state.origins[place])
 
     def refusing(self, state: SelectionState, effect: Effect, origin: int = -1) -> SelectionState:
-        """Return the state in which all forms of an effect, and the one it came from, are refused."""
+        """Return the state in which all forms of an effect, and the form of origin, are refused."""
         of_effect = {k for k, form in enumerate(self.columns.forms) if is_alike(form.effect, effect)} | {origin}
         return replace(state, refused=state.refused | of_effect)
 
     def _without_free_form(self, state: SelectionState) -> SelectionState | None:
-        """Return the state without a free form if the best name in its place, or nothing, explains as much, and None
-        otherwise."""
+        """Return the state with a free form removed if the best name in the same role, or no effect, explains as
+        much, and None otherwise.
+        """
         whole = self.evidence(state) if state.free_forms else 0.0
         for k in range(len(state.free_forms)):
             kept = (*state.free_forms[:k], *state.free_forms[k + 1 :])
@@ -372,8 +396,9 @@ class Selection:
         return None
 
     def gain_of(self, state: SelectionState, posterior: Posterior, place: int) -> float:
-        """Return the approximate log evidence of an effect over the share of a healthy arm in its form, from the cavity
-        of its size."""
+        """Return the approximate log evidence of an effect over the share of a healthy arm in the form, from the
+        cavity of the size.
+        """
         refined, effect = state.refined, state.effects[place]
         row = next(k for k, u in enumerate(refined.unknowns) if u.effect == place)
         unit, variance = healthy_size(effect), posterior.term_covariance[row, row]
@@ -391,18 +416,19 @@ class Selection:
         return float(fault if self._is_of_curve(effect) else max(fault, healthy)) - self._choices_of(effect)
 
     def _nearest_form(self, effect: Effect) -> int | None:
-        """Return the index of the form of the name of an effect, of waves that of the nearest order; None if its name
-        has no form."""
+        """Return the index of the form of an effect's name, for waves the form of the nearest order; None if the
+        name has no form.
+        """
         forms, order = self.columns.forms, order_of(effect)
         of_name = [k for k, form in enumerate(forms) if form.name == name_of(effect)]
         apart = np.nan_to_num([abs(order_of(forms[k].effect) - order) for k in of_name])
         return of_name[int(np.argmin(apart))] if of_name else None
 
     def _choices_of(self, effect: Effect) -> float:
-        """Return the log evidence that the choice of an effect among the forms of its name costs.
+        """Return the log evidence that the choice of an effect among the forms of the name costs.
 
         Waves are as likely as in the background: by octaves. With all of 125 orders equally likely, order 2 paid 2.6
-        more than that, and a ball's form took the place of a gear error of the axis that makes the circle.
+        more than that, and a ball's form replaced a gear error of the axis that drives the circle.
         """
         nearest = self._nearest_form(effect) if np.isfinite(order_of(effect)) else None
         if nearest is not None:
@@ -410,7 +436,7 @@ class Selection:
         return float(np.log(self.columns.among.get(name_of(effect), 1)))
 
     def price(self, effect: Effect, level: float) -> float:
-        """Return the prior log odds of an effect of its size and form over those of the wide prior of the fit."""
+        """Return the prior log odds of an effect of this size and form over the wide prior of the fit."""
         size, healthy = size_of(effect), -np.inf
         if not self._is_of_curve(effect):
             healthy = -_HEALTHY_PRICE - 0.5 * (size / level) ** 2 - np.log(level)
@@ -418,15 +444,15 @@ class Selection:
         return odds - self._choices_of(effect) - self._against_stated(effect)
 
     def usual_gain(self, effect: Effect, level: float) -> float:
-        """Return the log odds that an effect gains over its price in a comparison of names, since it may be usual."""
+        """Return the log odds that an effect gains over the penalty in a comparison of names, since it may be usual."""
         return float(self.usual_gains([effect], np.array([size_of(effect)]), level)[0])
 
     def usual_gains(self, effects: Sequence[Effect], size: Array, level: float) -> Array:
-        """Return the log odds (n,) that effects of some sizes (n,), in healthy sizes, gain over their prices in a
+        """Return the log odds (n,) that effects of some sizes (n,), in healthy sizes, gain over their penalties in a
         comparison of names, since they may be usual.
 
-        Every arm has a usual amount of every effect. That a search does not look for it below a gain is no odds
-        against it, and neither is an arm that shows less of most others.
+        Every arm has a usual amount of every effect. A search ignoring it below a gain is no odds against it, and
+        neither is an arm that shows less of most others.
         """
         usual = np.array([max(level, effect.usual_times(self.backgrounds.build)) for effect in effects])
         price = self._size_odds(size, level, -_HEALTHY_PRICE - 0.5 * (size / level) ** 2 - np.log(level))
@@ -434,16 +460,18 @@ class Selection:
         return np.where([self._is_of_curve(effect) for effect in effects], 0.0, gains)
 
     def _size_odds(self, size: Array | float, level: float, healthy: Array | float) -> Array:
-        """Return the prior log odds (n,) of sizes (n,), in healthy sizes, as of faults, or with the log odds `healthy`
-        (n,) as of effects that every arm has, over those of the wide prior of the fit."""
+        """Return the prior log odds (n,) of sizes (n,), in healthy sizes, over the wide prior of the fit: as faults,
+        or with the log odds `healthy` (n,) as effects present in every arm.
+        """
         sizes, each = fault_sizes(level), np.asarray(size, dtype=float)[..., None]
         fault = self._fault_price + np.log(np.mean(np.exp(-0.5 * (each / sizes) ** 2) / sizes, axis=-1) + 1e-300)
         wide = -0.5 * (np.asarray(size) / LARGEST_FAULT) ** 2 - np.log(LARGEST_FAULT)
         return np.asarray(np.logaddexp(fault, healthy) - wide, dtype=float)
 
     def _against_stated(self, effect: Effect) -> float:
-        """Return the log evidence that readings must give for shapes of an effect that are not as the rig file states:
-        without masses of links a soft joint and a heavy load look the same."""
+        """Return the log evidence that readings must provide for shapes of an effect that differ from the rig file:
+        with no masses of links a soft joint and a heavy load look the same.
+        """
         free = effect.free(self.linear.payload_kg)
         off = [abs(getattr(effect, one.field) - one.expected) > _OFF_STATED * one.spread for one in free if one.stated]
         return _HEALTHY_PRICE * float(sum(off))
@@ -454,27 +482,28 @@ class Selection:
         prices = sum(self.price(effect, state.level) for effect in state.effects)
         prices += sum(whole_order_gain(state.refined, place) for place in range(len(state.effects)))
         if stands_softly(state.effects):
-            prices -= _HEALTHY_PRICE  # the shoulder's softness is free beside it, as if it were fitted
+            prices -= _HEALTHY_PRICE  # the softness of the shoulder is then free, as if it were fitted
         return evidence + prices - FREE_PRICE * len(state.free_forms)
 
     def evidence_of_names(self, state: SelectionState) -> float:
-        """Return the log evidence of a state, up to a constant, for a comparison of its names with others."""
+        """Return the log evidence of a state, up to a constant, for a comparison of names."""
         return self.evidence(state) + sum(self.usual_gain(effect, state.level) for effect in state.effects)
 
     def without(self, state: SelectionState, place: int) -> SelectionState:
-        """Return the state without one effect, with the others fitted again along their tangents."""
+        """Return the state with an effect removed and the others fitted again along their tangents."""
         bare = self._without_refit(state, place)
         return replace(bare, refined=refine(self.linear, self.backgrounds.of(bare), bare.effects, bare.refined))
 
     def _without_refit(self, state: SelectionState, place: int) -> SelectionState:
-        """Return the state without one effect, with the others unchanged; the posterior moves them linearly."""
+        """Return the state with an effect removed and the others unchanged; the posterior moves them linearly."""
         kept = state.refined.without(place)
         origins = (*state.origins[:place], *state.origins[place + 1 :])
         return replace(state, refined=replace(kept, residual=self.linear.residual(kept.effects)), origins=origins)
 
     def gains(self, state: SelectionState, posterior: Posterior) -> Array:
-        """Return the log odds (n,) of each form over an equal share, as a fault or as the healthy effect of its name,
-        whichever are larger."""
+        """Return the log odds (n,) of each form over an equal share, as a fault or as the healthy effect of the
+        name, whichever are larger.
+        """
         gains = posterior.gains(self.columns.forms, state.level)
         curves, pieces = self.waves_of_curves
         is_usual = gains.size < FAULT * max(state.level, 1.0)  # of healthy arms or of arms of this level
@@ -485,8 +514,9 @@ class Selection:
 
     @cached_property
     def waves_of_curves(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Which forms (n,) are waves of a joint's curve, and which of so low an order that the joint was driven over
-        few of them in any run."""
+        """Return the forms (n,) that are waves of a joint's curve, and the forms of such low order that the joint
+        was driven over few waves in any run.
+        """
         effects = [form.effect for form in self.columns.forms]
         turned = np.max([np.ptp(block.table.q, axis=0) for block in self.linear.blocks], axis=0) / (2 * np.pi)
         driven = [
@@ -497,8 +527,10 @@ class Selection:
 
     @cached_property
     def _against(self) -> Array:
-        """The log evidence (n,) that a form must gain beyond its price: no end of it where a set-up of poses or touches
-        is free to do the same, as the last length is a length of the tool, if less far along what hardly shows."""
+        """The log evidence (n,) that a form must gain beyond the penalty: infinite if a set-up of poses or touches
+        can do the same, as the last length is a length of the tool; less along directions that are hardly
+        visible.
+        """
         against = np.array([self._against_stated(form.effect) for form in self.columns.forms], dtype=float)
         if self._shows_curves:
             columns = self.columns.X[:, : self.columns.set_ups.start]
@@ -510,8 +542,9 @@ class Selection:
     def _forward_step(
         self, state: SelectionState, posterior: Posterior, *, try_free_forms: bool
     ) -> tuple[SelectionState | None, SelectionState | None]:
-        """Return the state with the effect of largest gain, if one covers its price, and the state with a free form
-        instead, if those are tried and one explains much more."""
+        """Return the state with the effect of largest gain, if an effect covers the penalty, and the state with a
+        free form instead, if those are tried and any explains much more.
+        """
         gain = self.gains(state, posterior)
         gain[[k for k in state.refused if k >= 0]] = -np.inf
         most_gain, changed, best = 0.0, None, self._worth_trying(state, posterior, gain)
@@ -521,7 +554,7 @@ class Selection:
             if twice := frozenset(k for k, added in with_each.items() if is_twice(added.effects)):
                 state = replace(state, refused=state.refused | twice)
                 return self._forward_step(state, posterior, try_free_forms=try_free_forms)
-            # The level that each name leaves may decide: beside the right one the arm is quieter.
+            # The level remaining after each name may decide: with the right name the arm is quieter.
             renewed = self.renewed if len(with_each) > 1 else (lambda added: added)
             rise, changed = self.likeliest([renewed(added) for added in with_each.values()])
             rise -= self.evidence(state)
@@ -533,14 +566,15 @@ class Selection:
         taken = state.replaced_forms | {form.words for form in state.free_forms}
         forms = [form for form in self._free if form.words not in taken] if try_free_forms else []
         free_form = best_free_form(forms, posterior) if forms else None
-        # A fit may be worse than its linear prediction where it moves the set-up far; the next turn corrects that.
+        # A fit may be worse than the linear prediction if it moves the set-up far; the next turn corrects that.
         if free_form is None or free_form.gain < max(_MUCH, _MARGIN * most_gain):
             return changed, None
         return changed, self.refitted(replace(state, free_forms=(*state.free_forms, free_form)))
 
     def _worth_trying(self, state: SelectionState, posterior: Posterior, gain: Array) -> list[int]:
-        """Return the best form of each of the few names that gain (n,) most, the best first; where none gains much,
-        also that of the name which is plain to see and whose gain may be low for its stretched shape alone."""
+        """Return the best form of each of the few names that gain (n,) most, the best first; if none gains much,
+        also the form of a clearly visible name whose gain may be low only because of the stretched shape.
+        """
         forms, best_of = self.columns.forms, dict[str, int]()
         for k in np.argsort(-gain).tolist() if len(state.effects) < _DEPTH else ():
             if not gain[k] > max(_CLOSE * gain.max(), 0.0) or len(best_of) == _TRIED:
@@ -569,7 +603,7 @@ class Selection:
         return max(((self.evidence(state), state) for state in states), key=lambda both: both[0])
 
     def _with_effect(self, state: SelectionState, effect: Effect, k: int, *, begins: bool = False) -> SelectionState:
-        """Return the state with one more effect, which comes from form k, fitted, in few rounds if it only `begins`."""
+        """Return the state with another effect, from form k, fitted, in few rounds if it only `begins`."""
         effects, rounds = (*state.effects, effect), _FEW_ROUNDS if begins else FIT_ROUNDS
         bare = replace(state, refined=replace(state.refined, effects=effects), origins=(*state.origins, k))
         background = self.backgrounds.of(bare)
@@ -582,7 +616,7 @@ class Selection:
         return settled(begins, lambda state: self.refitted(state, _FEW_ROUNDS), self.renewed, self.evidence, least)
 
     def refitted(self, state: SelectionState, rounds: int = FIT_ROUNDS) -> SelectionState:
-        """Return the state with all effects fitted together in at most so many rounds."""
+        """Return the state with all effects fitted together in at most this number of rounds."""
         free = np.concatenate([np.empty((len(self.linear.y), 0)), *(form.columns for form in state.free_forms)], axis=1)
         refined = refine(self.linear, self.backgrounds.of(state), state.effects, free=free, rounds=rounds)
         return replace(state, refined=refined)

@@ -1,4 +1,4 @@
-"""The state of a selection: fitted effects, noise and levels beside them, and how both are fitted in turn."""
+"""State of a selection: fitted effects, noise and levels, and the alternating fit of both."""
 
 from __future__ import annotations
 
@@ -36,7 +36,8 @@ from rigs.schema.vocabulary import Build
 
 FAULT = 5.0
 """Size in healthy sizes above which an effect is a fault: faults of real arms are 5 to 100 healthy sizes. In an arm
-with a level below 1, smaller ones may be."""
+with a level below 1, smaller effects may be faults.
+"""
 
 
 def least_fault(effect: Effect, build: Build) -> float:
@@ -45,28 +46,31 @@ def least_fault(effect: Effect, build: Build) -> float:
 
 
 DRIVEN_WAVES = 2.0
-"""Waves that a joint must drive before one of them is called a gear: fewer are a piece of a smooth curve."""
+"""Waves that a joint must drive before any of them is called a gear: fewer are a piece of a smooth curve."""
 _NEAR_ORDER = 1.15
-"""Ratio of orders of one gear below which they count as one wave. Chosen: a lap does not separate closer orders of a
-slow joint."""
+"""Ratio of orders of a gear below which they count as the same wave. Chosen: a lap does not separate closer orders
+of a slow joint.
+"""
 _SAME_ORDER = 0.5
-"""Difference of the orders of one gear below which they are one wave. Chosen: most orders are whole, as numbers of
-teeth are."""
+"""Difference of the orders of a gear below which they are the same wave. Chosen: most orders are integers, like
+numbers of teeth.
+"""
 _MOST_WAVES = 6
-"""Largest number of waves of one joint that are its gears. A sum of waves describes any error that goes with the angle
-of a joint: one that slips was named as 22. Of 240 other generated cases none had more than three of a joint."""
+"""Largest number of waves of a joint that are gears. A sum of waves describes any error following the angle of a
+joint: a slipping joint was named as 22. Of 240 other generated cases none had more than three of a joint.
+"""
 
 
 @dataclass(frozen=True)
 class SelectionState:
-    """One state.
+    """A single state.
 
-    `refined` has the fitted effects and `origins` the indices of the forms from which they come, -1 for none. `level`
-    is that of the background and `level_cap` its upper limit. `strength` (b,) is the variance of the residual in each
-    band over that of the noise and `robust` (N,) the weights of the entries. `refused` has the indices of forms that
-    did not cover their price, `free_forms` the free forms in use and `replaced_forms` the descriptions of those that a
-    name replaced. `discrepancy` is the amplitude of causes outside the library, 0 if there is none. `curves` is
-    how large the curves of joints are, where poses alone show them, and None elsewhere.
+    `refined` contains the fitted effects and `origins` the indices of the forms of origin, -1 for none. `level` is that
+    of the background and `level_cap` the upper limit. `strength` (b,) is the variance of the residual in each band over
+    that of the noise and `robust` (N,) the weights of the entries. `refused` contains the indices of forms that did not
+    cover their penalty, `free_forms` the free forms in use and `replaced_forms` the descriptions of those replaced by a
+    name. `discrepancy` is the amplitude of causes outside the library, 0 if there is none. `curves` is the size of the
+    curves of joints, if poses alone show them, and None elsewhere.
     """
 
     refined: Refined
@@ -87,12 +91,13 @@ class SelectionState:
         return self.refined.effects
 
     def may_be_fault(self, place: int) -> bool:
-        """Whether an effect is one of the possible faults."""
+        """Whether an effect is a possible fault."""
         return bool(self.possible_faults([self.refined.effects[place]]))
 
     def possible_faults(self, effects: Sequence[Effect]) -> tuple[Effect, ...]:
-        """Return the effects that are larger than healthy arms, or else than arms of this level, show: beside them a
-        search computes everything else again, and it asks for their rivals. The verdict says which are faults."""
+        """Return the effects that are larger than in healthy arms, or than in arms of this level: a search computes
+        everything else again with them, and compares them with rivals. The verdict decides about faults.
+        """
         return tuple(effect for effect in effects if abs(size_of(effect)) > FAULT * min(self.level, 1.0))
 
 
@@ -107,7 +112,7 @@ def combined_effect(effects: Sequence[Effect], size: Array) -> Effect:
 
 
 def is_alike(effect: Effect, other_effect: Effect) -> bool:
-    """Return whether two effects have the same name, with any size and shape; waves of other orders do not."""
+    """Return whether two effects have the same name, with any size and shape; waves of different orders do not."""
     if name_of(effect) != name_of(other_effect):
         return False
     order, order_there = order_of(effect), order_of(other_effect)
@@ -115,20 +120,21 @@ def is_alike(effect: Effect, other_effect: Effect) -> bool:
 
 
 def is_one(effect: Effect, other_effect: Effect) -> bool:
-    """Return whether two effects, of any size and shape, are one: of the same name and, for waves, the same order."""
+    """Return whether two effects, of any size and shape, are the same: of the same name and, for waves, the same
+    order.
+    """
     apart = abs(order_of(effect) - order_of(other_effect))
     return name_of(effect) == name_of(other_effect) and not apart >= _SAME_ORDER
 
 
 def is_twice(effects: Sequence[Effect]) -> bool:
-    """Return whether the last of some effects is the wave of one before it: of the same name and order."""
+    """Return whether the last of some effects is a wave already present: of the same name and order."""
     *others, last = effects
     return any(is_one(effect, last) for effect in others if np.isfinite(order_of(effect)))
 
 
 def series_among(effects: Sequence[Effect]) -> frozenset[str]:
-    """Return the names of which some effects have so many waves that these are no gears, but the series of an error of
-    another form."""
+    """Return the names with too many waves for gears among some effects: the series of an error of another form."""
     waves = Counter(name_of(effect) for effect in effects if is_wave(effect) and effect.STAGE == "joint")
     return frozenset(name for name, count in waves.items() if count > _MOST_WAVES)
 
@@ -142,7 +148,7 @@ def _is_soft_shoulder(effect: Effect) -> bool:
 
 
 def stands_softly(effects: Sequence[Effect]) -> bool:
-    """Return whether effects have a base that yields, and no softness of the shoulder beside it."""
+    """Return whether effects contain a compliant base, and no softness of the shoulder."""
     yields = any(e.part == "gravity" and e.STAGE == "tool" and not hasattr(e, "axis") for e in effects)
     return yields and not any(map(_is_soft_shoulder, effects))
 
@@ -154,14 +160,15 @@ _KEPT = 6
 """Number of backgrounds that are cached, at some 20 MB each with their marginals (1000 columns and 150 terms of
 4600 entries). With twelve, 1495 poses of a UR10 took 145 factors instead of 153, and 25 MB more."""
 _GRAMS = 4
-"""Number of weighted products of the columns that are cached, at some 8 MB each: one round tries two strengths."""
+"""Number of weighted products of the columns that are cached, at some 8 MB each: a round tries two strengths."""
 
 
 @dataclass(frozen=True)
 class Backgrounds:
-    """The backgrounds of states about some columns, of an arm of a build. States that differ only in the fitted sizes
-    and shapes of the same names share one; those that differ only in names and level share the weighted products of the
-    columns."""
+    """Backgrounds of states about some columns, of an arm of a build. States that differ only in the fitted sizes
+    and shapes of the same names share a background; states that differ only in names and level share the weighted
+    products of the columns.
+    """
 
     columns: Columns
     build: Build
@@ -188,11 +195,12 @@ class Backgrounds:
 
     @cached_property
     def _usual_load(self) -> Array:
-        """How many times a healthy one each column (p,) of the shoulder's softness is in an arm of the build; 1 of all
+        """Ratio of each column (p,) of the shoulder's softness to the healthy size in an arm of the build; 1 of all
         others.
 
-        What the arm stands on turns it as a soft axis 2 does, about a point that lies lower. Beside it that axis may be
-        as soft as is usual: as stiff as a machine's, it left its softness to the base, three times what that had.
+        The foundation of the arm rotates it like a soft axis 2, about a lower point. With a soft foundation that axis
+        may have the usual softness: as stiff as that of a machine, it left the softness to the base, three times the
+        true value.
         """
         usual = np.ones(len(self.columns.healthy))
         for form in self.columns.forms:
@@ -209,7 +217,7 @@ _BAND_PRICE, _TARGET_PRICE = 3.0, 8.0
 """Log evidence that the strength of a band of orders, and of targets, must gain to exceed that of the noise. Chosen:
 targets have the higher price, because their noise has heavy tails."""
 _MOST_STRENGTH = 1e6
-"""Largest strength of the noise: a thousand times the scatter of a real pose, which nothing exceeds but a wrong arm."""
+"""Largest strength of the noise: a thousand times the scatter of a real pose, exceeded only by a wrong arm."""
 _TAIL = 4.0
 """Degrees of freedom of Student's distribution of readings at targets. Chosen: stops of real robots have heavy tails.
 """
@@ -219,33 +227,36 @@ instead."""
 LEAST_LEVEL = 0.003
 """Smallest level of a background. Chosen: a simulated arm that has named effects alone."""
 _LEVELS = np.geomspace(LEAST_LEVEL, MOST_LEVEL, 80)
-"""Levels of a background that are tried; consecutive ones differ by a tenth."""
+"""Levels of a background that are tried; consecutive levels differ by a tenth."""
 _LEVEL_ROUNDS, _SAME_LEVEL = 12, 0.15
-"""Estimates of the level in a row, most, and the logarithm of their ratio at which they agree. An estimate moves a
-third of the way, so twelve rounds lead from a healthy arm to one that is a hundred times quieter."""
+"""Largest number of estimates of the level in a row, and the logarithm of their ratio at which they agree. An
+estimate moves a third of the distance; twelve rounds lead from a healthy arm to a hundred times quieter arm.
+"""
 _QUIETER = 1.4
-"""Factor between levels that are compared by evidence. Chosen: a tenth of the width of its prior."""
+"""Factor between levels that are compared by evidence. Chosen: a tenth of the width of the prior."""
 _QUIETEST = 0.03
-"""Level below which no quieter one is tried by evidence: the right names of cells with one effect win from 0.1 on, and
-below it a search goes on to ever smaller names."""
+"""Level below which no quieter level is tried by evidence: the right names of cells with a single effect win from
+0.1 on, and below it a search continues to ever smaller names.
+"""
 _SAME_STRENGTH = 0.01
 """Largest logarithm of the ratio of strengths that are taken as the same: half a percent of an uncertainty."""
 _LEVEL_TAIL = 4.0
-"""Degrees of freedom of Student's distribution of the effects of an arm, so that a fault has little weight in its
-level. Chosen."""
+"""Degrees of freedom of Student's distribution of the effects of an arm, which limits the weight of a fault in the
+level. Chosen.
+"""
 _LEVEL_SPREAD = 1.4
 """Prior standard deviation of the logarithm of a level about that of a healthy arm: a factor of four either way.
 Chosen."""
 
 
 def _against_level(level: Array | float) -> Any:
-    """Return what the prior of a level costs in log evidence, in the shape of the levels."""
+    """Return the cost of a level by the prior in log evidence, in the shape of the levels."""
     return np.log(level) ** 2 / (2 * _LEVEL_SPREAD**2)
 
 
 @dataclass(frozen=True)
 class Hyperparameters:
-    """The hyperparameters of one linearisation, with N entries in b bands."""
+    """Hyperparameters of a linearisation, with N entries in b bands."""
 
     linear: Linearisation
     columns: Columns
@@ -257,27 +268,28 @@ class Hyperparameters:
 
     @cached_property
     def _band_price(self) -> Array:
-        """The log evidence (b,) that the strength of each band must gain; known distances are as certain as they are
-        said to be."""
+        """The log evidence (b,) that the strength of each band must gain; known distances have their stated
+        uncertainty.
+        """
         price = np.where(np.bincount(self.columns.band, self._targets) > 0, _TARGET_PRICE, _BAND_PRICE)
         price[self.columns.band[self.linear.of_distances]] = np.inf
         return price
 
     def level(self, state: SelectionState, posterior: Posterior) -> float:
-        """Return the level of the background: the ratio of the mean square of each name's effects to its expectation in
-        an arm at level one.
+        """Return the level of the background: the ratio of the mean square of each name's effects to the expectation in
+        an arm at level 1.
 
-        A name counts once however many forms it has, because a gear shows only a few of its orders; a fault has little
-        weight. What is only expected, and not shown, does not count.
+        A name with any number of forms counts a single time, because a gear shows only a few orders; a fault has little
+        weight. Expected but unobserved effects do not count.
         """
         columns, background = self.columns, posterior.background
         leveled = (columns.healthy > 0) & (background.variance > 0)
         if state.curves is not None:
-            leveled[columns.curves.columns] = False  # curves have widths of their own
+            leveled[columns.curves.columns] = False  # curves have separate widths
         cols = np.flatnonzero(leveled)
         freedom = np.clip(1 - posterior.variance[cols] / background.variance[cols], 0.0, 1.0)
         names, count = columns.name_of_column[cols], len(columns.among)
-        # Of the coefficients, the prior means alone make this much; readings show the rest.
+        # Contribution of the prior means alone to the coefficients; readings show the rest.
         unseen = posterior.covariance_times(background.pull)
         shown = (posterior.mean - unseen)[cols]
         expected = columns.healthy[cols] * freedom + ((background.mean - unseen)[cols] / state.level) ** 2
@@ -303,8 +315,9 @@ class Hyperparameters:
         return weight
 
     def strength(self, state: SelectionState, posterior: Posterior) -> Array:
-        """Return the strength (b,) of each band: that of the residual where it exceeds the noise by more than its
-        price. Assumed noise, which is wide, may also be reduced."""
+        """Return the strength (b,) of each band: that of the residual if it exceeds the noise by more than the
+        penalty. Assumed noise, which is wide, may also be reduced.
+        """
         count = self.columns.count
         free: Array = np.maximum(count - posterior.spent / state.strength, 0.25 * count)
         ratio: Array = np.maximum(self._energy(state, posterior) / free, 1e-9)
@@ -313,8 +326,9 @@ class Hyperparameters:
 
     @cached_property
     def strength_limits(self) -> Array:
-        """The smallest and the largest strength (2, b) of each band, relative to the noise: at least 1 where repeats
-        show it, less where it is assumed; known distances are as certain as they are said to be."""
+        """Return the smallest and the largest strength (2, b) of each band, relative to the noise: at least 1 if
+        repeats show it, less if it is assumed; known distances have their stated uncertainty.
+        """
         assumed = self.linear.at_entries([np.full(len(b.y_mm), not b.measured) for b in self.linear.blocks])
         least = np.where(np.bincount(self.columns.band, assumed) > 0, LEAST_ASSUMED, 1.0)
         return np.stack([least, np.where(np.isfinite(self._band_price), _MOST_STRENGTH, 1.0)])
@@ -337,10 +351,10 @@ class Hyperparameters:
         evidence: Callable[[SelectionState], float],
         posterior_of: Callable[[SelectionState], Posterior],
     ) -> SelectionState:
-        """Return a state with strengths and robust weights that increase its evidence, and the level that it shows.
+        """Return a state with strengths and robust weights that increase the evidence, and the level estimated from it.
 
-        Strengths are estimated from the state's posterior with all else unchanged, so that an estimate may go too far;
-        then a step that is clearly shorter is tried, and where that does not help either, they do not change.
+        Strengths are estimated from the state's posterior with everything else unchanged, and an estimate may therefore
+        go too far; then a clearly shorter step is tried, and if that does not help either, they do not change.
         """
         whole, robust = evidence(state), self.robust(posterior)
         whole_step, nearer = self.strength(state, posterior), self.nearer_strength(state, posterior)
@@ -362,10 +376,10 @@ class Hyperparameters:
         return self._at_quieter_level(state, evidence)
 
     def _at_quieter_level(self, state: SelectionState, evidence: Callable[[SelectionState], float]) -> SelectionState:
-        """Return the state with the level, no higher than its own, at which it is likeliest.
+        """Return the state with the likeliest level, at most the present level.
 
-        Estimates from the posterior come ever slower to a quiet level. At 2.5 times too high a level, wrong names stood
-        against a right one that gained 100 more in log evidence at the right level.
+        Estimates from the posterior converge ever more slowly to a quiet level. At 2.5 times too high a level, wrong
+        names were confirmed against a right name that gained 100 more in log evidence at the right level.
         """
         whole = evidence(state) - _against_level(state.level)
         while state.level / _QUIETER >= _QUIETEST and not state.free_forms:
@@ -382,41 +396,41 @@ class Hyperparameters:
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# What the background is on average, as terms and as effects of the arm.
+# Mean of the background, as terms and as effects of the arm.
 #
-# Every form of the background is its effect at the size at which its column was computed, and how many times of it
-# the readings show. Single forms are rarely certain, and their sum is: it is what reaches a tenth of a millimetre
-# where named effects reach half of one.
+# Every form of the background is the effect at the size used for the column, with the multiple shown by the readings.
+# Single forms are rarely certain, but their sum is: it reaches a tenth of a millimetre if named effects reach half of a
+# millimetre.
 
 
 def background_terms(posterior: Posterior) -> list[Term]:
-    """Return the forms of the background, each with how many times it shows on average."""
+    """Return the forms of the background, each with the mean multiple."""
     mean, terms = posterior.mean, []
     for form in posterior.background.columns.forms:
         for effect, column in zip(form.effects, form.columns, strict=True):
             times = float(mean[column] / form.size)
-            # What a model leaves out is not written either, so that whoever reads the file has the same model.
+            # Parts excluded from a model are not written either: every reader of the file has the same model.
             times = 0.0 if is_nothing(effect, times) else times
             terms.append(Term.model_construct(effect=effect, times=times, named=False))
     return terms
 
 
 def background_effects(posterior: Posterior) -> tuple[Effect, ...]:
-    """Return what the forms of the background are together, as effects of the arm."""
+    """Return the sum of the forms of the background, as effects of the arm."""
     return tuple(effects_of([(term.effect, term.times) for term in background_terms(posterior)]))
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# Settling: the effects and the noise of a state fitted in turn, until its evidence hardly rises.
+# Settling: the effects and the noise of a state fitted in turn, until the evidence hardly rises.
 #
-# Strengths estimated before a large effect was found leave its shape open, and a wrong shape keeps them large; the
-# residual then supports wrong names. So after such an effect the fits start twice, from these strengths and, where
-# they differ, from those of the noise alone.
+# Strengths estimated before a large effect was found do not determine the shape, and a wrong shape keeps them large;
+# the residual then supports wrong names. After such an effect the fits therefore start twice: from these strengths and,
+# if different, from those of the noise alone.
 
 _SETTLING_ROUNDS = 6
 """Largest number of fits after an update of the noise. Chosen: most states need three."""
 _ENOUGH = 5.0
-"""Log evidence that a round must gain for the next one. Chosen: odds of 150 to 1."""
+"""Log evidence that a round must gain for the next round. Chosen: odds of 150 to 1."""
 _Change = Callable[[SelectionState], SelectionState]
 
 
@@ -435,8 +449,8 @@ def settled(
     """Return the likeliest of the states reached from some states.
 
     `fitted` fits all effects, `with_noise` estimates the noise, and `evidence` is the log evidence of a state. Fits end
-    early where gains fall, and the rounds left, each with the gain of the last one, would not reach the log evidence
-    `least`.
+    early if gains fall, and the remaining rounds, each with the gain of the last round, would not reach the log
+    evidence `least`.
     """
     states = []
     for begin in begins:
@@ -451,14 +465,15 @@ def settled(
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# The effects with which the fit of a form starts on the simulator.
+# Initial effects for the fit of a form on the simulator.
 #
-# The response to a play or a wave is not linear in its width or order, so a fit from afar ends in a local minimum,
-# whose residual supports wrong names. Therefore widths and orders are scanned first.
+# The response to a backlash or a wave is not linear in the width or order; a fit from a distant start therefore ends in
+# a local minimum, with a residual that supports wrong names. Widths and orders are scanned first.
 
 _BETWEEN = np.linspace(-0.6, 0.6, 9)
-"""Orders tried about the order of a form, as multiples of the distance to its neighbour. They cover a little more than
-half of the distance to either side."""
+"""Orders tried about the order of a form, as multiples of the distance to the neighbour. They cover a little more
+than half of the distance to either side.
+"""
 _PARTS = 3
 """Parts into which the distances between the orders of forms are divided for a large wave. Chosen: at the ends of a
 joint's range the phases of neighbours differ by 48 degrees then."""
@@ -469,17 +484,17 @@ width, and they differ by a factor of two."""
 
 
 def starting_effects(linear: Linearisation, columns: Columns, posterior: Posterior, form: Form) -> list[Effect]:
-    """Return the effects from which the fit of a form to the readings (N,) starts.
+    """Return the initial effects for the fit of a form to the readings (N,).
 
-    A wave has the order between its neighbours that explains most, and that of all orders where it is large; every
-    other effect but a play has the size that it would have as a fault.
+    A wave has the order between the neighbours that explains most, and if large, the best of all orders; every other
+    effect except a backlash has the size of a fault.
     """
     effect = form.effect
     if is_play(effect):
         expected = identity(effect).model_copy(update={free.field: free.expected for free in effect.FREE})
         tried = [expected.model_copy(update={free.field: value}) for free in effect.FREE for value in free.tried]
         shapes = [healthy(shape) for shape in (expected, *tried)]
-        # The background expects some of this play, which the tried one replaces.
+        # The background expects some of this backlash, which the tried effect replaces.
         indices = [k for form in columns.forms if is_alike(form.effect, effect) for k in form.columns]
         at_mean = columns.X[:, indices] @ posterior.background.mean[indices]
         cost, energy = np.empty((len(shapes), len(_WIDTHS))), np.empty(0)
@@ -504,11 +519,11 @@ def starting_effects(linear: Linearisation, columns: Columns, posterior: Posteri
 
 
 def _waves(columns: Columns, linear: Linearisation, posterior: Posterior, form: Form) -> list[Effect]:
-    """Return the wave of an order between the neighbours of the form's that explains most and, where that is large, the
-    one that leaves least (N,) with the set-ups alone, of any order between those of the forms.
+    """Return the wave of an order between the neighbours of the form that explains most and, if that is large, the wave
+    of any order between those of the forms that leaves the smallest residual (N,) with the set-ups alone.
 
-    A joint is mostly near the ends of its range, so that a large wave looks most like those whose phases agree at both
-    ends, and least like its neighbours among the forms.
+    A joint is mostly near the ends of the range. A large wave therefore resembles most closely the waves with phases
+    that agree at both ends, and least the neighbours among the forms.
     """
     effect: Any = form.effect
     orders = [order_of(neighbour.effect) for neighbour in columns.forms if neighbour.name == form.name]

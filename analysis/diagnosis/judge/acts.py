@@ -1,7 +1,7 @@
 """Actions from a diagnosis as values: task, reduction, remaining error, and objections.
 
 Every output uses this list; the texts come from `analysis.report.act_words`. The first action is the next step. Actions
-are sorted by their reduction at a place without a part in the model.
+are sorted by their reduction at a place not used in the model.
 """
 
 from __future__ import annotations
@@ -16,20 +16,22 @@ from rigs.schema.effect import label_of
 ActKind = Literal[
     "repair", "remaster", "enter", "load", "approach", "measure", "mount", "wait", "convert", "check", "none"
 ]
-"""What a person does: repair a cause; re-master a joint; enter a constant; load corrected programs or entries;
-approach targets from one side; measure what decides; mount ball, gauges or base again; wait until the arm is warm;
-convert readings that were taken in another way; check the rig file and the variant of the arm; or nothing."""
+"""Action of the operator: repair a cause; re-master a joint; enter a constant; load corrected programs or entries;
+approach targets from the same side; measure to decide; mount ball, gauges or base again; wait until the arm is
+warm; convert readings of another convention; check the rig file and the variant of the arm; or nothing.
+"""
 JudgedOn = Literal["unseen", "held_out", "used"]
 """Basis of a figure: a different place, held-out runs, or the runs used."""
 Doubt = Literal[
     "usual", "one_lap", "healthy_shows_it", "rival", "held_out", "unsure", "contradicted", "series", "no_better",
     "unexplained",
 ]  # fmt: skip
-"""Why the diagnosis does not stand by an effect: it is no larger than elsewhere in this arm or in healthy ones; it is
-slow, and one lap each way shows no time; a healthy arm may show it by chance; a rival is likelier; it makes held-out
-runs worse; what it does is not known to half of itself; set-ups show different shares of it; it is one of more waves
-than a joint has; the model explains the runs no better with it; or an unexplained error that is not much smaller may
-be what it imitates."""
+"""Reason for not confirming an effect: no larger than elsewhere in this arm or in healthy arms; slow, and a single
+lap each way shows no time; a healthy arm may show it by chance; a rival is likelier; it makes held-out runs
+worse; the contribution is uncertain by more than half; set-ups show different shares; it is part of a series of
+more waves than a joint has; the model explains the runs no better with it; or it may imitate an unexplained error
+of similar size.
+"""
 Objection = Literal["rivals", "doubt", "not_judged_elsewhere", "few_runs", "unexplained", "no_place"]
 """Objection to an action: a different cause is possible (`names`); the effect is doubted (`doubt`); no run of a
 different place validated it; too few runs (`runs` of each kind would decide); a large unexplained error; or no further
@@ -89,16 +91,17 @@ class NamingTest:
 
 @dataclass(frozen=True)
 class Act:
-    """One act. `parts` are indices into the budget. `removes_um` is what it removes alone at the `place`, and
-    `remains_um` what is then left there, rms of the readings in µm, each with its standard uncertainty. What an act
-    removes is None if it was not computed, as of an approach from one side, and of acts that remove nothing themselves.
+    """An action. `parts` are indices into the budget. `removes_um` is the reduction by this action alone at the
+    `place`, and `remains_um` the remaining error there, rms of the readings in µm, each with standard uncertainty. The
+    reduction is None if not computed, for example for approaching from the same side, and for actions that remove
+    nothing themselves.
 
-    `with_before_um` is what is left there in µm, with its standard uncertainty, once what hands do before it in the
-    list is done too; None where there is nothing before.
+    `with_before_um` is the remaining error there in µm, with standard uncertainty, after all preceding manual actions
+    of the list; None if there are none.
 
-    `effect` is what is to be repaired or entered, with the standard uncertainty `u` of its size; `command` the words
-    after `rig` where a command does it, files in capitals; `test` what is to be driven. `runs` is how often each test
-    is driven, where more runs decide.
+    `effect` is the effect to repair or enter, with the standard uncertainty `u` of the size; `command` the words after
+    `rig` if a command does the work, files in capitals; `test` the test to drive. `runs` is the number of runs of each
+    test if more runs decide.
     """
 
     kind: ActKind
@@ -121,12 +124,12 @@ class Act:
 
     @property
     def removes(self) -> bool:
-        """Whether it certainly reduces the error: by more than two standard uncertainties."""
+        """Whether the action certainly reduces the error: by more than two standard uncertainties."""
         return self.gain_um > 2 * (self.removes_u_um or 0.0) and self.gain_um > 0
 
     @property
     def gain_um(self) -> float:
-        """What it removes in µm, 0 if that was not computed."""
+        """Reduction in µm, 0 if not computed."""
         return self.removes_um or 0.0
 
     def to_dict(self) -> dict[str, Any]:
@@ -136,8 +139,8 @@ class Act:
 
 
 def acts_with(acts: Sequence[Act], model: str, again: tuple[str, ...] = ()) -> tuple[Act, ...]:
-    """Return actions with commands for the user's `model`, or without a model, the arguments `again` of the command
-    that writes it.
+    """Return the actions with commands for the user's `model`, or if there is no model, with the arguments `again`
+    of the command that writes the model.
     """
     named = [tuple(model if word.startswith(FOUND) else word for word in act.command) for act in acts]
     return tuple(
@@ -149,8 +152,8 @@ def acts_with(acts: Sequence[Act], model: str, again: tuple[str, ...] = ()) -> t
 def is_done(kind: str, why: str, *, way: str | None, elsewhere: bool) -> bool:
     """Return whether an action of this kind and reason is done.
 
-    way: active correction, `entries` or `programs`, None without; entered values include zeros, so re-mastering would
-    correct twice. elsewhere: whether a different place has validated.
+    way: active correction, `entries` or `programs`, None if there is none; entered values include zeros, so
+    re-mastering would correct twice. elsewhere: whether a different place has validated.
     """
     if (kind, why) == ("measure", "elsewhere"):
         return elsewhere

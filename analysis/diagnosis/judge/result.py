@@ -1,4 +1,4 @@
-"""The result of a diagnosis, as values: the answer and its budget, and everything else that a person reads."""
+"""Result of a diagnosis as values: the answer, the error budget and all other reported facts."""
 
 from __future__ import annotations
 
@@ -24,26 +24,27 @@ from rigs.schema.limits import Standing
 from rigs.schema.vocabulary import WITHOUT_GAUGES, TestName
 
 # ----------------------------------------------------------------------------------------------------------------------
-# The answer of a diagnosis as values: the condition of the arm, its accuracy, and the budget of its error.
+# Answer of a diagnosis as values: condition of the arm, accuracy, and error budget.
 #
-# Words are made of them at the edge, for a screen, a page or another language; nothing decides by comparing words.
+# The words for a screen, a page or another language are chosen by the output; no decision compares words.
 
 Condition = Literal[
     "named", "ambiguous", "out_of_range", "outside_library", "undecided", "uncalibrated", "nothing_unusual",
     "not_testable_here",
 ]  # fmt: skip
-"""Whether something is worn, loose or shifted: effects are named; they are, but a rival may be meant; one parameter is
-further off than rig corrects, which is the only name; what explains the readings is in no library; the runs are too few
-to decide it; many usual errors that a calibration was shown to remove; nothing unusual; or the runs cannot show it."""
+"""Condition of the arm: effects are named; effects are named, but a rival is possible; one parameter exceeds the
+range that rig corrects, and is the only name; the cause is in no library; the runs are too few; many usual errors
+that a calibration was shown to remove; nothing unusual; or the runs cannot show effects.
+"""
 Rank = Literal["unusual", "usual", "undecided"]
-"""Whether an effect is larger than healthy arms, and this arm elsewhere, show."""
+"""Whether an effect is larger than in healthy arms and elsewhere in this arm."""
 
 
 @dataclass(frozen=True)
 class Member:
-    """An effect that a group of small terms may be, with its size in its own unit as the readings show it beside
-    everything else, the rms in µm that the group gives it with its standard uncertainty, and the odds that it is the
-    one that stands out."""
+    """A candidate effect for a group of small terms: fitted size in the unit of the effect with all other effects
+    fitted, rms in µm within the group with standard uncertainty, and odds of being the dominant effect.
+    """
 
     effect: Effect
     um: float
@@ -52,7 +53,7 @@ class Member:
 
     @property
     def sd(self) -> dict[str, float]:
-        """The standard uncertainty of its size, as that of what it does; empty where that is not known."""
+        """Standard uncertainty of the size, in proportion to the uncertainty of the rms; empty if unknown."""
         field = size_field(self.effect)
         return {field: abs(getattr(self.effect, field)) * self.u_um / self.um} if self.um > 0 else {}
 
@@ -63,14 +64,13 @@ class Member:
 
 @dataclass(frozen=True)
 class BudgetPart:
-    """A part of the gap. `kind` is `effect` for a fitted effect, `scatter` for what differs from run to run,
-    `unexplained`, or the kind of what many small terms make together; `axis` is their joint where they have one.
+    """A part of the gap. `kind` is `effect` for a fitted effect, `scatter` for differences between runs, `unexplained`,
+    or the kind of a group of small terms; `axis` is the joint of a group, if any.
 
-    `um` is its root mean square in the readings in µm, with set-ups fitted, and `u_um` the standard uncertainty of that
-    change. `share` is its share of the gap's energy: shares add up to 1, and of what two parts have in common each has
-    half; none is negative, and a part that cancels another is counted with it (`cancelled`). `times_usual` is how many
-    times as much it does as a healthy arm shows, None where that has no meaning. `odds`, `held_out_gain` and `doubt`
-    are those of a fitted effect, and `name` its name.
+    `um` is the root mean square in the readings in µm with set-ups fitted, and `u_um` the standard uncertainty of that
+    change. `share` is the share of the energy of the gap. Shares add up to 1 and are never negative; two parts divide a
+    common contribution equally, and a part that cancels another is counted with it (`cancelled`). `times_usual` is the
+    ratio to a healthy arm, None if undefined. `odds`, `held_out_gain`, `doubt` and `name` belong to a fitted effect.
     """
 
     kind: PartKind | Literal["effect", "scatter", "unexplained"]
@@ -87,36 +87,36 @@ class BudgetPart:
     index: int | None = None
     """The index of the fitted effect among the effects of the diagnosis."""
     members: tuple[Member, ...] = ()
-    """What a group that makes more than a third of the gap may be, the likeliest first."""
+    """Candidate effects of a group with more than a third of the gap, the likeliest first."""
     together: tuple[BudgetPart, ...] = ()
-    """Where something cancels some of it and is counted with it: each of them as it is alone, the part itself first."""
+    """Parts that partly cancel each other and are counted together, each as if alone, this part first."""
 
     @property
     def cancelled(self) -> tuple[str, ...]:
-        """The labels of what cancels some of it."""
+        """Labels of the parts that cancel some of this part."""
         return tuple(part.label for part in self.together[1:])
 
     @property
     def shown_together(self) -> tuple[BudgetPart, ...]:
-        """The part itself and what cancels more of it than 2 u and a twentieth; empty where nothing does."""
+        """This part and the parts cancelling more of it than 2 u and a twentieth; empty if there are none."""
         large = [part for part in self.together[1:] if part.um > max(2 * part.u_um, self.together[0].um / 20)]
         return (self.together[0], *large) if large else ()
 
     @property
     def label(self) -> str:
-        """What it is, for a machine: the name of an effect, or its kind with the axis."""
+        """Machine-readable label: the name of an effect, or the kind with the axis."""
         return self.name or (f"{self.kind} {self.axis}" if self.axis else self.kind)
 
     @property
     def cause(self) -> Member | None:
-        """The member of a group that is certain: it alone stands out, and what it does is known."""
+        """The certain member of a group: the only dominant effect, with known contribution."""
         likeliest = next(iter(self.members), None)
         is_cause = likeliest and likeliest.odds >= CERTAIN_ODDS and likeliest.um > SURE_SIGMA * likeliest.u_um
         return likeliest if is_cause else None
 
     @property
     def sigma(self) -> float:
-        """How many standard uncertainties it is away from nothing."""
+        """Distance from zero in standard uncertainties."""
         return self.um / self.u_um if self.u_um > 0 else float("inf")
 
     def to_dict(self) -> dict[str, Any]:
@@ -127,11 +127,11 @@ class BudgetPart:
 
 @dataclass(frozen=True)
 class Accuracy:
-    """The error of the arm now and after calibration, in µm of the readings.
+    """Error of the arm now and after calibration, in µm of the readings.
 
-    `standing` judges the error now against the limits of the rig file, a tolerance or the data sheet (`limit`), and is
-    None where there is none. `now_um` and `now_largest_um` are of the runs used. `calibrated_um` is what the calibrated
-    model left at the `place`: at places or runs that had no part in it, where there are any.
+    `standing` compares the present error with the limits of the rig file, a tolerance or the data sheet (`limit`); None
+    if there is no limit. `now_um` and `now_largest_um` are of the runs used. `calibrated_um` is the residual of the
+    calibrated model at the `place`: on places or runs not used in the fit, if available.
     """
 
     standing: Standing | None
@@ -148,14 +148,15 @@ class Accuracy:
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# The result of a diagnosis, in the order in which a person reads it.
+# Result of a diagnosis, in reading order.
 #
-# where model and measurement disagree → which effect is missing → what the model says with it → what remains → what
-# these tests cannot distinguish → what to do → which test to run next
+# disagreement of model and measurement → missing effect → prediction of the extended model → remainder → effects that
+# these tests cannot distinguish → actions → next test
 
 _DIFFERS, _DIFFERS_SIGMA = 0.5, 3.0
-"""Difference of the shares of two set-ups above which they contradict a name, and the standard uncertainties by which
-they must differ. Chosen: several times what true faults showed in cases for development, and odds of 400 to 1."""
+"""Difference of the shares of two set-ups above which they contradict a name, and the minimum difference in standard
+uncertainties. Chosen: several times the differences of true faults in development cases, and odds of 400 to 1.
+"""
 ODDS = 20.0
 """Odds at which a rival is dismissed, 20 to 1: the usual 5 % level. A name with a closer rival is ambiguous."""
 
@@ -165,16 +166,18 @@ SURE_SIGMA = 3.0
 CERTAIN_ODDS = ODDS / (1 + ODDS)
 """Share of the evidence from which a name has no rival."""
 LARGE_SHARE = 1 / 3
-"""Share of the error from which a part is said in the first sentence, whatever its size, and a group names what it may
-be."""
+"""Share of the error from which a part of any size is mentioned in the first sentence, and a group lists candidate
+effects.
+"""
 CERTAIN_SIGMA = 7.0
-"""Standard uncertainties from which what an effect does is certain, whatever its size: the detection limit of the plan.
+"""Standard uncertainties from which the contribution of an effect of any size is certain: the detection limit of the
+plan.
 """
 
 
 @dataclass(frozen=True)
 class Share:
-    """The size of a name in one set-up alone as a share of its fitted size, and its standard uncertainty."""
+    """Size of a name in a single set-up as a share of the fitted size, with standard uncertainty."""
 
     setup: str
     value: float
@@ -183,31 +186,32 @@ class Share:
 
 @dataclass(frozen=True)
 class Rival:
-    """Another effect that could replace a name, with the standard uncertainties of its parameters and its share of the
-    evidence."""
+    """Another effect that could replace a name, with the standard uncertainties of the parameters and the share of
+    the evidence.
+    """
 
     effect: Effect
     sd: dict[str, float]
     posterior: float
     is_fault: bool = False
-    """Whether it would be a fault: larger than arms of its build show."""
+    """Whether the rival would be a fault: larger than in arms of the same build."""
 
     def to_dict(self) -> dict[str, Any]:
-        """In plain types: kind and seats of the effect, its parameters with their standard uncertainties."""
+        """Plain types: kind and seats of the effect, parameters with their standard uncertainties."""
         return _of_effect(self.effect, self.sd, self.posterior)
 
 
 @dataclass(frozen=True)
 class Named:
-    """An effect that the model lacks, with its fitted parameters, their standard uncertainties, its share of the
-    evidence among its rivals, the gap on the runs used if it alone is removed, and the remedy.
+    """An effect missing in the model, with fitted parameters, their standard uncertainties, the share of the evidence
+    among rivals, the gap on the runs used if only this effect is removed, and the remedy.
 
-    `worth_um` is the rms change of the readings that it causes beyond what a set-up could absorb, `u_um` its standard
-    uncertainty, and `alone_um` the gap on the runs used if it alone is added to the model. `times_usual` is how many
-    times as much it does as a healthy arm shows. `doubt` says why the diagnosis does not stand by it, None where it
-    does. `held_out_gain` is the share of the gap's energy on held-out runs that it removes, None where no held-out run
-    shows it beyond the scatter of one run. `shares` states how much of it each set-up shows, and `twins` lists effects
-    that nothing distinguishes from it: only what they make up together is known.
+    `worth_um` is the rms change of the readings beyond the part that a set-up could absorb, `u_um` the standard
+    uncertainty, and `alone_um` the gap on the runs used if only this effect is added to the model. `times_usual` is the
+    ratio to a healthy arm. `doubt` is the reason for not confirming the effect, None if confirmed. `held_out_gain` is
+    the share of the energy of the gap removed on held-out runs, None if no held-out run shows the effect beyond the
+    scatter of a run. `shares` contains the size in each set-up, and `twins` lists indistinguishable effects: only their
+    sum is known.
     """
 
     effect: Effect
@@ -225,24 +229,27 @@ class Named:
     alone_um: float = math.nan
     twins: tuple[Effect, ...] = ()
     shown: bool = True
-    """Whether its cause was shown: a wave of which the joint drove fewer than two names no gear."""
+    """Whether the cause was shown: a wave over fewer than two periods driven by the joint does not identify a gear."""
     directions: int = 1
-    """Number of independent directions that show it: set-ups that each show its size, and runs that had no part."""
+    """Number of independent directions showing the effect: set-ups that each show the size, and runs not used in the
+    fit.
+    """
 
     @property
     def stands(self) -> bool:
-        """Whether the diagnosis stands by it: it is a fault."""
+        """Whether the effect is confirmed as a fault."""
         return self.doubt is None
 
     @property
     def is_term(self) -> bool:
-        """Whether it is one of so many waves of a joint that they are the series of an error of another form."""
+        """Whether the effect is part of a series of waves of a joint that approximates an error of another form."""
         return self.doubt == "series"
 
     @property
     def contradicted(self) -> bool:
-        """Whether it imitates something else: two set-ups show clearly different shares of it, or it is one of a series
-        of waves."""
+        """Whether the effect imitates another cause: two set-ups show clearly different shares, or it is part of a
+        series of waves.
+        """
         if self.is_term or not self.shares:
             return self.is_term
         least, most = (of(self.shares, key=lambda share: share.value) for of in (min, max))
@@ -269,7 +276,9 @@ class Named:
 
 
 def _of_effect(effect: Effect, sd: Mapping[str, float], posterior: float) -> dict[str, Any]:
-    """An effect in plain types, its parameters beside their standard uncertainties sd, each in its own unit."""
+    """Return an effect in plain types, with the parameters and their standard uncertainties sd, each in the
+    parameter's unit.
+    """
     return {
         "effect": effect.effect,
         **{key: getattr(effect, key) for key in SEATS if hasattr(effect, key)},
@@ -281,9 +290,10 @@ def _of_effect(effect: Effect, sd: Mapping[str, float], posterior: float) -> dic
 
 @dataclass(frozen=True)
 class Remainder:
-    """What remains beyond the noise after the names and a healthy arm's share of every effect, with what contradicted
-    names explain: its rms in µm, at most the gap, its share of the gap's energy, in which every test has the same
-    weight, and where and how it shows, in words. `healthy_um` is the rms of the healthy share."""
+    """Remainder beyond the noise after the names and a healthy arm's share of every effect, including the
+    contribution of contradicted names: rms in µm, at most the gap; share of the energy of the gap, with every
+    test weighted equally; and a description of the pattern. `healthy_um` is the rms of the healthy share.
+    """
 
     um: float
     share: float
@@ -293,8 +303,7 @@ class Remainder:
 
 @dataclass(frozen=True)
 class TestGap:
-    """What one test shows of the gap, in µm: root mean square and largest residual, before and with the calibrated
-    model."""
+    """Gap of a single test in µm: root mean square and largest residual, before and with the calibrated model."""
 
     test: TestName
     before_um: float
@@ -303,22 +312,24 @@ class TestGap:
     calibrated_largest_um: float
 
     def to_dict(self) -> dict[str, float]:
-        """In plain types, without the test, in µm."""
+        """Plain types in µm, excluding the test."""
         return {key: value for key, value in asdict(self).items() if key != "test"}
 
 
 _SHAPES = 2.0
-"""Independent shapes that what a model misses at one place has: half of it is then one standard uncertainty of what it
-misses at the next, 1 / √(2 · 2). Chosen: the least for which an rms has a standard uncertainty at all."""
+"""Independent shapes of the residual at a place: half of the residual is then the standard uncertainty of the
+residual at the next place, 1 / √(2 · 2). Chosen: the smallest number for which an rms has a standard uncertainty
+at all.
+"""
 
 
 @dataclass(frozen=True)
 class Gap:
     """Root mean square in µm of the residual, before and after the effects are added to the model.
 
-    Runs with the placement of a run used keep its set-up (`keeps_setup`); others have their own, fitted to them.
-    `noise_floor_um` is the rms of the noise and of the scatter between runs, of which a fitted set-up may absorb a
-    part. `calibrated_um` is the rms with the calibrated model, which contains everything that the runs used determine.
+    Runs placed like a run used keep that set-up (`keeps_setup`); a separate set-up is fitted to each other run.
+    `noise_floor_um` is the rms of the noise and of the scatter between runs, partly absorbed by a fitted set-up.
+    `calibrated_um` is the rms with the calibrated model, which contains everything determined by the runs used.
     """
 
     runs: tuple[str, ...]
@@ -331,19 +342,19 @@ class Gap:
 
     @property
     def u_um(self) -> float:
-        """Standard uncertainty of each of these figures in µm: that of the mean of so many runs, of which each has the
-        noise."""
+        """Standard uncertainty of each figure in µm: that of the mean of all runs, each with the noise."""
         return self.noise_floor_um / math.sqrt(max(len(self.runs), 1))
 
     @property
     def left_u_um(self) -> float:
-        """Standard uncertainty in µm of what a model leaves: that of the gap, and what the calibrated model misses
-        beyond the noise, of which half may be another next time."""
+        """Standard uncertainty in µm of the residual of a model: that of the gap, and half of the residual of the
+        calibrated model beyond the noise, which may differ next time.
+        """
         missed_um = math.sqrt(max(self.calibrated_um**2 - self.noise_floor_um**2, 0.0))
         return math.hypot(self.u_um, missed_um / math.sqrt(2 * _SHAPES))
 
     def to_dict(self) -> dict[str, Any]:
-        """In plain types, the keys without their unit, which is µm."""
+        """Plain types; the keys omit the unit, µm."""
         return {
             "before": self.before_um,
             "after": self.after_um,
@@ -360,8 +371,9 @@ Subject = Literal["posture", "approach", "time", "temperature", "speed"]
 
 @dataclass(frozen=True)
 class Looked:
-    """Something that what stays was held against: `share` is the part of its mean square that it explains at places
-    left out, None where it was not looked for since these runs do not have it."""
+    """A subject compared with the residual: `share` is the explained part of the mean square at left-out places,
+    None if these runs do not contain the subject.
+    """
 
     subject: Subject
     share: float | None
@@ -369,8 +381,9 @@ class Looked:
 
 @dataclass(frozen=True)
 class Remains:
-    """What the model of all others leaves of each neighbourhood of places, rms in µm of a distance; the noise of a
-    reading; and what it was held against."""
+    """Residual of each neighbourhood of places for a model fitted to all others, rms in µm of a distance; the noise
+    of a reading; and the subjects compared.
+    """
 
     um: float
     noise_um: float
@@ -378,17 +391,20 @@ class Remains:
 
 
 What = Literal["angle", "load", "approach", "speed", "time", "place"]
-"""Something that the unexplained part may follow: the angle of a joint, its torque of gravity, the side from which it
-came, its speed; the time; the place of the target."""
+"""Possible dependence of the unexplained part: angle of a joint, torque of gravity, approach side, speed; time;
+place of the target.
+"""
 FOLLOWED = 0.2
-"""Share from which the unexplained part is said to follow something. Chosen: the best of twenty subjects explains up to
-a tenth of plain noise of 40 poses."""
+"""Share from which the unexplained part is said to follow a subject. Chosen: the best of twenty subjects explains up
+to a tenth of plain noise of 40 poses.
+"""
 
 
 @dataclass(frozen=True)
 class Followed:
-    """Something that the unexplained part follows: what, of which joint (None for time and place), and the share of its
-    variance that this explains where it was left out."""
+    """A dependence of the unexplained part: the subject, the joint (None for time and place), and the share of the
+    variance explained at left-out places.
+    """
 
     what: What
     axis: int | None
@@ -397,8 +413,10 @@ class Followed:
 
 @dataclass(frozen=True)
 class Unexplained:
-    """What no name and no usual error explains, rms in µm, and what it `follows`, the likeliest first. `scatter_um` is
-    the scatter of a coordinate of poses, if that alone explains it and no target was visited twice; else None."""
+    """Part explained by no name and no usual error, rms in µm, and the subjects that it `follows`, the likeliest
+    first. `scatter_um` is the scatter of a coordinate of poses if scatter explains the part and no target was
+    visited twice; else None.
+    """
 
     rms_um: float
     follows: tuple[Followed, ...] = ()
@@ -406,7 +424,7 @@ class Unexplained:
 
     @property
     def likeliest(self) -> Followed | None:
-        """What it follows for certain."""
+        """The certain dependence, if any."""
         return next((followed for followed in self.follows if followed.share >= FOLLOWED), None)
 
     def to_dict(self) -> dict[str, Any]:
@@ -427,14 +445,14 @@ class NextTest:
 class Diagnosis(Tabular):
     """The complete result.
 
-    `rig` is the initial model and `runs` names the runs used. `effects` lists the effects that are supported by
-    evidence, the faults first, ordered by worth. `budget` has every part of the gap, the largest first, and
-    `runs_to_decide` how many runs of each kind would decide an undecided condition. `calibrated` is the calibrated
-    model, and `given` states whether the effects were given to be fitted. `groups` lists named effects that these tests
-    cannot distinguish, and `not_testable` the names that no size makes visible here. `repeated` states whether the
-    noise comes from repeats, `shows_noise` whether from those or from residuals, else it is assumed. `level` is that of
-    the healthy background, 1 in a typical healthy arm. `doubts` lists what limits the trust in the result. `staircase`
-    is the gap as parts of the budget are added to the model, None where nothing is.
+    `rig` is the initial model and `runs` names the runs used. `effects` lists the effects supported by evidence, faults
+    first, ordered by worth. `budget` contains every part of the gap, the largest first, and `runs_to_decide` the number
+    of runs of each kind that would decide an undecided condition. `calibrated` is the calibrated model, and `given`
+    states whether the effects were given to be fitted. `groups` lists named effects that these tests cannot
+    distinguish, and `not_testable` the names that are invisible here at any size. `repeated` states whether the noise
+    comes from repeats, `shows_noise` whether it comes from repeats or residuals; otherwise it is assumed. `level` is
+    the level of the healthy background, 1 in a typical healthy arm. `doubts` lists reasons for limited trust in the
+    result. `staircase` is the gap as parts of the budget are added to the model, None if no part is added.
     """
 
     condition: Condition
@@ -465,57 +483,61 @@ class Diagnosis(Tabular):
     shows_noise: bool = False
     staircase: Staircase | None = None
     remains: Remains | None = None
-    """What stays of places after the calibrated model, and what it was held against; None without places."""
+    """Residual of places after the calibrated model, and the subjects compared with it; None if there are no places."""
     only_commanded: bool = False
-    """Whether measured joint angles are missing in some run, so that a name may be an angle that was not reached."""
+    """Whether measured joint angles are missing in some run, which means that a name may be an angle that was not
+    reached.
+    """
     unexplained: Unexplained | None = None
-    """What no name explains, and what it follows if it is much."""
+    """The unexplained part, and the subjects it follows if it is large."""
     acts: tuple[Act, ...] = ()
-    """What follows from it, the first act first; every output prints from here."""
+    """Actions, the first one first; every output prints this list."""
     movements: tuple[Movement, ...] = ()
-    """What moved between the runs or between rows of one."""
+    """Movements between the runs or between rows of a run."""
 
     @property
     def is_testable(self) -> bool:
-        """Whether the runs can show effects; where they cannot, what a calibration by them leaves is unknown."""
+        """Whether the runs can show effects; if not, the residual after a calibration by them is unknown."""
         return self.condition != "not_testable_here"
 
     @property
     def is_modelled(self) -> bool:
-        """Whether a calibrated model follows from it, as a file and in its figures: not from runs that cannot show
-        effects, nor if a parameter is out of range."""
+        """Whether a calibrated model is written and reported: not if the runs cannot show effects, nor if a
+        parameter is out of range.
+        """
         return self.is_testable and self.condition != "out_of_range"
 
     @property
     def next_act(self) -> Act | None:
-        """What to do next; None where fits of given effects ask for nothing."""
+        """The next action; None if fits of given effects require none."""
         return self.acts[0] if self.acts else None
 
     @property
     def written(self) -> tuple[Named, ...]:
-        """The effects that go into a rig file: the faults, and all effects where they were given to be fitted; none
-        that is out of range."""
+        """Effects written to a rig file: the faults, or all effects if they were given to be fitted; none that is
+        out of range.
+        """
         if self.condition == "out_of_range":
             return ()
         return self.effects if self.given else self.standing
 
     @property
     def standing(self) -> tuple[Named, ...]:
-        """The effects that the diagnosis stands by: the faults."""
+        """The confirmed effects: the faults."""
         return tuple(name for name in self.effects if name.stands)
 
     @property
     def contradicted(self) -> tuple[Named, ...]:
-        """Those that imitate something else."""
+        """Effects that imitate another cause."""
         return tuple(name for name in self.effects if name.contradicted)
 
     @property
     def extended_rig(self) -> Rig:
-        """The rig begun with, the effects added that the diagnosis stands by; of rivals the likeliest."""
+        """The initial rig with the confirmed effects added; of rivals the likeliest."""
         return self.rig.model_copy(update={"effects": (*self.rig.effects, *(name.effect for name in self.written))})
 
     def to_table(self) -> pa.Table:
-        """The effects found, a row for each parameter: name, parameter, value, sd, posterior, worth_um, stands."""
+        """Return the effects, a row for each parameter: name, parameter, value, sd, posterior, worth_um, stands."""
         rows = [
             effect | of_field | {"parameter": field}
             for effect in self.to_dict()["effects"]
@@ -524,9 +546,9 @@ class Diagnosis(Tabular):
         return table_of_rows(("name", "parameter", "value", "sd", "posterior", "worth_um", "stands"), rows)
 
     def to_dict(self) -> dict[str, Any]:
-        """All of it in plain types, with the keys of docs/diagnosis.md: what `rig diagnose --json` prints.
+        """Everything in plain types, with the keys of docs/diagnosis.md: the output of `rig diagnose --json`.
 
-        Angles in degrees, gaps in µm, each parameter in the unit of its name, None for what is not known.
+        Angles in degrees, gaps in µm, each parameter in the unit of its name, None for unknown values.
         """
         outside = {"held_out": self.held_out, "unseen_place": self.unseen}
         gaps = {"train": self.train.to_dict()} | {name: gap and gap.to_dict() for name, gap in outside.items()}
@@ -582,21 +604,21 @@ def fault_rivals(named: Named) -> list[Rival]:
 
 
 def is_open(part: BudgetPart, named: Named) -> bool:
-    """Return whether an effect that is no fault, or that usual errors may show as well, makes much of the error, and
-    its odds are below those of a sure name."""
+    """Return whether an effect with a large share of the error is open: it is no fault, or usual errors may show the
+    same, and its odds are below the odds of a certain name.
+    """
     return part.share > LARGE_SHARE and named.doubt in ("usual", "healthy_shows_it") and named.posterior < CERTAIN_ODDS
 
 
 def is_there(diagnosis: Diagnosis, part: BudgetPart) -> bool:
-    """Return whether something does what a part says for certain, though it may be one of a few effects that look
-    alike."""
+    """Return whether the contribution of a part is certain, although its cause may be any of a few similar effects."""
     if part.index is None:
         return part.sigma >= CERTAIN_SIGMA
-    # Where usual errors may show the same, it is open what does it and certain that it is done.
+    # If usual errors may show the same, the cause is open and the contribution certain.
     return diagnosis.effects[part.index].doubt in (None, "usual", "healthy_shows_it") and part.sigma >= SURE_SIGMA
 
 
 def is_sure(diagnosis: Diagnosis, part: BudgetPart) -> bool:
-    """Return whether a part is there for certain, an effect without rivals or many small terms together."""
+    """Return whether a part is certain: an effect with no rivals, or a group of small terms."""
     is_certain = part.index is None or diagnosis.effects[part.index].posterior >= CERTAIN_ODDS
     return is_certain and is_there(diagnosis, part)

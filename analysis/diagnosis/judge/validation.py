@@ -1,4 +1,4 @@
-"""Validation: what a frozen model leaves of runs used, held out and of another place, and what each name gains."""
+"""Validation: residuals of a frozen model on runs used, held out and of another place, and the gain of each name."""
 
 from __future__ import annotations
 
@@ -21,29 +21,30 @@ from rigs.effects import Effect
 
 @dataclass(frozen=True)
 class FrozenModel:
-    """A model that is held against runs: the effects that it adds to the rig file, and the set-ups that fit the runs
-    used with them."""
+    """A frozen model for comparison with runs: the effects added to the rig file, and the set-ups fitted with them
+    to the runs used.
+    """
 
     effects: tuple[Effect, ...]
     setups: Mapping[str, SetUp]
 
     def residuals(self, runs: Sequence[ObservedRun]) -> list[Array]:
-        """Return the residuals (m, k) mm of each run. Runs in a set-up that was used keep it; the others have their own
-        fitted."""
+        """Return the residuals (m, k) mm of each run. Runs in a set-up used before keep it; a set-up is fitted to
+        each other run.
+        """
         modelled = with_effects(runs, self.effects)
         setups = self.setups_with(modelled)
         return [residual_of(run.on_lap, setups) for run in modelled]
 
     def setups_with(self, runs: Sequence[ObservedRun]) -> dict[str, SetUp]:
-        """Return its set-ups, and those of runs with its effects, of (m, k) mm, that are in none of them."""
+        """Return the set-ups of the model, with fitted ones added for runs (m, k) mm in no known set-up."""
         new = [run for run in runs if run.setup not in self.setups]
         return {**self.setups, **(fit_run_setups(new)[0] if new else {})}
 
 
 @dataclass(frozen=True)
 class Stages:
-    """The models that are held against runs, one after the other: without what was found, with the names, and
-    calibrated."""
+    """Models compared with runs, in this order: initial, with the names, and calibrated."""
 
     bare: FrozenModel
     named: FrozenModel
@@ -51,17 +52,18 @@ class Stages:
 
     @property
     def has_background(self) -> bool:
-        """Whether the calibrated model has more than the names."""
+        """Whether the calibrated model contains more than the names."""
         return self.calibrated.effects != self.named.effects
 
     def names_alone(self) -> Stages:
-        """Return these models with the names in place of the whole one."""
+        """Return these models with the names in place of the complete model."""
         return replace(self, calibrated=self.named)
 
 
 def stages_of(fitted: FittedRuns, result: SearchResult) -> Stages:
-    """Return the models of a search, with set-ups fitted to the runs used, of (m, k) mm. Where what was found beside
-    the names explains these runs worse than the names alone, the calibrated model has the names alone."""
+    """Return the models of a search, with set-ups fitted to the runs used, (m, k) mm. If the complete model explains
+    these runs worse than the names alone, the calibrated model contains only the names.
+    """
     names = result.effects
     whole = (*names, *background_effects(result.calibrated_posterior))
     bare, named, calibrated = (FrozenModel(effects, fitted.beside(effects)[0]) for effects in ((), names, whole))
@@ -70,10 +72,10 @@ def stages_of(fitted: FittedRuns, result: SearchResult) -> Stages:
 
 
 def gap(runs: Sequence[ObservedRun], stages: Stages, result: SearchResult, run_names: Sequence[str]) -> Gap:
-    """Return the gap of runs without what was found, with the names, and calibrated; residuals are (m, k) mm.
+    """Return the gap of runs with the initial model, with the names, and calibrated; residuals are (m, k) mm.
 
-    The noise and scatter of one of the runs come from repeats, or else from the assumed noise; that of touches, and of
-    many poses, as far as the readings show it. Runs of another place have that of their test.
+    The noise and scatter of a run come from repeats, or else from the assumed noise; for touches and many poses, as far
+    as the readings show it. Runs of another place use the noise of their test.
     """
     bare, named, calibrated = (model.residuals(runs) for model in (stages.bare, stages.named, stages.calibrated))
     before_um, after_um, calibrated_um = (1e3 * rms(residuals) for residuals in (bare, named, calibrated))
@@ -97,27 +99,28 @@ def gap(runs: Sequence[ObservedRun], stages: Stages, result: SearchResult, run_n
 
 
 _SHOW_NOISE = 20
-"""Poses that show their own noise, of which a set-up and an arm take some. Source: 24 poses of an independent generator
-with noise of 21.5 µm show 17.5, 50 with 51 show 44, 47 with 39 show 36; assumed were 71."""
+"""Poses from which the residuals show the noise, partly absorbed by a set-up and an arm. Source: 24 poses of an
+independent generator with noise of 21.5 µm show 17.5, 50 with 51 show 44, 47 with 39 show 36; assumed were 71.
+"""
 
 
 def shows_noise(block: Block) -> bool:
-    """Return whether readings (m, k) show their own noise without repeats: touches, or enough poses."""
+    """Return whether readings (m, k) show their noise even if nothing is repeated: touches, or enough poses."""
     return block.table.kind.of_places and (block.table.kind.constants_apart or len(block.rows) >= _SHOW_NOISE)
 
 
 def noise_shown(result: SearchResult) -> Array:
-    """Return which share of the variance of its noise the readings of each block (b,) show, at the most all."""
+    """Return the share of the noise variance shown by the readings of each block (b,), at most 1."""
     linear, strength = result.linear, result.strength
     blocks = zip(linear.blocks, linear.rows, strict=True)
     return np.array([min(float(strength[rows].mean()), 1.0) if shows_noise(block) else 1.0 for block, rows in blocks])
 
 
 def held_out_gains(result: SearchResult, runs: Sequence[ObservedRun]) -> list[float | None]:
-    """Return, for each name, the share of the gap's energy on held-out runs that it removes beside everything else that
-    was found, or None where no held-out run shows it beyond the scatter of one run.
+    """Return, for each name, the share of the energy of the gap on held-out runs removed by the name in addition to all
+    other effects, or None if no held-out run shows the name beyond the scatter of a run.
 
-    The set-up is fitted again to each run; a healthy arm's share of every effect is taken from the runs used. Residuals
+    The set-up is fitted again to each run; a healthy arm's share of every effect comes from the runs used. Residuals
     are (m, k) mm.
     """
     whole, gained, shown = 0.0, np.zeros(len(result.contributions)), np.zeros(len(result.contributions), dtype=bool)
@@ -134,13 +137,12 @@ def held_out_gains(result: SearchResult, runs: Sequence[ObservedRun]) -> list[fl
 
 @dataclass(frozen=True)
 class _JudgedRun:
-    """One run judged by the names and the healthy share that other runs determined, in standard deviations of a block
-    (N,).
+    """A run judged by the names and the healthy share determined by other runs, in standard deviations of a block (N,).
 
-    `before` is the residual without them and `residual` that with all of them. `free_share` is what free forms add
-    beside them, zero where that is not known. `contributions` are the changes when each name is removed.
-    `basis` (N, s) is orthonormal and spans what the set-up could absorb. `limit_um` is the rms change from which a name
-    is material beside the scatter of one run.
+    `before` is the residual of the initial model and `residual` that of the complete model. `free_share` is the
+    additional contribution of free forms, zero if unknown. `contributions` are the changes when each name is removed.
+    `basis` (N, s) is orthonormal and spans the changes that the set-up could absorb. `limit_um` is the rms change from
+    which a name is material compared with the scatter of a run.
     """
 
     block: Block
@@ -160,14 +162,16 @@ class _JudgedRun:
         return float(((self.without_set_up(values) * self.block.sd_mm) ** 2).sum())
 
     def shows(self, change: Array) -> bool:
-        """Return whether a change of the readings (N,) is material beside the scatter of one run, with the set-up
-        fitted."""
+        """Return whether a change of the readings (N,) is material compared with the scatter of a run, with the
+        set-up fitted.
+        """
         return rms_um(self.block, self.without_set_up(change) * self.block.sd_mm) > self.limit_um
 
 
 def _at_places_used(result: SearchResult, run: ObservedRun) -> _JudgedRun | None:
-    """Return a run at places where runs of its kind were used, or None where there are none or where its periods of
-    standing differ from theirs."""
+    """Return a run at places used by runs of the same kind, or None if there are none or the standstill periods
+    differ.
+    """
     linear = result.linear
     kinds = [(block.name, block.targets_key) for block in linear.blocks]
     kind = (run.name, run.targets_key)
@@ -182,7 +186,7 @@ def _at_places_used(result: SearchResult, run: ObservedRun) -> _JudgedRun | None
         )
         sampling = sampling if len(block.sampling.trend) else sampling.without_trend()
     (with_names,) = with_effects([run], result.effects)
-    # Where the set-ups fit the names, and back along their slopes, as the names were fitted.
+    # Linearized at the set-ups fitted with the names, as in the fit of the names.
     residual = residual_of(with_names, linear.setups_moved_by(result.moves))
     run_entries = replace(run, sampling=sampling).entries(residual)
     if len(run_entries) != len(block.y_mm):
@@ -196,7 +200,9 @@ def _at_places_used(result: SearchResult, run: ObservedRun) -> _JudgedRun | None
 
 
 def _at_other_places(result: SearchResult, run: ObservedRun, setups: Mapping[str, SetUp]) -> _JudgedRun:
-    """Return a run at places, or in a way, that no run used has: other poses, another radius, another speed."""
+    """Return a run at places or under conditions absent from the runs used: other poses, another radius, another
+    speed.
+    """
     effects = result.effects
     placed = setups if run.setup in setups else fit_run_setups(with_effects([run], effects))[0]
     of_run = linearise(blocks_of([run], placed, effects), placed, effects)
@@ -208,6 +214,7 @@ def _at_other_places(result: SearchResult, run: ObservedRun, setups: Mapping[str
 
 
 def residual_um(runs: Sequence[ObservedRun], used: FittedRuns, effects: Sequence[Effect]) -> float:
-    """Return the rms residual (m, k) of runs with some effects alone, in µm: what their remedy alone leaves. As in the
-    gap, runs in a set-up of the runs used keep it, and others have their own."""
+    """Return the rms residual (m, k) of runs with some effects only, in µm: the error remaining after their remedy.
+    As in the gap, runs in a set-up of the runs used keep it, and a set-up is fitted to each other run.
+    """
     return 1e3 * rms(FrozenModel(tuple(effects), used.beside(effects)[0]).residuals(runs))

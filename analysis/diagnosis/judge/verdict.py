@@ -1,4 +1,4 @@
-"""The verdicts: standing against limits, the condition of the arm, its accuracy, and which effects stand."""
+"""Verdicts: standing against limits, condition of the arm, accuracy, and confirmed effects."""
 
 from __future__ import annotations
 
@@ -50,17 +50,18 @@ from rigs.schema.limits import Limit, Limits, Standing
 from rigs.schema.vocabulary import TestName
 
 # ----------------------------------------------------------------------------------------------------------------------
-# The standing of runs against limits: every figure that has one, judged with its uncertainty, and the worst of them.
+# Standing of runs against limits: every figure with a limit, judged with its uncertainty, and the worst of them.
 #
-# A diagnosis and the page of a report judge by this and nothing else, so that they cannot differ.
+# A diagnosis and the page of a report both use this judgement and therefore cannot differ.
 
 _WORST: tuple[Standing, ...] = ("fail", "watch", "pass")
 
 
 @dataclass(frozen=True)
 class JudgedFigure:
-    """A figure of a column of a test against its limit. `straddled` states whether its uncertainty reaches over a bound
-    of the limit, and `of_data_sheet` whether the limit is that of the data sheet."""
+    """A figure of a column of a test with its limit. `straddled` states whether the uncertainty crosses a bound of
+    the limit, and `of_data_sheet` whether the limit is from the data sheet.
+    """
 
     test: TestName
     column: FigureColumn
@@ -71,7 +72,7 @@ class JudgedFigure:
 
     @property
     def standing(self) -> Standing:
-        """Where the figure stands."""
+        """Standing of the figure."""
         return self.limit.standing(self.figure.value, self.figure.u)
 
     @property
@@ -81,7 +82,7 @@ class JudgedFigure:
 
     @property
     def excess(self) -> float:
-        """Size of the figure in units of its last bound, by which the worst comes first."""
+        """Size of the figure in units of the last bound; the worst sorts first."""
         bound = self.limit.fail if self.limit.fail is not None else self.limit.watch
         return abs(self.figure.value) / (bound or 1.0)
 
@@ -100,9 +101,10 @@ def judged_figures(results: Sequence[Result], limits: Limits) -> tuple[JudgedFig
 
 
 def standing_of(rig: Rig, runs: Sequence[Measured]) -> tuple[Standing | None, Literal["rig_file", "data_sheet"] | None]:
-    """Return the worst standing of the figures of runs that have a limit, and where that comes from; None and None
-    where none of them has one. Runs that cannot be evaluated have no figures, and limits are of the arm as it drives,
-    not of what a calibrated model leaves of it."""
+    """Return the worst standing of the figures of runs that have a limit, and the origin of the limit; None and None
+    if no figure has a limit. Runs that cannot be evaluated have no figures. Limits apply to the arm as it drives,
+    not to the residual of a calibrated model.
+    """
     results = []
     for run in runs:
         if rig.limits.judge(run.run.manifest.test):
@@ -110,7 +112,7 @@ def standing_of(rig: Rig, runs: Sequence[Measured]) -> tuple[Standing | None, Li
                 results.append(result_of(run))
             except RigError:
                 continue
-    for borrower in borrowers(results):  # a single lap has the noise of another run of its test
+    for borrower in borrowers(results):  # a single lap uses the noise of another run of the same test
         place, result = evaluated_again(borrower)
         results[place] = result
     judged = judged_figures(results, rig.limits)
@@ -120,46 +122,52 @@ def standing_of(rig: Rig, runs: Sequence[Measured]) -> tuple[Standing | None, Li
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# The verdicts: which fitted effects the diagnosis stands by and why not by others, what remains, the condition of the
-# arm and its accuracy.
+# Verdicts: confirmed effects, reasons for not confirming others, remainder, condition of the arm and accuracy.
 
 _CRUMBS = 0.05
-"""Share of the gap's energy up to which a remainder is crumbs: false verdicts of generated cells had 0.03 to 0.5 %, and
-a UR10 that the calibrated model predicts within a tenth of its error 1 to 5 %."""
+"""Share of the energy of the gap up to which a remainder is negligible: false verdicts of generated cells had 0.03
+to 0.5 %, and a UR10 predicted by the calibrated model within a tenth of the error 1 to 5 %.
+"""
 _SURE_ODDS = 0.999
-"""Odds from which a name stands that alone makes the gap no smaller. A gear of 97 % stood for a twist of 96 %."""
+"""Odds from which a name is confirmed even if it alone does not reduce the gap. A gear of 97 % replaced a twist of
+96 %.
+"""
 _SAME_SIGMA = 0.5
-"""Change of the readings in standard deviations of the noise up to which an effect and its rival are twins. Chosen: at
-one, both would be confused in a third of all repeats."""
+"""Change of the readings in standard deviations of the noise up to which an effect and a rival are twins. Chosen: at
+1.0, both would be confused in a third of all repeats.
+"""
 _NEGLIGIBLE = 1e-4
 """Odds of rivals that are not listed."""
 _NO_WORSE = 0.97
 """Ratio below which a gap is smaller than another: 3 % of an rms is more than a set-up fitted again gains by chance."""
 _FAR, _WORSE, _LEAST_GAIN = 1.5, 1.1, 0.3
-"""At another place: times the noise floor from which a gap is one, the factor by which the calibrated model must be
-worse than the names alone, and the least share of the energy that a right model gains. Source: a rule that was tried on
-the answers of generated cells, foreign ones found 4 of 5, false ones 5 to 2."""
+"""Limits at another place: multiple of the noise floor from which a gap is real, factor by which the calibrated
+model must be worse than the names alone, and smallest share of the energy that a correct model gains. Source: a
+rule tried on the answers of generated cells; foreign cells found 4 of 5, false ones 5 to 2.
+"""
 _MUCH_MORE = 4.0
 """Smallest ratio of an error visible in one independent direction to the unexplained error. Source: of 24 cells with
 causes outside the library wrong names stood in 15; of names that do three (four) times as much in 5 (2)."""
 _MOST_RUNS = 20
-"""Largest number of runs that is advised; what needs more is not found in this way."""
+"""Largest number of runs advised; a fault requiring more is not found in this way."""
 _ENOUGH = 3
 """Smallest number of readings per set-up term with which anything can be tested. Chosen: with fewer the set-up absorbs
 a third of the readings."""
 _HEALTHY = 0.05
-"""Odds that a healthy arm shows the same, above which an effect is not reported as a fault: one case in twenty."""
+"""Odds of a healthy arm showing the same, above which an effect is not reported as a fault: 5 % of the cases."""
 _LIKELY = 0.2
-"""Odds among rivals below which a name does not stand: three names with the same response have a third each, so each
-of them stays above it."""
+"""Odds among rivals below which a name is not confirmed: three names with the same response have a third each, and
+each of them remains above this limit.
+"""
 _SIGMA = 2.0
-"""Uncertainties of what it does up to which a name does not stand. With gauges that were exchanged in all runs a length
-of -23 ± 23 mm had odds above 99.9 %."""
+"""Uncertainties of the contribution up to which a name is not confirmed. With gauges exchanged in all runs a length
+of -23 ± 23 mm had odds above 99.9 %.
+"""
 
 
 @dataclass(frozen=True)
 class Gaps:
-    """The gap on the runs used, on held-out runs and at an unseen place."""
+    """Gap on the runs used, on held-out runs and at an unseen place."""
 
     train: Gap
     held_out: Gap | None
@@ -167,18 +175,19 @@ class Gaps:
 
     @property
     def judged(self) -> Gap:
-        """The gap by which a model is judged: where it had no part, if there are such runs."""
+        """The gap used to judge a model: on runs not used in the fit, if there are any."""
         return self.unseen or self.held_out or self.train
 
     @property
     def names_do_better(self) -> bool:
-        """Whether the names alone leave less than the whole model where it had no part, by more than the noise of a
-        gap."""
+        """Whether the names alone leave less than the complete model on runs not used in the fit, by more than the
+        noise of a gap.
+        """
         return self.judged is not self.train and self.judged.after_um < _NO_WORSE * self.judged.calibrated_um
 
     @property
     def gains_elsewhere(self) -> bool:
-        """Whether the calibrated model was shown to remove much of the gap where it had no part in it."""
+        """Whether the calibrated model was shown to remove much of the gap on runs not used in the fit."""
         judged = self.judged
         if judged is self.train or judged.before_um <= _FAR * judged.noise_floor_um:
             return False
@@ -186,8 +195,9 @@ class Gaps:
 
     @property
     def is_foreign(self) -> bool:
-        """Whether another place contradicts the model: with everything that was found it is no better there than with
-        the names alone, or hardly better than without them, where the runs used were explained."""
+        """Whether another place contradicts the model: there the complete model is no better than the names alone,
+        or hardly better than no names, although it explained the runs used.
+        """
         unseen = self.unseen
         if unseen is None or unseen.before_um <= _FAR * unseen.noise_floor_um:
             return False
@@ -199,15 +209,16 @@ class Gaps:
 
 
 def ambiguous_names(named: Sequence[Named]) -> list[Named]:
-    """Return the names that stand and whose rivals cannot be dismissed."""
+    """Return the confirmed names with rivals that cannot be dismissed."""
     return [name for name in named if name.stands and name.posterior < CERTAIN_ODDS]
 
 
 def named_effects(
     result: SearchResult, fitted: FittedRuns, gains: Sequence[float | None], changes: Sequence[EffectChange]
 ) -> list[Named]:
-    """Return the fitted effects of a search result, each with what it does to the readings (N,) and why the diagnosis
-    does not stand by it, if it does not. `gains` has the gain of each on held-out runs."""
+    """Return the fitted effects of a search result, each with the change of the readings (N,) and the reason for not
+    confirming it, if any. `gains` contains the gain of each effect on held-out runs.
+    """
     effects = result.effects
     named = [
         _named(result, k, gain, change, fitted.residual_um([*effects[:k], *effects[k + 1 :]]))
@@ -218,18 +229,18 @@ def named_effects(
 
 
 def alone_out_of_range(named: Sequence[Named], beyond: OutOfRange, fitted: FittedRuns) -> list[Named]:
-    """Return the parameter that is out of range as the only name, which stands, with what explains as much."""
+    """Return the parameter that is out of range as the only, confirmed name, with the effects that explain as much."""
     effect = next(name for name in named if name_of(name.effect) == beyond.name)
     return [replace(effect, doubt=None, twins=beyond.twins, alone_um=fitted.residual_um([effect.effect]))]
 
 
 def without_useless(named: Sequence[Named], train: Gap) -> list[Named]:
-    """Return names, none of which stands where the calibrated model explains the runs used no better than without
-    them: they are something that is no effect, such as exchanged gauges.
+    """Return the names with none confirmed if the calibrated model explains the runs used no better than no names: the
+    cause is no effect, for example exchanged gauges.
 
-    No name stands that makes the gap larger beside the others, whatever its odds: it cancels something that may not be
-    there either. Where the names alone explain no more than nothing, only those stand that are all but certain: others
-    cancel each other, or what is usual.
+    A name that increases the gap when added to the others is never confirmed, whatever the odds: it cancels another
+    name that may be absent too. If the names alone explain nothing, only almost certain names are confirmed: the others
+    cancel each other or usual errors.
     """
     if train.calibrated_um >= train.before_um:
         return [replace(name, doubt="no_better") if name.stands else name for name in named]
@@ -243,10 +254,10 @@ def without_useless(named: Sequence[Named], train: Gap) -> list[Named]:
 
 
 def _named(result: SearchResult, k: int, gain: float | None, change: EffectChange, gap_without_um: float) -> Named:
-    """Return one effect with what it does, and why the diagnosis does not stand by it, if it does not."""
+    """Return an effect with its contribution, and the reason for not confirming it, if any."""
     effect, own_odds = result.effects[k], result.rival_odds[k]
     axis = int(getattr(effect, "axis", 1))
-    # A wave of which the joint did not drive two is no gear, and its cause was not shown.
+    # A wave over fewer than two driven periods does not identify a gear: the cause was not shown.
     turned = max(float(np.ptp(block.table.q[:, axis - 1])) for block in result.linear.blocks) / (2 * np.pi)
     shown = not is_wave(effect) or effect.STAGE != "joint" or order_of(effect) * turned >= DRIVEN_WAVES
     model = f"use the calibrated model, which holds the angle error of axis {axis} over its angle"
@@ -255,7 +266,7 @@ def _named(result: SearchResult, k: int, gain: float | None, change: EffectChang
     sd = {field: ratio * sigma for field, sigma in result.fit.sd(k).items()}
     size = size_field(effect)
     sd[size] = float(np.hypot(sd.get(size, 0.0), change.apart * getattr(effect, size)))
-    twins: list[Rival] = []  # what changes the readings in the same way
+    twins: list[Rival] = []  # effects that change the readings in the same way
     rivals: list[Rival] = []
     for tried, likely in own_odds.rivals:
         if likely > _NEGLIGIBLE:
@@ -299,14 +310,16 @@ def _doubt(
 
 
 def shows_time(blocks: Sequence[Block]) -> bool:
-    """Return whether runs show what changes with time: repeats of a run, laps of a circle, visits of a target."""
+    """Return whether runs show changes with time: repeats of a run, laps of a circle, visits of a target."""
     laps = any(block.sampling is not None and len(block.sampling.trend) > 0 for block in blocks)
     return laps or any(block.count > 1 or (block.sampling is None and block.measured) for block in blocks)
 
 
 def named_vibration(swing: FoundVibration, limits: Array, gap_um: float) -> list[Named]:
-    """Return a vibration of the link as a name, if its worth exceeds a limit (b,) µm and the odds of any vibration are
-    at least 20 to 1. Its phase is new in each run, so that no model removes it from the readings."""
+    """Return a vibration of the link as a name, if its worth exceeds a limit (b,) µm and the odds of any vibration
+    are at least 20 to 1. The phase is new in each run; therefore no model removes the vibration from the
+    readings.
+    """
     if swing.gain < np.log(ODDS):
         return []
     moves = Worth(np.full(len(limits), 1e3 * swing.amplitude_mm / np.sqrt(2)))
@@ -317,8 +330,9 @@ def named_vibration(swing: FoundVibration, limits: Array, gap_um: float) -> list
 
 
 def doubts_of_phases(vibrations: Sequence[Named], left: FoundVibration) -> tuple[str, ...]:
-    """Return a doubt about each vibration that was fitted with one phase and frequency in all runs, where what is
-    `left` of the runs once it is taken off swings by more than the fit is unsure of."""
+    """Return a doubt about each vibration that was fitted with a common phase and frequency in all runs, if the
+    residual `left` after removing it swings by more than the uncertainty of the fit.
+    """
     size = size_field(left.effect)
     return tuple(
         f"once the fitted vibration is taken off, the runs still show a {left.effect.plain('')} of "
@@ -330,9 +344,9 @@ def doubts_of_phases(vibrations: Sequence[Named], left: FoundVibration) -> tuple
 
 
 def remainder_of(result: SearchResult, named: Sequence[Named], limits: Array, train: Gap) -> tuple[Remainder, bool]:
-    """Return what remains beyond the noise, at most the gap of the runs used, and whether it exceeds the limits (b,)
-    µm. What an effect explains that a set-up contradicts remains too, and what the calibrated model leaves of the runs
-    beyond the noise: an error that goes with nothing that repeats looks like scatter beside the mean of the runs.
+    """Return the remainder beyond the noise, at most the gap of the runs used, and whether it exceeds the limits
+    (b,) µm. The remainder includes the contributions of contradicted effects and the residual of the calibrated
+    model beyond the noise: a non-repeating error looks like scatter about the mean of the runs.
     """
     imitating = [name for name in named if name.contradicted]
     effects = result.effects
@@ -375,12 +389,14 @@ def _in_words(result: SearchResult, imitating: Sequence[Named]) -> str:
 def condition_of(
     result: SearchResult, named: Sequence[Named], remainder: Remainder, gaps: Gaps, *, is_material: bool, early: bool
 ) -> Condition:
-    """Return the condition of the arm. `is_material` states whether what remains exceeds the scatter of one run, and
-    `early` whether poses were read before the joints came to rest."""
+    """Return the condition of the arm. `is_material` states whether the remainder exceeds the scatter of a run, and
+    `early` whether poses were read before the joints came to rest.
+    """
     if not _is_testable(result, early=early):
         return "not_testable_here"
     outside = gaps.is_foreign
-    if is_material:  # more than crumbs of an arm's error, to which what an earlier calibration explains belongs
+    # more than a negligible part of the arm's error, including the part explained by an earlier calibration
+    if is_material:
         calibrated = result.linear.blocks[0].model.rig.calibrated
         whole_um = max(gaps.train.before_um, calibrated.before_um if calibrated else 0.0, 1e-12)
         outside |= remainder.share * (gaps.train.before_um / whole_um) ** 2 > _CRUMBS
@@ -389,7 +405,7 @@ def condition_of(
     if any(name.stands for name in named):
         open_ones = ambiguous_names(named)
         sure = [name for name in named if name.stands and name not in open_ones]
-        # The condition is that of most of what stands: a small name with a rival labels no others.
+        # The condition is that of most of the confirmed share: a small name with a rival does not label the others.
         sure_um2, open_um2 = (sum(name.worth_um**2 for name in names) for names in (sure, open_ones))
         return "named" if sure_um2 > open_um2 else "ambiguous"
     if is_undecided(named):
@@ -398,8 +414,9 @@ def condition_of(
 
 
 def as_scatter(diagnosis: Diagnosis) -> Diagnosis:
-    """Return a diagnosis of an unknown cause as one of scatter: nothing repeats in what no cause explains, as far as
-    places that were visited once can show."""
+    """Return a diagnosis of an unknown cause as scatter: the unexplained part does not repeat, as far as places
+    visited a single time can show.
+    """
     merged = [part for part in diagnosis.budget if part.kind in ("unexplained", "scatter")]
     um = float(np.sqrt(sum(part.um**2 for part in merged)))
     scatter = BudgetPart("scatter", um, 0.0, sum(part.share for part in merged))
@@ -410,9 +427,9 @@ def as_scatter(diagnosis: Diagnosis) -> Diagnosis:
 
 
 def _is_testable(result: SearchResult, *, early: bool) -> bool:
-    """Return whether the runs can show effects at all: they have readings enough, and joints that had come to rest. A
-    posture of poses counts three, also where it was visited again: the cube of ISO 9283 has 450 numbers, of which 15
-    differ."""
+    """Return whether the runs can show effects at all: enough readings, and joints at rest. A posture of poses
+    counts three, also if visited again: the cube of ISO 9283 has 450 numbers, of which 15 differ.
+    """
     readings = sum(
         3 * int(groups(block.table.q, SAME_RAD).max() + 1) if block.table.kind.of_places else len(block.y_mm)
         for block in result.linear.blocks
@@ -425,7 +442,7 @@ def _is_testable(result: SearchResult, *, early: bool) -> bool:
 
 
 def is_undecided(named: Sequence[Named]) -> bool:
-    """Return whether more runs may find a fault: one of its size is not certain yet."""
+    """Return whether more runs may find a fault: an effect of the size of a fault is not certain yet."""
     return needs_runs(named) or any(name.doubt == "unexplained" or fault_rivals(name) for name in named)
 
 
@@ -435,8 +452,10 @@ def needs_runs(named: Sequence[Named]) -> bool:
 
 
 def within_unexplained(named: Sequence[Named], unexplained_um: float) -> list[Named]:
-    """Return names, of which none stands that an unexplained error may imitate: one that does not do much more than
-    that, and that a single direction shows; of several directions, one that does less."""
+    """Return the names with the ones that an unexplained error may imitate no longer confirmed: a name shown by a
+    single direction that is not much larger than the unexplained error; with several directions, a name smaller
+    than it.
+    """
     return [
         replace(name, doubt="unexplained")
         if name.stands and name.worth_um < (_MUCH_MORE if name.directions < 2 else 1.0) * unexplained_um
@@ -446,8 +465,9 @@ def within_unexplained(named: Sequence[Named], unexplained_um: float) -> list[Na
 
 
 def runs_to_decide(result: SearchResult, named: Sequence[Named]) -> int:
-    """Return how many runs of each kind would decide an undecided condition: at least two, which show the noise, and so
-    many that the change of the most doubtful effect is certain."""
+    """Return the number of runs of each kind that would decide an undecided condition: at least two, to show the
+    noise, and enough to make the change of the most doubtful effect certain.
+    """
     most = max((block.count for block in result.linear.blocks), default=1)
     sigmas = [name.worth_um / name.u_um for name in named if not name.stands and name.u_um > 0 and name.worth_um > 0]
     factor = max((CERTAIN_SIGMA / min(max(sigmas), CERTAIN_SIGMA)) ** 2, 1.0) if sigmas else 1.0
@@ -455,8 +475,9 @@ def runs_to_decide(result: SearchResult, named: Sequence[Named]) -> int:
 
 
 def judged_of(diagnosis: Diagnosis, whole: Gaps, gaps: Gaps, unexplained_mm: float | None) -> Judged:
-    """Return what a diagnosis says of its model, for the file that is handed over: of the whole one, and of what is
-    handed over; unexplained_mm of a coordinate, or what is left where it was judged if no places say it."""
+    """Return the judgement of the model for the file that is handed over: of the `whole` model and of the part
+    handed over. unexplained_mm: per coordinate; if no places show it, the residual at the judged runs is used.
+    """
     judged = gaps.judged
     excess_um2 = max(judged.calibrated_um**2 - judged.noise_floor_um**2, 0.0)
     if unexplained_mm is None or any(not kind_named(tested.test).of_places for tested in judged.tests):
@@ -470,8 +491,9 @@ def judged_of(diagnosis: Diagnosis, whole: Gaps, gaps: Gaps, unexplained_mm: flo
 
 
 def standing_within(tolerance_um: float, used: FittedRuns) -> tuple[Standing, Literal["tolerance"]]:
-    """Return how the arm as it drives, without the model of its rig file, stands against a tolerance of the residuals
-    (m, k), rms."""
+    """Return the standing of the arm as it drives, excluding the model of its rig file, against a tolerance of the
+    residuals (m, k), rms.
+    """
     bare = [replace(run, model=replace(run.model, effects=())) for run in used.runs]
     return "pass" if FittedRuns(bare).residual_um(()) <= tolerance_um else "fail", "tolerance"
 
@@ -479,7 +501,9 @@ def standing_within(tolerance_um: float, used: FittedRuns) -> tuple[Standing, Li
 def accuracy_of(
     gaps: Gaps, standing: Standing | None, limit: Literal["tolerance", "rig_file", "data_sheet"] | None
 ) -> Accuracy:
-    """Return the error now and after the calibration, where it had no part if runs of such a place were given."""
+    """Return the error now and after the calibration, on runs not used in the fit if runs of such a place were
+    given.
+    """
     place: JudgedOn = "unseen" if gaps.unseen else "held_out" if gaps.held_out else "used"
     judged = gaps.unseen or gaps.held_out or gaps.train
     largest = max((tested.before_largest_um for tested in gaps.train.tests), default=gaps.train.before_um)

@@ -1,8 +1,7 @@
-"""Test that identifies a part of the error: its choice, duration, and expected certainty.
+"""Test that identifies a part of the error: choice, duration, and expected certainty.
 
-For an effect with a rival it is the test that separates both; for a group, the test that determines its likeliest
-member best in the presence of everything else. Runs of a different place used for validation may suffice, without
-driving.
+For an effect with a rival, the test that separates both; for a group, the test that determines the likeliest member
+best in the presence of everything else. Runs of a different place used for validation may suffice, with no driving.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ from rigs.errors import FileError
 from rigs.schema.effect import is_play, label_of, name_of, size_of
 
 JOINED = "--unseen"
-"""Test without driving: runs so far used for validation only."""
+"""Test that needs no driving: runs so far used for validation only."""
 _MUCH = 0.1
 """Minimum share of the error for a test."""
 
@@ -38,11 +37,11 @@ class NamingTests:
     possible: Sequence[PossibleTest]
 
     def for_rivals(self, effect: Effect, rival: Effect) -> tuple[NamingTest, Cost] | None:
-        """Return the test that separates an effect from its rival, the cheapest certain one; None if there is none."""
+        """Return the test that separates an effect from a rival, the cheapest certain test; None if there is none."""
         return self._cheapest(sigma_between(effect, rival), 1, (name_of(effect), name_of(rival)))
 
     def for_member(self, effect: Effect, among: int) -> tuple[NamingTest, Cost] | None:
-        """Return the test that determines an effect, among `among` candidates, best at its size; None if none
+        """Return the test that determines an effect, among `among` candidates, best at the fitted size; None if none
         identifies it.
         """
 
@@ -76,12 +75,12 @@ def naming_tests(
     named: Sequence[Named],
     judges: tuple[Sequence[ObservedRun], Sequence[ObservedRun]],
 ) -> list[tuple[int, NamingTest, Cost]]:
-    """Return the test for each part of the budget that needs one, by its index: confirmed names with a rival, and
+    """Return the test for each part of the budget that needs a test, by index: confirmed names with a rival, and
     groups.
 
     `judges`: runs used, and validation runs of a different place; readings are (m, k).
     """
-    asked: list[tuple[int, Effect, Effect | None]] = []  # parts by index, possible cause, and its rival
+    asked: list[tuple[int, Effect, Effect | None]] = []  # parts by index, possible cause, and rival
     for k, part in enumerate(budget):
         name = None if part.index is None else named[part.index]
         if name is None or is_open(part, name):

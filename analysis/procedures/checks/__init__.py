@@ -1,4 +1,4 @@
-"""Conventions that data are held against: what is labelled against what may have been meant, by one likelihood.
+"""Checks of data against conventions: the labelled meaning against possible other meanings, by a common likelihood.
 
-`analysis.procedures.checks.check_runs` has the list; each convention is a file.
+`analysis.procedures.checks.check_runs` lists them; each convention is a file.
 """

@@ -1,5 +1,4 @@
-"""The page of conventions: every one that data are held against, at import, when a recording ends and before every
-diagnosis."""
+"""List of all conventions checked at import, at the end of a recording and before every diagnosis."""
 
 from __future__ import annotations
 
@@ -22,7 +21,7 @@ Runs = Sequence[Measured]
 
 @dataclass(frozen=True)
 class Checked:
-    """A convention that runs were held against: what was found, and why they do not show it, empty where they can."""
+    """A checked convention: the findings, and the reason why the runs do not show it, empty if they do."""
 
     convention: Convention
     findings: tuple[Finding, ...]
@@ -39,7 +38,7 @@ class Checked:
 
 
 def check_runs(runs: Runs) -> list[Checked]:
-    """Hold runs of one robot against every convention, alone and together."""
+    """Check runs of a robot against every convention, singly and together."""
     findings, with_joints = findings_of(runs), _with_joints(runs)
     return [
         Checked(
@@ -56,8 +55,9 @@ def check_runs(runs: Runs) -> list[Checked]:
 
 
 def findings_of(runs: Runs) -> list[Finding]:
-    """Return what speaks against a convention in runs of one robot; of paths, which have neither joints nor gauges,
-    their places alone."""
+    """Return the findings against conventions in runs of a robot; for paths, which have neither joints nor gauges,
+    only of their places.
+    """
     with_joints, paths = _with_joints(runs), [run for run in runs if run.table.kind.without_joints]
     findings = [finding for find in _FINDERS for finding in find(with_joints)] if with_joints else []
     return [*findings, *(finding for find in _OF_PATHS for finding in find(paths))]
@@ -68,7 +68,7 @@ def _with_joints(runs: Runs) -> list[Measured]:
 
 
 def doubts_of(run: Measured) -> tuple[str, ...]:
-    """Return what a run alone shows against a convention, in words, after what is known of it already."""
+    """Return the findings of a single run against conventions, in words, after the doubts already known."""
     return tuple(dict.fromkeys((*run.doubts, *(finding.words for finding in findings_of([run])))))
 
 
@@ -107,8 +107,9 @@ def _of_joints(run: Measured) -> Iterator[Finding]:
 
 
 def _gauges(runs: Runs) -> Iterator[Finding]:
-    """The findings about the order and the sign of gauges: against their repeats, against what no joint does, and by
-    the ball's place; the surest of each run."""
+    """Yield the findings about order and sign of gauges, from repeats, from changes no joint causes, and from the
+    place of the ball; the most certain of each run.
+    """
     named: set[str] = set()
     for find in (repeat_findings, sign_findings, _by_kind(ORDER)):
         findings = list(find([run for run in runs if run.run.manifest.name not in named]))
@@ -122,7 +123,7 @@ def _joints_hidden(runs: Runs) -> str:
 
 
 def _without(convention: str, why: str) -> Callable[[Runs], str]:
-    """Why runs show nothing where none is of a kind that can break a convention."""
+    """Return a function giving the reason why runs of no suitable kind cannot break a convention."""
     return lambda runs: "" if any(convention in dict(run.table.kind.finders) for run in runs) else why
 
 
@@ -159,7 +160,7 @@ CONVENTIONS = (
     Convention(WILDNESS, "did the tracker have its target", _no_poses),
     Convention(DUPLICATES, "is a place or a row written again", _no_poses),
 )
-"""Every convention, in the order in which a person reads them."""
+"""All conventions, in reading order."""
 
 _SHOWN_BY_PATHS = (WILDNESS, DUPLICATES)
 _OF_PATHS = tuple(map(_by_kind, _SHOWN_BY_PATHS))
@@ -177,9 +178,11 @@ _FINDERS: tuple[Callable[[Runs], Iterable[Finding]], ...] = (
     _by_kind(WILDNESS),
     _by_kind(DUPLICATES),
 )
-"""What looks for findings in runs; order and sign of gauges are judged together."""
+"""Functions that search runs for findings; order and sign of gauges are judged together."""
 
 
 def why_no_measurement(run: Measured) -> str:
-    """Return why a run that was just recorded is no measurement as it is labelled, in words; empty where it is."""
+    """Return the reason why a run just recorded is not a valid measurement as labelled, in words; empty if it is
+    valid.
+    """
     return next((finding.words for finding in findings_of([run]) if finding.strength != "likely"), "")

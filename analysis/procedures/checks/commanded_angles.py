@@ -1,7 +1,7 @@
-"""Commanded joint angles next to the measured ones: by how much the joints missed their commands, and why.
+"""Differences between commanded and measured joint angles, and their causes.
 
-A difference that goes with the torque of gravity is a drive that yields or a controller without an integral part. One
-that goes with the speed is a following error. The measured angles are the ones that rig uses.
+A difference correlated with the torque of gravity comes from a compliant drive or a controller with no integral part; a
+difference correlated with the speed is a following error. rig uses the measured angles.
 """
 
 from __future__ import annotations
@@ -26,8 +26,9 @@ _FEWEST = 6
 
 @dataclass(frozen=True)
 class CommandError:
-    """How an axis missed its commands: measured less commanded, in degrees, and how that correlates with the torque of
-    gravity and with the speed; None if either hardly changes."""
+    """Following error of an axis: measured minus commanded, in degrees, and the correlation with the torque of
+    gravity and with the speed; None if either hardly changes.
+    """
 
     axis: int
     mean_deg: float
@@ -37,7 +38,7 @@ class CommandError:
 
     @property
     def words(self) -> str:
-        """The figures of one axis in a sentence."""
+        """The figures of an axis in a sentence."""
         reasons = [("load", self.with_load), ("speed", self.with_speed)]
         known = [f"{name} {value:+.2f}" for name, value in reasons if value is not None]
         correlation = f", correlation with {', with '.join(known)}" if known else ""
@@ -45,7 +46,7 @@ class CommandError:
 
 
 def command_errors(run: Measured) -> tuple[CommandError, ...]:
-    """Return how each axis missed its commands; empty if the run does not have both sets of angles."""
+    """Return the command error of each axis; empty if the run does not have both sets of angles."""
     source = run.run.table
     both = None if source is None else _both_angles(Rows(source))
     if both is None:

@@ -1,4 +1,4 @@
-"""What a convention is, and what is found where data speak against one."""
+"""Conventions, and findings of data that contradict them."""
 
 from __future__ import annotations
 
@@ -10,14 +10,17 @@ from analysis.runs.loading import Measured
 from analysis.runs.tabular import for_json
 
 Strength = Literal["impossible", "decisive", "likely"]
-"""impossible: no robot gives such data as they are labelled, and import refuses them. decisive: another meaning fits
-and the labelled one does not; the figures are given with a doubt, and no fault is named from them. likely: a doubt."""
+"""impossible: no robot produces such data as labelled, and import refuses them. decisive: another meaning fits and
+the labelled meaning does not; the figures are reported with a doubt, and no fault is named from them. likely: a
+doubt.
+"""
 
 
 @dataclass(frozen=True)
 class Misfit:
-    """What is left of the readings, rms in mm, as labelled and as they may have been meant, and by how much the latter
-    is likelier: the difference of the log-likelihoods, in nats."""
+    """Residual of the readings, rms in mm, as labelled and as possibly meant, and the difference of the
+    log-likelihoods in nats.
+    """
 
     as_labelled_mm: float
     as_meant_mm: float
@@ -26,10 +29,10 @@ class Misfit:
 
 @dataclass(frozen=True)
 class Finding:
-    """One reading of the data that fits where the labelled one does not.
+    """An interpretation of the data that fits although the labelled interpretation does not.
 
-    runs: names of the runs that it is about; columns: of the table; meant: what those columns may hold; what: the fact
-    in words; remedy: what to do; misfit: None where the fact is a count or a label.
+    runs: names of the affected runs; columns: of the table; meant: possible content of those columns; what: the fact in
+    words; remedy: the action; misfit: None if the fact is a count or a label.
     """
 
     convention: str
@@ -43,11 +46,11 @@ class Finding:
 
     @property
     def words(self) -> str:
-        """The fact and what to do, in one line."""
+        """The fact and the remedy in a line."""
         return f"{self.what}; {self.remedy}"
 
     def to_dict(self) -> dict[str, Any]:
-        """In plain types, None for what is not known."""
+        """Plain types, None for unknown values."""
         plain: dict[str, Any] = for_json(
             {
                 "convention": self.convention,
@@ -65,9 +68,10 @@ class Finding:
 
 @dataclass(frozen=True)
 class Convention:
-    """A convention that data are held against.
+    """A convention checked against data.
 
-    name: one word or two; asks: the question, in words; cannot: why these runs cannot answer it, empty where they can.
+    name: a word or two; asks: the question, in words; cannot: the reason why these runs cannot answer it, empty if they
+    can.
     """
 
     name: str

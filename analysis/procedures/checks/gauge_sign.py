@@ -1,20 +1,20 @@
-"""Gauges that count the other way, or are exchanged: with both negated every size and every sign is the opposite, and
-most runs look as good as ever.
+"""Inverted or exchanged gauges: with both negated every size and every sign is the opposite, and most runs look
+plausible.
 
-What cannot be negated, nor exchanged: a joint with play lags behind where it is driven, and never leads; and an error
-that the rig file knows of already. Both are held against the readings as labelled and as they may have been meant.
-Where the arm has no play, and the rig file no effect, the data do not show it.
+Two facts reveal the sign and the order: a joint with backlash lags behind the drive, and never leads; and an error
+known to the rig file. Both are compared with the readings as labelled and as possibly meant. If the arm has no
+backlash, and the rig file no effect, the data do not show it.
 
 Circles that repeat each other show swapped cables or columns. An exchange does not change the mean of the gauges, and
-it reverses the sign of their difference. Another sign reverses both. A ball that was moved changes both as well, but
-only in the first order of the circle: the sign of both is judged by the higher ones.
+it reverses the sign of their difference. Another sign reverses both. A moved ball changes both too, but only in the
+first order of the circle: the sign of both is judged by the higher orders.
 
-What suggests an exchange within one yaw run is doubted, and never refused. The distance, the mean of the gauges, and
-the angle between them show one eccentricity e of the ball. Exchanged, the angle shows -e: the two lie 2 |e| apart. An
-error of the arm that turns the tool in the first order of the circle moves one of them alike, and a ball is set within
-a millimetre while a large fault moves it by millimetres: no reading of one run distinguishes the two with certainty.
-But such an error has other orders too, so that an exchange is likely where the two lie further apart than the rest of
-the readings accounts for.
+Signs of an exchange within a single yaw run cause a doubt, and never a refusal. The distance, the mean of the gauges,
+and the angle between them show the same eccentricity e of the ball. If exchanged, the angle shows -e: the two differ by
+2 |e|. An error of the arm that rotates the tool in the first order of the circle also moves either of them, and a ball
+is set within a millimetre while a large fault moves it by millimetres: no evaluation of a single run distinguishes the
+two with certainty. But such an error has other orders too; an exchange is therefore likely if the two differ by more
+than the rest of the readings explains.
 """
 
 from __future__ import annotations
@@ -43,22 +43,25 @@ from rigs.schema.vocabulary import TestName
 ORDER, SIGN = "gauge order", "gauge sign"
 EXCHANGED = "g1 and g2 may be exchanged"
 _ORDER_ROWS = 5000
-"""So many rows are enough to see the first order of a run."""
+"""Number of rows sufficient to show the first order of a run."""
 _WHOLE = 0.9
 """Share of a lap from which on the first order is determined."""
 _CLOSER = 0.5
 """The two eccentricities lie closer by this factor with the gauges exchanged."""
 _BEYOND = 2.0
-"""They lie apart by more than this many times the rms of all other orders. Both factors are chosen: `scripts/dev
-exchanged` counts what is doubted wrongly and what is missed."""
+"""Minimum distance between them as a multiple of the rms of all other orders. Both factors are chosen: `scripts/dev
+exchanged` counts wrong doubts and missed exchanges.
+"""
 _SEEN_MM, _NEGATED = 0.2, 0.25
-"""With one gauge negated the two eccentricities lie within this share of one another, and are seen above this size.
-Chosen: an arm that errs imitates it only by chance, in size and in direction."""
+"""With a single gauge negated the two eccentricities agree within this share, and are visible above this size.
+Chosen: an error of the arm imitates this only by chance, in size and in direction.
+"""
 
 
 def order_findings(table: CircleTable, rig: Rig) -> Iterator[Finding]:
-    """Whether the readings of a yaw run look as if g1 and g2 were exchanged, or as if one of them counted the other
-    way, by the two eccentricities that each meaning of the columns shows."""
+    """Yield a finding if g1 and g2 of a yaw run appear exchanged, or either of them inverted, by the two
+    eccentricities for each meaning of the columns.
+    """
     circle = rig.tests.circle
     if circle is None or rig.gauges.g2 is None:
         return
@@ -102,8 +105,9 @@ def order_findings(table: CircleTable, rig: Rig) -> Iterator[Finding]:
 
 @dataclass(frozen=True)
 class _Eccentricities:
-    """Where the ball lies off the centre, (2,) mm along phi = 0° and 90°, by the mean of two gauges and by the angle
-    between them; rest_mm: rms of all else that the two show."""
+    """Eccentricity of the ball, (2,) mm along phi = 0° and 90°, by the mean of two gauges and by the angle between
+    them; rest_mm: rms of the remaining readings.
+    """
 
     by_distance: Array
     by_angle: Array
@@ -111,17 +115,19 @@ class _Eccentricities:
 
     @property
     def apart_mm(self) -> float:
-        """How far the two contradict one another."""
+        """Distance between the two eccentricities."""
         return float(np.linalg.norm(self.by_angle - self.by_distance))
 
     @property
     def size_mm(self) -> float:
-        """How far the ball lies off by both, on the mean."""
+        """Mean size of the two eccentricities."""
         return float(np.linalg.norm(self.by_angle + self.by_distance)) / 2
 
     @classmethod
     def of(cls, phi: Array, g_mm: Array, radius_mm: float, baseline_mm: float) -> _Eccentricities:
-        """From circle angles phi (n,) rad and readings g_mm (n, 2); angles times the radius, so that both are in mm."""
+        """Return the eccentricities from circle angles phi (n,) rad and readings g_mm (n, 2); angles times the
+        radius, both in mm.
+        """
         by_gauges = link_angle(g_mm[:, 0], g_mm[:, 1], baseline_mm)
         seen = np.stack([g_mm.mean(axis=1), radius_mm * by_gauges], axis=1)
         waves = np.stack([np.ones_like(phi), np.cos(phi), np.sin(phi)], axis=1)
@@ -131,23 +137,24 @@ class _Eccentricities:
 
 
 def negated(number: int) -> str:
-    """What may be meant where one gauge, 1 or 2, is negated."""
+    """Return the possible meaning of a negated gauge, 1 or 2."""
     return f"g{number} may count the other way"
 
 
 GRID = 256
-"""Circle angles to which laps are interpolated, so that they can be compared."""
+"""Circle angles to which laps are interpolated for comparison."""
 _LEAST_MM = 0.05
 """Smallest difference from the repeats that is examined: joints of real cells repeat to 0.005°, which moves gauges 50
 mm apart by 0.01 mm, and the limit is five times that."""
 _CLEAR = 4.0
-"""Factor by which the difference must fit better with its sign reversed, and by which the mean must fit better
-unchanged. Chosen: far from the factor of 1 that noise gives."""
+"""Factor by which the difference must fit better with the sign reversed, and by which the mean must fit better
+unchanged. Chosen: far from the factor of 1 caused by noise.
+"""
 
 
 @dataclass(frozen=True)
 class Lap:
-    """A circle run on the grid: mean and difference of its gauges (GRID,) mm, without their own means."""
+    """A circle run on the grid: mean and difference of the gauges (GRID,) mm, each with the mean subtracted."""
 
     run: Measured
     mean: Array
@@ -155,13 +162,13 @@ class Lap:
 
     @property
     def place(self) -> tuple[object, ...]:
-        """What runs share that see one ball: the test, the circle and the placement."""
+        """Common properties of runs with the same ball: test, circle and placement."""
         manifest = self.run.run.manifest
         return (manifest.test, manifest.placement, self.run.rig.tests.circle, self.run.rig.robot)
 
 
 def laps_on_grid(runs: Iterable[Measured]) -> list[Lap]:
-    """The circle runs with two gauges, on the grid; those that hold no lap are reported where they are analysed."""
+    """Return the circle runs with two gauges, on the grid; runs with no lap are reported by the analysis."""
     laps_of_runs = []
     for run in runs:
         with suppress(FileError):
@@ -174,8 +181,9 @@ def laps_on_grid(runs: Iterable[Measured]) -> list[Lap]:
 
 
 def gridded(phi: Array, values: Array) -> Array:
-    """Values (n, k) at circle angles phi (n,) rad as their means (GRID, k) about the angles of the grid; between
-    neighbours where there are none."""
+    """Return values (n, k) at circle angles phi (n,) rad as means (GRID, k) about the angles of the grid,
+    interpolated between neighbours in gaps.
+    """
     place = np.round(phi * GRID / (2 * np.pi)).astype(int) % GRID
     count = np.bincount(place, minlength=GRID)
     filled = np.flatnonzero(count)
@@ -184,8 +192,9 @@ def gridded(phi: Array, values: Array) -> Array:
 
 
 def repeat_findings(runs: Sequence[Measured]) -> Iterator[Finding]:
-    """Which runs contradict their repeats. Where two equal halves of the repeats contradict each other, it is the half
-    that contradicts the circles of the other direction."""
+    """Yield findings about runs that contradict their repeats. If two equal halves of the repeats contradict each
+    other, the half contradicting the circles of the other direction is reported.
+    """
     laps = laps_on_grid(runs)
     groups: dict[tuple[object, ...], list[Lap]] = {}
     for lap in laps:
@@ -204,7 +213,7 @@ def repeat_findings(runs: Sequence[Measured]) -> Iterator[Finding]:
 
 
 def _contradicting(repeats: Sequence[Lap], reverse: Sequence[Lap]) -> Iterator[Finding]:
-    """The repeats whose difference has the opposite sign to that of most of them."""
+    """Yield findings about repeats with the opposite sign of the difference to most of them."""
     mean, apart = np.array([lap.mean for lap in repeats]), np.array([lap.apart for lap in repeats])
     sign = np.where(np.linalg.eigh(apart @ apart.T)[1][:, -1] < 0, -1.0, 1.0)
     if abs(sign.sum()) > 0:
@@ -221,7 +230,7 @@ def _contradicting(repeats: Sequence[Lap], reverse: Sequence[Lap]) -> Iterator[F
             yield _finding(repeats[k], as_labelled, as_meant, negated=False)
             continue
         spectra = np.fft.rfft([apart[k], usual_apart, mean[k], usual])
-        spectra[:, 1] = 0.0  # the first order may be another place of the ball
+        spectra[:, 1] = 0.0  # the first order may be another position of the ball
         shapes = np.fft.irfft(spectra, n=GRID)
         as_labelled, as_meant = (
             float(np.hypot(rms(shapes[0] - side * shapes[1]), rms(shapes[2] - side * shapes[3])))
@@ -244,14 +253,18 @@ def _finding(lap: Lap, as_labelled: float, as_meant: float, *, negated: bool) ->
 
 
 _ALIKE = 8.0
-"""Steps of the grid, of 1.4° each, over which the rest of two laps goes alike: so many count as one reading."""
+"""Steps of the grid, of 1.4° each, over which the remaining curves of two laps agree: they count as a single
+reading.
+"""
 _DECISIVE = 12.0
 """Log-likelihood from which the sign of a play is proof, odds of 160 000 to 1: drift and waves are no white noise."""
 _FITS, _FITS_WELL = 4.0, 6.0
-"""… and the energy that plays leave is at least so many times less. Meanings within the first factor are alike; below
-the second, which leaves two fifths of the readings, the other meaning does not fit either, and is a doubt only."""
+"""… and minimum ratio of the energies remaining after backlash. Meanings within the first factor are equivalent;
+below the second, which leaves two fifths of the readings, the other meaning does not fit either, and causes a
+doubt only.
+"""
 _RESOLVED_MM = 0.003
-"""What plays leave as labelled is at least this, rms: what gauges of 1 µm resolve."""
+"""Lower limit of the rms remaining after backlash as labelled: the resolution of gauges of 1 µm."""
 _PLAY_RAD = float(np.radians(0.01))
 """Width by which a joint has turned back: real plays are wider, encoders' noise is narrower."""
 _KNOWN = 4.0
@@ -264,7 +277,7 @@ _STEP = 1e-4
 
 
 def sign_findings(runs: Sequence[Measured]) -> Iterator[Finding]:
-    """What speaks against the sign of the gauges of runs of one robot."""
+    """Yield findings against the sign of the gauges of runs of a robot."""
     gauged = [run for run in runs if run.table.kind.gauges]
     groups: list[list[Measured]] = []
     for run in gauged:
@@ -282,7 +295,7 @@ def sign_findings(runs: Sequence[Measured]) -> Iterator[Finding]:
 
 
 def _known_effects(run: Measured) -> Iterator[Finding]:
-    """A run that the effects of its rig file explain only with the gauges negated."""
+    """Yield a run that the effects of the rig file explain only with the gauges negated."""
     model = model_of(run.rig)
     table = run.table
     if not model.effects or not table.kind.gauges or table.kind.cannot_tell(table, run.rig):
@@ -306,7 +319,7 @@ _REMEDY = "press a probe: where its reading falls give counts: towards in the ri
 
 
 def _left_mm(model: Model, table: Table, sign: float) -> float:
-    """What readings of a sign leave beside a model, rms mm, with ball and zeros fitted."""
+    """Return the residual of readings with a sign for a model, rms mm, with ball and zeros fitted."""
     setup = nominal_setup(model.rig, table)
     path = path_of(model, table)
     scene = moved(model, path)
@@ -330,9 +343,10 @@ def _left_mm(model: Model, table: Table, sign: float) -> float:
 
 @dataclass(frozen=True)
 class _Way:
-    """The laps of one direction on the grid: readings (GRID, 2) mm, angles as unit vectors, cosine and sine (GRID, 12),
-    of which a mean is the mean modulo a turn, speeds (GRID, 6) rad/s, which flank each joint lies on (GRID, 6) and each
-    gauge (GRID, 2), -1 to 1, and the time (GRID,) since the beginning, 0 to 1."""
+    """Laps of a direction on the grid: readings (GRID, 2) mm, angles as unit vectors, cosine and sine (GRID, 12),
+    for a mean modulo a turn, speeds (GRID, 6) rad/s, flank of each joint (GRID, 6) and of each gauge (GRID, 2),
+    -1 to 1, and the time (GRID,) since the start, 0 to 1.
+    """
 
     g_mm: Array
     heading: Array
@@ -343,8 +357,9 @@ class _Way:
 
 
 def _leading_play(runs: Sequence[Measured]) -> Iterator[Finding]:
-    """Circles driven both ways, in which joints lead where they turn back as the gauges are labelled, and lag if they
-    are meant otherwise: all runs of these gauges are doubtful."""
+    """Yield circles driven both ways in which joints lead at reversals as the gauges are labelled, and lag with
+    another meaning: all runs of these gauges are doubtful.
+    """
     if {run.run.manifest.direction for run in runs} < {"acw", "cw"}:
         return
     energies, values = np.zeros(len(_MEANT)), 0.0
@@ -361,7 +376,7 @@ def _leading_play(runs: Sequence[Measured]) -> Iterator[Finding]:
     as_labelled, as_meant = (float(np.sqrt(energy / (values * _ALIKE))) for energy in (labelled, least))
     if gain < _DECISIVE or labelled < _FITS * least or as_labelled < _RESOLVED_MM:
         return
-    # Plays do not distinguish these; those stay by which mean and difference of the gauges show one place of the ball.
+    # Backlash does not distinguish these; the mean and difference of the gauges showing the same ball position decide.
     alike = [meant for meant, energy in zip(_MEANT, energies, strict=True) if energy < _FITS * least]
     seen = {finding.meant for run in runs for finding in run.table.kind.findings(ORDER, run.table, run.rig)}
     if EXCHANGED in seen:
@@ -384,7 +399,7 @@ def _leading_play(runs: Sequence[Measured]) -> Iterator[Finding]:
 
 @dataclass(frozen=True)
 class _Meant:
-    """What the columns of two gauges may hold: which of them (2,) are meant, and with which signs (2,)."""
+    """Possible content of the columns of two gauges: the gauges meant (2,), and their signs (2,)."""
 
     words: str
     columns: tuple[int, int]
@@ -402,14 +417,15 @@ _MEANT = (
 
 
 def _as(way: _Way, meant: _Meant) -> _Way:
-    """A way with the columns of its gauges as they may have been meant."""
+    """Return a direction with the columns of the gauges in a possible meaning."""
     signs, columns = np.array(meant.signs), list(meant.columns)
     return replace(way, g_mm=way.g_mm[:, columns] * signs, stuck=way.stuck[:, columns] * signs)
 
 
 def _pairs(runs: Sequence[Measured]) -> Iterator[tuple[Rig, TestName, dict[str, list[_Way]]]]:
-    """The circles of each test and placement that were driven both ways, with their rig, on the grid. Those that hold
-    no lap are reported where they are analysed."""
+    """Yield the circles of each test and placement that were driven both ways, with their rig, on the grid. Runs
+    with no lap are reported by the analysis.
+    """
     pairs: dict[tuple[object, ...], tuple[Rig, TestName, dict[str, list[_Way]]]] = {}
     for run in runs:
         table = run.table
@@ -436,9 +452,10 @@ def _mean(ways: Sequence[_Way]) -> _Way:
 
 
 def _left_of_plays(slopes: Array, acw: _Way, cw: _Way) -> float:
-    """Energy in mm² that plays which lag leave of the difference of both ways, given the slopes of the gauges by each
-    joint (GRID, 2, 6) mm/rad. What goes with the angles is the same both ways; drift, late times and a gauge that
-    sticks are taken out."""
+    """Return the energy in mm² of the difference of both directions remaining after lagging backlash, given the
+    slopes of the gauges by each joint (GRID, 2, 6) mm/rad. Dependence on the angles is the same both ways; drift,
+    late times and a sticking gauge are removed.
+    """
     from scipy.optimize import nnls  # noqa: PLC0415 - slow to import, needed here only
 
     plays = (slopes * (acw.flank - cw.flank)[:, None, :]).reshape(-1, 6)
@@ -457,9 +474,11 @@ def _left_of_plays(slopes: Array, acw: _Way, cw: _Way) -> float:
 
 
 def _slopes(rig: Rig, test: TestName, acw: _Way, cw: _Way) -> Array:
-    """Slopes (GRID, 2, 6) in mm/rad of both gauges by each joint of the nominal arm, where it stood both ways."""
+    """Return the slopes (GRID, 2, 6) in mm/rad of both gauges by each joint of the nominal arm, at the positions of
+    both directions.
+    """
     circle = circle_of(rig)
-    # A robot that drives on stands turns apart between the ways, and from lap to lap: only the posture counts.
+    # A robot that drives on is turns apart between the directions, and from lap to lap: only the posture counts.
     cosine, sine = np.split(acw.heading + cw.heading, 2, axis=1)
     q = np.arctan2(sine, cosine)
     arm, centre = arm_of(rig.robot), frame_of(circle).centre

@@ -1,18 +1,17 @@
-"""Readings that no robot explains, of poses, touches and paths: the tracker lost its target, or the robot was
-elsewhere. They are left out and counted, and those that only look so are named.
+"""Poses, touches and path places that no robot explains: the tracker lost the target, or the robot was elsewhere. They
+are excluded and counted, and doubtful readings are reported.
 
-A place of exactly 0, 0, 0 is what instruments write without a target. Others are wild by `analysis.runs.noise.wild`, by
-their place or their turn beside an arm whose base and tool are fitted to the poses that are near; then by their place
-beside an arm of which all constants are fitted to these: what an arm by its nominal constants misses by half a
-millimetre hides a reading that is 2 mm wrong, and moves every constant by it.
+Instruments write a place of exactly 0, 0, 0 if there is no target. Other outliers are found by
+`analysis.runs.noise.wild` in three steps: by place or rotation relative to an arm with base and tool fitted to the near
+poses, then by place relative to an arm with all constants fitted to these. The last step is necessary because the error
+of an arm with nominal constants, half a millimetre, hides a reading that is 2 mm wrong and moves every constant.
 
-Along a path a tool goes smoothly: where it is follows from three places before, and from three behind. A spike lies off
-what both say, and they agree; at a corner, where a move begins and at a step at least one of them is right. Taken at
-distances of one to some places, spikes of as many places are seen. Beside spikes there is a beam that stood still while
-the tool went on.
+Along a path the tool moves smoothly: each place follows from the three places before and from the three after. A spike
+is far from both predictions, which agree; at a corner, a start and a step at least a single prediction is right.
+Distances of some places reveal spikes of as many places. A beam that stopped while the tool moved on is also found.
 
-So are places and rows that were written more than once: an instrument that sent its last place again, a file put
-together twice.
+Places and rows written more than once are found too: an instrument sending the last place again, or a file concatenated
+twice.
 """
 
 from __future__ import annotations
@@ -33,23 +32,26 @@ from rigs.rig import Rig
 from rigs.text import listed
 
 _STRIDES, _SMOOTH_S = (1, 2, 3, 5, 8), 0.016
-"""Distances of the places that a place is held against: spikes of up to eight are seen, as long as the path is smooth
-over that time. On a circle of 20 mm at 250 mm/s it turns by a fifth of a radian."""
+"""Distances between compared places: spikes of up to eight are visible if the path is smooth over that time. On a
+circle of 20 mm at 250 mm/s it turns by a fifth of a radian.
+"""
 _SPREADS, _AGREE = 10.0, 2.0
-"""A spike is so many robust standard deviations from where both sides have it, and so many times as far as these lie
-apart."""
+"""Minimum distance of a spike from both predictions in robust standard deviations, and in multiples of the
+difference between the predictions.
+"""
 _LEAST_MM = 0.1
-"""No tracker resolves so badly, and no spike below this changes a figure."""
+"""Smallest spike: no tracker has a coarser resolution, and a smaller spike changes no figure."""
 _ALIKE = 5
-"""So many equal places in a row are no motion, …"""
+"""Number of equal places in a row that exclude motion, …"""
 _CAUGHT_UP, _BEFORE, _AHEAD = 0.75, 20, 0.5
-"""… where the tool has gone on by this share of what its speed before would make; it moved where so many steps before
-lead ahead by that share of their length, and do not tremble about a place."""
+"""… if the tool has then moved by this share of the distance expected from the previous speed. It moved if this
+number of previous steps leads ahead by that share of their length, with no trembling about a place.
+"""
 
 
 @dataclass(frozen=True)
 class Places:
-    """Which places (n,) of a path are wild, by how much, mm (n,), and which repeat the one before."""
+    """Outliers (n,) of a path, their distances, mm (n,), and the places repeating the previous place."""
 
     wild: Mask
     away_mm: Array
@@ -57,7 +59,7 @@ class Places:
 
     @property
     def words(self) -> dict[str, str]:
-        """What a person should know, by `wild` and `repeated`; nothing where there are none."""
+        """Texts for the user, by `wild` and `repeated`; empty if there are none."""
         words = {}
         if count := int(self.wild.sum()):
             named = listed((np.flatnonzero(self.wild) + 1).tolist())
@@ -93,7 +95,7 @@ def places_of(table: PathTable) -> Places:
 
 
 def measured_places(table: PathTable) -> tuple[PathTable, list[str]]:
-    """Return a path without the places that were not measured, and what was left out, in words."""
+    """Return a path with the unmeasured places removed, and a text about the removed ones."""
     places = places_of(table)
     kept = ~(places.wild | places.repeated)
     notes = [f"{words}; left out" for words in places.words.values()]
@@ -101,7 +103,7 @@ def measured_places(table: PathTable) -> tuple[PathTable, list[str]]:
 
 
 def _wild(t_s: Array, xyz_mm: Array) -> tuple[Mask, Array]:
-    """Which places (n,) lie off the path beside them, and by how much, mm (n,)."""
+    """Return the outliers (n,) from the neighbouring path, and their distances, mm (n,)."""
     count = len(t_s)
     wild, away = np.zeros(count, dtype=bool), np.zeros(count)
     step_s = float(np.median(np.diff(t_s))) if count > 1 else 0.0
@@ -125,17 +127,18 @@ def _wild(t_s: Array, xyz_mm: Array) -> tuple[Mask, Array]:
 
 
 _LEAST_RAD = 0.001
-"""The least that a turn counts as a standard deviation: ten times what trackers resolve."""
+"""Lower limit of the standard deviation of a rotation: ten times the resolution of trackers."""
 _KEPT = 6
 """Poses that fit base and tool; the nearest of fewer would fit anything."""
 Fit = Callable[[PoseTable, PoseTable], tuple[Array, Array | None]]
-"""Errors of place (n, 3) mm and of turn (n, 3) rad of the second table's poses, beside base and tool fitted to those of
-the first."""
+"""Errors of place (n, 3) mm and of rotation (n, 3) rad of the second table's poses, with base and tool fitted to the
+first table.
+"""
 
 
 @dataclass(frozen=True)
 class Kept:
-    """A table without lost poses; rows (m,): the places of those kept in the table given. notes: in words."""
+    """A table with lost poses removed; rows (m,): indices of the remaining rows in the original table. notes: texts."""
 
     table: PoseTable
     rows: Integers
@@ -144,8 +147,9 @@ class Kept:
 
 @dataclass(frozen=True)
 class Far:
-    """Poses (n,) far from where the arm was, by how much, in mm (n,), and whether these are accidents of an instrument,
-    which are left out, and not what the arm or its labels show."""
+    """Poses (n,) far from the arm, their distances in mm (n,), and whether they are accidents of an instrument,
+    which are excluded, or errors of the arm or of the labels, which are not.
+    """
 
     far: Mask
     far_mm: Array
@@ -157,7 +161,7 @@ class Far:
         return self.far if self.by_accident else np.zeros_like(self.far)
 
     def words(self, table: Table) -> str:
-        """What a person should know of rows that are far and not left out, empty where there are none."""
+        """Text for the user about distant rows that are not excluded, empty if there are none."""
         if self.by_accident or not self.far.any():
             return ""
         fact = f"{self.far.sum()} of {len(self.far)} {table.kind.rows_called} lie far from where the arm was"
@@ -169,8 +173,9 @@ class Far:
 
 
 def far_poses(table: PoseTable, bare: Arm, fit: Fit | None = None) -> Far:
-    """Return which poses with a place lie far from all others beside an arm; fit: of places and turns, places alone
-    where none is given. Rows of 0, 0, 0 are no places, and not far."""
+    """Return the poses whose place is far from all others relative to an arm; fit: of places and rotations, of
+    places alone if absent. Rows of 0, 0, 0 are no places, and not far.
+    """
     lost = (table.xyz_mm == 0).all(axis=1)
     count = len(lost) - int(lost.sum())
     far, far_mm = np.zeros(len(lost), dtype=bool), np.zeros(len(lost))
@@ -202,8 +207,9 @@ def far_poses(table: PoseTable, bare: Arm, fit: Fit | None = None) -> Far:
 
 
 def _beside_fitted(seen: PoseTable, bare: Arm, mm: Array, far: Mask) -> tuple[Array, Mask]:
-    """Distances (n,) mm from an arm with all constants fitted to the poses that are near, and which (n,) are far; as
-    they were where the poses are too few for that."""
+    """Return distances (n,) mm from an arm with all constants fitted to the near poses, and the distant poses (n,);
+    unchanged if the poses are too few.
+    """
     near = ~far
     for _ in range(STEPS):
         those = np.flatnonzero(near)
@@ -220,7 +226,7 @@ def _beside_fitted(seen: PoseTable, bare: Arm, mm: Array, far: Mask) -> tuple[Ar
 
 
 def without_lost(table: PoseTable, bare: Arm, fit: Fit) -> Kept:
-    """Return a table without the poses that were not measured, by places and turns beside a bare arm."""
+    """Return a table with the unmeasured poses removed, by places and rotations relative to a bare arm."""
     far = far_poses(table, bare, fit)
     out = (table.xyz_mm == 0).all(axis=1) | far.wild
     if out.all():
@@ -240,7 +246,7 @@ def _of(table: PoseTable, mask: Mask) -> PoseTable:
 
 
 def far_touches(table: TouchTable, T: Array) -> Far:
-    """Return which touches lie far from all others of their socket, at tool poses T (n, 4, 4) mm of the arm."""
+    """Return the touches far from all others of their socket, at tool poses T (n, 4, 4) mm of the arm."""
     names, socket = np.unique(table.socket, return_inverse=True)
     design, seen = socket_design(T, socket.ravel(), len(names)), -T[:, :3, 3].ravel()
 
@@ -257,7 +263,7 @@ def far_touches(table: TouchTable, T: Array) -> Far:
 
 
 def left_out(table: Table, out: Mask, far_mm: Array) -> str:
-    """Return which poses (n,) were left out, and how far (n,) mm they are from the arm."""
+    """Return a text about the excluded poses (n,) and their distances (n,) mm from the arm."""
     rows = np.sort(table.rows[out]).tolist()
     shown = listed(rows)
     far = _length(far_mm[out].max())
@@ -275,7 +281,7 @@ WILDNESS = "wildness"
 
 
 def wild_touches(table: TouchTable, rig: Rig) -> Iterator[Finding]:
-    """Which touches lie far from all others of their socket."""
+    """Yield findings about touches far from all others of their socket."""
     far = far_touches(table, forward(arm_of(rig.robot), table.q))
     if far.wild.any():
         fact, remedy = left_out(table, far.wild, far.far_mm).rsplit("; ", 1)
@@ -283,8 +289,9 @@ def wild_touches(table: TouchTable, rig: Rig) -> Iterator[Finding]:
 
 
 def wild_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
-    """Which rows of poses have the place of an instrument that lost its target, or lie far from where the arm was
-    (`analysis.procedures.checks.lost_poses`)."""
+    """Yield findings about rows of poses recorded with a lost target, or far from the arm
+    (`analysis.procedures.checks.lost_poses`).
+    """
     lost = (table.xyz_mm == 0).all(axis=1)
     if lost.any():
         rows = listed(table.rows[lost].tolist())
@@ -297,14 +304,14 @@ def wild_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
     if words := two_placings(_of(table, ~(lost | far.wild)), bare):
         remedy = "give each placing in a file of its own, a run each"
         yield Finding(WILDNESS, "likely", ("x_mm", "y_mm", "z_mm"), "two placings", words, remedy)
-    if far.far.any() and (far.by_accident or not words):  # so many are far since something was moved
+    if far.far.any() and (far.by_accident or not words):  # too many for accidents: something was moved
         fact = left_out(table, far.wild, far.far_mm) if far.by_accident else far.words(table)
         fact, remedy = fact.rsplit("; ", 1)
         yield Finding(WILDNESS, "likely", ("x_mm", "y_mm", "z_mm"), "no measurement", fact, remedy)
 
 
 def wild_places(table: PathTable, rig: Rig) -> Iterator[Finding]:
-    """Which places of a path lie off the path beside them."""
+    """Yield findings about places far from the neighbouring path."""
     del rig
     if "wild" in (words := places_of(table).words):
         remedy = "check that nothing crossed the beam; an analysis leaves them out"
@@ -313,11 +320,11 @@ def wild_places(table: PathTable, rig: Rig) -> Iterator[Finding]:
 
 DUPLICATES = "duplicates"
 _ELSEWHERE_MM = 1.0
-"""A flange that moved so far took the target with it, unless that lies on the axis of the turn."""
+"""A flange moving this distance also moves the target, unless the target is on the axis of rotation."""
 _FINE_MM = 2e-3
-"""Places of so fine a step differ from visit to visit: robots repeat to 0.01 mm."""
+"""Places with a resolution this fine differ from visit to visit: robots repeat to 0.01 mm."""
 _SEVERAL = 3
-"""So many rows with six equal angles and the same place to the last digit are no accident."""
+"""Number of rows with six equal angles and the same place to the last digit that is no accident."""
 
 
 def duplicate_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
@@ -341,14 +348,14 @@ def duplicate_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
             yield Finding(DUPLICATES, "likely", ("x_mm", "y_mm", "z_mm"), "a place sent again", fact, remedy)
         elif (table.q[alike] == table.q[alike][0]).all():
             copied += int(alike.sum()) - 1
-    steps_mm = np.diff(np.unique(table.xyz_mm[:, 0]))  # how finely places are written
+    steps_mm = np.diff(np.unique(table.xyz_mm[:, 0]))  # resolution of the written places
     if copied >= _SEVERAL and steps_mm.min(initial=1.0) < _FINE_MM:
         fact = f"{copied} rows repeat the angles and the place of an earlier one to the last digit, as no visit does"
         yield Finding(DUPLICATES, "likely", (), "rows written twice", fact, "remove the copies")
 
 
 def repeated_places(table: PathTable, rig: Rig) -> Iterator[Finding]:
-    """Which places of a path repeat the one before though the tool went on."""
+    """Yield findings about path places repeating the previous place although the tool moved."""
     del rig
     if "repeated" in (words := places_of(table).words):
         remedy = "an analysis leaves them out; have the instrument write no place while it has none"

@@ -1,11 +1,11 @@
-"""The joint columns as labelled against every other way in which they may have been meant.
+"""The joint columns as labelled, compared with every other possible meaning.
 
-Poses: base and tool are fitted to the nearest four fifths for each meaning, and what is left is compared. A wrong
-meaning leaves centimetres, an arm by its nominal constants millimetres. Circles and targets: the program put the tool
-on a path that the rig file states, and only the right meaning does.
+Poses: base and tool are fitted to the nearest four fifths for each meaning, and the residuals are compared. A wrong
+meaning leaves centimetres, an arm with nominal constants millimetres. Circles and targets: the program put the tool on
+a path stated by the rig file, and only the right meaning does the same.
 
-Each other way is one mistake of a person or a program: axis 3 counted from the horizontal or from axis 2; an axis that
-counts the other way; two columns exchanged; a zero elsewhere.
+Each other meaning is a single mistake of a user or a program: axis 3 counted from the horizontal or from axis 2; an
+inverted axis; two exchanged columns; another zero.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from analysis.runs.tables import Table
 from rigs.rig import Rig
 
 _ZEROS_DEG = (90.0, -90.0, 180.0)
-"""Where people and makers put another zero: a quarter or half a turn away."""
+"""Other zeros used in practice: a quarter or half a turn away."""
 
 
 @dataclass(frozen=True)
 class Meaning:
-    """Joint columns read in another way: q (n, axes) as labelled to q = q M' + c, with M (axes, axes), c (axes,) rad.
+    """Other reading of joint columns: q (n, axes) as labelled to q = q M' + c, with M (axes, axes), c (axes,) rad.
 
-    words: what is read in place of what is labelled; remedy: what to do if it is right.
+    words: the meaning in place of the label; remedy: the action if it is right.
     """
 
     columns: tuple[str, ...]
@@ -47,7 +47,7 @@ class Meaning:
 
 
 def meanings(axes: int) -> list[Meaning]:
-    """Return every other way in which the columns of so many joints may have been meant."""
+    """Return all other possible meanings of the columns of this number of joints."""
     ways = []
     for sign, word in ((1.0, "+"), (-1.0, "-")):
         matrix = np.eye(axes)
@@ -78,20 +78,24 @@ def _meaning(axes: tuple[int, ...], words: str, remedy: str, matrix: Array, offs
 
 JOINTS = "joints"
 FEWEST = 12
-"""Poses from which on a meaning is judged: nine unknowns, and as many readings again that are not fitted."""
+"""Smallest number of poses for judging a meaning: nine unknowns, and as many redundant readings."""
 _SCREENED, _JUDGED = 80, 300
 """Poses by which meanings are screened, and by which the best few are judged; more would show no more."""
 _STEPS, _BEST = 8, 6
-"""Steps of a fit while meanings are screened, and how many of them are then fitted to the end."""
+"""Steps of a fit while meanings are screened, and number of meanings then fitted to the end."""
 _KEPT = 0.8
 """Share of the poses, the nearest, that is fitted and compared: lost points move no base."""
 _ROUNDS = 3
 _NOTHING_MM = 1e-3
-"""Below a micrometre the labels are right: what is left are rounded digits, which any meaning may fit better."""
+"""Residual below which the labels are right: below a micrometre it is rounded digits, which any meaning may fit
+better.
+"""
 RIGHT_MM = 10.0
-"""An arm by its nominal constants errs by some mm; what leaves more is not right either."""
+"""Largest residual of a right meaning: an arm with nominal constants errs by some mm."""
 RIGHT_SHARE = 0.02
-"""Share of the places' spread: an arm of one metre leaves some thousandths; what hardly moves would leave little mm."""
+"""Largest residual of a right meaning as a share of the spread of the places: an arm of a metre leaves some
+thousandths; places that hardly move would always leave few mm.
+"""
 CLEARLY = 4.0
 """Factor by which a meaning must fit better. The constants of a real arm, all free, gained 2.6 (UR10); a meaning has no
 unknown."""
@@ -100,12 +104,12 @@ AS_WELL = 1.5
 _ARM_MM = 100.0
 """Distance at which a turn counts as a length."""
 _ROWS = 2000
-"""Rows of a circle that show its path."""
+"""Rows of a circle that show the path."""
 
 
 @dataclass(frozen=True)
 class _Judged:
-    """What a meaning leaves, rms in mm of `values` readings that no unknown absorbs."""
+    """Residual of a meaning, rms in mm of `values` redundant readings."""
 
     meaning: Meaning
     left_mm: float
@@ -113,12 +117,13 @@ class _Judged:
 
 
 Verdict = tuple[_Judged | None, float, list[_Judged]]
-"""The meaning that fits where the labelled one does not, None without one; what the labelled one leaves, rms mm; and
-those that fit as well as the best."""
+"""The meaning that fits although the labelled meaning does not, None if there is none; the residual of the labelled
+meaning, rms mm; and the meanings that fit as well as the best.
+"""
 
 
 def joint_findings(table: Table, rig: Rig) -> Iterator[Finding]:
-    """What speaks against the labels of the joint columns of a table: their order, signs, zeros or coupling."""
+    """Yield findings against the labels of the joint columns of a table: their order, signs, zeros or coupling."""
     if table.kind.cannot_tell(table, rig):
         return
     best, as_labelled, as_good = table.kind.judged_joints(table, rig)
@@ -144,7 +149,9 @@ def joint_findings(table: Table, rig: Rig) -> Iterator[Finding]:
 
 
 def _far_off(table: Table, left_mm: float) -> Iterator[Finding]:
-    """Whether places of a tracker leave more, rms mm, than the nominal constants of an arm do, in every reading."""
+    """Yield a finding if places of a tracker leave more, rms mm, than the nominal constants of an arm, in every
+    meaning.
+    """
     if not table.kind.of_tracker:
         return
     places = table.kind.readings(table)
@@ -216,13 +223,16 @@ def _decided(judged: Sequence[_Judged], as_labelled: float, right_mm: float) -> 
 
 
 def left_mm(bare: Arm, q: Array, xyz_mm: Array, steps: int, rpy: Array | None = None) -> float:
-    """What the nearest of places xyz_mm (n, 3) leave, rms mm, with base and tool fitted to them, at joints q (n, axes)
-    rad; each turn of rpy (n, 3) rad counts as a length beside it."""
+    """Return the residual of the nearest of places xyz_mm (n, 3), rms mm, with base and tool fitted to them, at
+    joints q (n, axes) rad; each rotation of rpy (n, 3) rad is included as a length.
+    """
     return fit_nearest(bare, q, xyz_mm, steps, rpy)[0]
 
 
 def fit_nearest(bare: Arm, q: Array, xyz_mm: Array, steps: int, rpy: Array | None = None) -> tuple[float, PoseSetUp]:
-    """What the nearest of places xyz_mm (n, 3) leave, as `left_mm`, and the base and tool that are fitted to them."""
+    """Return the residual of the nearest of places xyz_mm (n, 3), as `left_mm`, and the base and tool fitted to
+    them.
+    """
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
     T = forward(bare, q)
@@ -232,7 +242,7 @@ def fit_nearest(bare: Arm, q: Array, xyz_mm: Array, steps: int, rpy: Array | Non
         setup = fit_setup(T[kept], xyz_mm[kept], steps)
         distance = np.linalg.norm(position_error(T, xyz_mm, setup), axis=1)
         if rpy is not None:
-            # Turns seen beside those of the arm, on a tool whose turn is the mean of the kept ones.
+            # Measured rotations compared with those of the arm, on a tool with the mean rotation of the near ones.
             seen = Rotation.from_matrix(setup.T_world_base[:3, :3]).inv() * Rotation.from_euler("xyz", rpy)
             arm = Rotation.from_matrix(T[:, :3, :3])
             tool = (arm[kept].inv() * seen[kept]).mean()

@@ -1,15 +1,15 @@
-"""Whether a table was measured where and as fast as its rig file says, in one place, and by an instrument.
+"""Checks of place, speed and instrument of a table against the rig file.
 
-- By the nominal arm, and whatever the gauges say, the robot is on the path of its test: the arm errs by some mm, and a
-  cell is seldom where its file says to much better than 20 mm.
-- Several readings of one stand that were given as so many visits count by their means, and it is said.
-- Places that the controller computed from its joints, by its own constants, say nothing of where the arm was. Two
-  things prove it, whatever a column or a topic is called. No reflector sits in the middle of the flange's face while
-  the instrument's frame is the arm's base. And no instrument and no robot repeat to the last digit: places that the
-  arm's constants, all free, explain closer than that were computed.
-- A target or an instrument that was moved during the run. Beside an arm with all constants fitted, what remains is
-  noise and the little that constants do not explain. Where the rows from some row on, or every other row, are given a
-  placing of their own and far less remains, something was moved.
+- By the nominal arm, and regardless of the gauges, the robot is on the path of the test: the arm errs by some mm, and a
+cell is seldom within 20 mm of the place in the rig file.
+- Several readings of the same standstill, given as separate visits, count by their means, and the user gets a message.
+- Places that the controller computed from the joints with its constants contain no information about the arm. Two facts
+prove this, whatever the name of a column or topic. No reflector is in the middle of the flange face while the frame
+of the instrument is the base of the arm. And no instrument and no robot repeat to the last digit: places explained
+more closely by the arm's constants, all free, were computed.
+- Target or instrument moved during the run. With all constants of the arm fitted, the residual is noise and a little
+unmodelled error. If a separate placement for the rows from some row on, or for every other row, leaves a far smaller
+residual, something was moved.
 """
 
 from __future__ import annotations
@@ -42,21 +42,23 @@ from rigs.schema.declared_tests import Circle, Hemisphere
 from rigs.text import counted
 
 _FEWEST_ROWS, _SPLITS = 4, 24
-"""Rows of a part, of which the nine unknowns of a placing leave three readings, and how many are tried as its first."""
+"""Rows of a part (the nine unknowns of a placement leave three readings), and number of rows tried as the first."""
 SPARE, FITTED = 30, 300
-"""Readings beyond the unknowns without which a fit of all constants shows nothing, and poses that are enough for it."""
+"""Minimum redundant readings for a fit of all constants, and poses that are sufficient."""
 _SHARE, _SHARE_OF_FEW = 0.6, 0.3
-"""Share of what remains that a second placing has to leave at most, and of fewer rows or readings to spare than these
-two. Of a UR10 and a UR5, measured over hours, the best of all splits leaves 0.86 and more of 30 to 1495 poses in their
-order; of 272 sets of 20 to 40 poses, every split tried, 0.51 and more."""
+"""Largest share of the residual remaining after a second placement, and with fewer rows or redundant readings than
+these two. Of a UR10 and a UR5, measured over hours, the best of all splits leaves 0.86 and more of 30 to 1495
+poses in their order; of 272 sets of 20 to 40 poses, every split tried, 0.51 and more.
+"""
 _MANY_ROWS, _MANY_SPARE = 8, 120
 _LEAST_MM = 0.05
-"""Below what the noise of a tracker is, nothing was moved."""
+"""Residual below which nothing was moved: below the noise of trackers."""
 
 
 def two_placings(table: PoseTable, bare: Arm) -> str:
-    """Return which rows were measured with target or instrument elsewhere than the others, in words; empty where none
-    were, or the poses are too few to show it."""
+    """Return the rows measured with target or instrument elsewhere than in the others, in words; empty if there are
+    none, or the poses are too few.
+    """
     count = len(table.q)
     chosen = np.unique(np.linspace(0, count - 1, min(FITTED, count)).astype(int))
     if count < 2 * _FEWEST_ROWS:
@@ -80,8 +82,9 @@ def two_placings(table: PoseTable, bare: Arm) -> str:
 
 
 def _parts(rows: Array, left_mm: Callable[[Mask], float]) -> Iterator[tuple[Mask, str]]:
-    """Rows that may have a placing of their own, with how they are called: those from the row on at which least
-    remains, of a few tried and then of those beside it, and every other row where there are enough."""
+    """Yield rows that may have a separate placement, with their description: rows from the split with the smallest
+    residual, from a few tried splits and then their neighbours, and every other row if there are enough.
+    """
     place, last = np.arange(len(rows)), len(rows) - _FEWEST_ROWS
     tried = np.unique(np.linspace(_FEWEST_ROWS, last, _SPLITS).astype(int)).tolist()
     near, step = min(tried, key=lambda first: left_mm(place >= first)), last // _SPLITS
@@ -93,8 +96,9 @@ def _parts(rows: Array, left_mm: Callable[[Mask], float]) -> Iterator[tuple[Mask
 
 
 def _left_mm(fitted: FittedArm, T: Array, part: Mask) -> float:
-    """What is left, rms mm corrected for the unknowns, where a part of the tool poses T (n, 4, 4) is shifted, turned
-    and has its target elsewhere, the constants fitted beside it."""
+    """Return the residual, rms mm corrected for the unknowns, of a fit of the constants in which part of the tool
+    poses T (n, 4, 4) is shifted and rotated and has another target offset.
+    """
     p = (T[:, :3, 3] - T[:, :3, 3].mean(axis=0)) / 1000.0
     (x, y, z), zero = p.T, np.zeros(len(p))
     turned = np.stack([zero, z, -y, -z, zero, x, y, -x, zero], axis=1).reshape(-1, 3, 3)
@@ -108,14 +112,16 @@ def _left_mm(fitted: FittedArm, T: Array, part: Mask) -> float:
 STAMPS, PLACE = "stamps", "place"
 _NEAR_MM = 20.0
 _ROWS = 5000
-"""So many rows are enough to see how fast a circle was driven."""
+"""Number of rows sufficient to estimate the speed along a circle."""
 _UNITS_S = {"ms": 1e-3, "µs": 1e-6, "ns": 1e-9}
 _OFF = 3.2
-"""A speed within so many times of a unit's is taken as off by that unit: a circle is never driven at such a speed."""
+"""Factor within which a speed counts as wrong by a unit: a circle is never driven at such a speed."""
 
 
 def stamp_findings(table: CircleTable, rig: Rig) -> Iterator[Finding]:
-    """Whether the mean speed along the circle is off by a unit. Stamps that go back are refused where they are read."""
+    """Yield a finding if the mean speed along the circle is wrong by a unit. Decreasing timestamps are refused on
+    reading.
+    """
     circle = rig.tests.circle
     if circle is None:
         return
@@ -124,7 +130,7 @@ def stamp_findings(table: CircleTable, rig: Rig) -> Iterator[Finding]:
     seconds = float(np.ptp(table.t_s))
     if seconds == 0:
         return
-    driven_rad = float(np.abs(np.diff(np.unwrap(phi))).sum())  # laps and the ways back between them
+    driven_rad = float(np.abs(np.diff(np.unwrap(phi))).sum())  # laps and the return paths between them
     share = driven_rad * circle.radius_mm / seconds / circle.speed_mm_s
     fact = f"the circle was driven at {share:.2g} times the speed_mm_s of the rig file"
     for unit, unit_s in _UNITS_S.items():
@@ -135,7 +141,7 @@ def stamp_findings(table: CircleTable, rig: Rig) -> Iterator[Finding]:
 
 
 def place_findings(table: Table, rig: Rig) -> Iterator[Finding]:
-    """The first reading that the nominal arm takes elsewhere than to its target."""
+    """Yield the first reading that the nominal arm puts elsewhere than at the target."""
     places = table.kind.targets(table, rig)
     if places is None:
         return
@@ -155,7 +161,7 @@ STANDS = "stands"
 
 
 def stand_findings(run: Measured) -> Iterator[Finding]:
-    """How many rows of an imported run were several readings of one stand."""
+    """Yield a finding with the number of rows of an imported run that were several readings of a standstill."""
     manifest, table = run.run.manifest, run.run.table
     if table is None or run.table.kind.swept:
         return
@@ -174,18 +180,19 @@ def stand_findings(run: Measured) -> Iterator[Finding]:
 
 SOURCE = "source"
 OF_CONTROLLER = "rig arms NAME --poses TABLE -o arm.yaml reads its calibration out of them"
-"""What such places are good for."""
+"""Possible use of such places."""
 NO_INSTRUMENT_MM = 0.008
 """Digits of 0.01 mm leave 0.005 mm; the best trackers state 0.010 mm and more (Leica AT960: 15 µm + 6 µm/m), and arms
 repeat to 0.01 mm."""
 _BASE_MM, _BASE_RAD, _FLANGE_MM = 3.0, float(np.radians(0.3)), 2.0
-"""How well frame and target are known by an arm's nominal constants: the calibrations of sound arms move them by so
-much. The smallest reflectors are balls of 12.7 mm on a nest."""
+"""Uncertainty of frame and target with the nominal constants of an arm: calibrations of sound arms move them by
+these amounts. The smallest reflectors are balls of 12.7 mm on a nest.
+"""
 _POSES = 150
 
 
 def source_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
-    """Whether the places of poses were computed, not measured."""
+    """Yield a finding if the places of poses were computed, not measured."""
     if table.rail:
         return
     measured = np.flatnonzero((table.xyz_mm != 0).any(axis=1))
@@ -223,18 +230,20 @@ def source_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
 
 _ON_PATH = 0.03
 _ON_TRACK = 0.3
-"""The rig file may know nothing of the tracker's target, so that its places fit roughly only."""
+"""The rig file may not contain the target of the tracker; the places then fit roughly only."""
 _IN_SOCKET = 0.1
-"""Arms as they were built leave up to 0.04 of how far the tool moves (the Pandas of MUKCa); joints in another unit 0.3
-and more, since no ball stays anywhere."""
+"""Uncalibrated arms leave up to 0.04 of the tool's travel (the Pandas of MUKCa); joints in another unit 0.3 and
+more, since no ball remains in place.
+"""
 _UPRIGHT = 0.3
-"""Radians by which the tool may be turned from what the test prescribes; a joint read wrongly turns it by more."""
+"""Radians by which the tool may deviate from the orientation of the test; a misread joint causes more."""
 
 
 @dataclass(frozen=True)
 class Off:
-    """off_mm: distance from the path at the median; off: the same in shares of its size; on: whether that is as good as
-    on it, and the tool turned as the test prescribes."""
+    """off_mm: median distance from the path; off: the same as a share of the path size; on: whether this counts as
+    on the path, with the tool oriented as the test prescribes.
+    """
 
     off_mm: float
     off: float
@@ -242,7 +251,9 @@ class Off:
 
 
 def off_sockets(T: Array, socket: NDArray[np.str_]) -> Off | None:
-    """How far the ball is from its sockets at tool poses T (n, 4, 4), wherever these and the ball on the tool are."""
+    """Return the distance of the ball from the sockets at tool poses T (n, 4, 4), for any position of sockets and
+    ball.
+    """
     size = float(np.linalg.norm(T[:, :3, 3] - T[:, :3, 3].mean(axis=0), axis=1).mean())
     if size <= 0:
         return None
@@ -251,7 +262,9 @@ def off_sockets(T: Array, socket: NDArray[np.str_]) -> Off | None:
 
 
 def off_places(T: Array, xyz_mm: Array) -> Off | None:
-    """How much farther or less far tool poses T (n, 4, 4) lie apart than places that were seen, xyz_mm (n, 3)."""
+    """Return the difference between the mutual distances of tool poses T (n, 4, 4) and of measured places xyz_mm (n,
+    3).
+    """
     rows = far_rows(xyz_mm)
     size = float(np.median(steps(xyz_mm, rows)))
     if size <= 0:
@@ -261,8 +274,9 @@ def off_places(T: Array, xyz_mm: Array) -> Off | None:
 
 
 def off_circle(T: Array, circle: Circle) -> Off:
-    """How far tool poses T (n, 4, 4) lie from a circle. The tool points to the ball with its x axis along the circle's
-    normal; turned otherwise it is off by an arc."""
+    """Return the distance of tool poses T (n, 4, 4) from a circle. The x axis of the tool points to the ball along
+    the normal of the circle; in another orientation the distance is an arc.
+    """
     frame = frame_of(circle)
     from_centre = T[:, :3, 3] - frame.centre
     radial = np.abs(np.linalg.norm(from_centre, axis=1) - circle.radius_mm)
@@ -275,7 +289,9 @@ def off_circle(T: Array, circle: Circle) -> Off:
 
 
 def off_targets(T: Array, targets: Array | None, hemisphere: Hemisphere) -> Off:
-    """How far tool poses T (n, 4, 4) lie from their targets (n, 3) mm, or where these are unknown from the sphere."""
+    """Return the distance of tool poses T (n, 4, 4) from their targets (n, 3) mm, or from the sphere if these are
+    unknown.
+    """
     frame, places = hemisphere_frame(hemisphere), T[:, :3, 3]
     away = np.abs(np.linalg.norm(places - frame.centre, axis=1) - frame.radius)
     off_mm = float(np.median(away if targets is None else np.linalg.norm(places - targets, axis=1)))
@@ -283,15 +299,15 @@ def off_targets(T: Array, targets: Array | None, hemisphere: Hemisphere) -> Off:
 
 
 def far_rows(places: Array) -> int:
-    """How many rows apart places (n, 3) lie farthest from one another, of a few distances in the table.
+    """Return the row distance at which places (n, 3) differ most, from a few distances in the table.
 
-    Half a table on may be the same place again, where all poses are driven twice, and one row on, where each is
-    measured several times at once.
+    Half a table later the place may be the same if all poses are driven twice, and a row later if each is measured
+    several times at once.
     """
     n = len(places)
     return max((n // 2, n // 3, n // 5, 1), key=lambda rows: float(np.median(steps(places, rows))))
 
 
 def steps(places: Array, rows: int) -> Array:
-    """Distance of each place (n, 3) from that so many rows before it: the same in every frame. (n,) mm."""
+    """Distance of each place (n, 3) from the place `rows` rows before: the same in every frame. (n,) mm."""
     return np.asarray(np.linalg.norm(places - np.roll(places, rows, axis=0), axis=1))

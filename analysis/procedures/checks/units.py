@@ -1,14 +1,14 @@
-"""Units taken by mistake, where the rig and the data together prove it.
+"""Wrong units, reported only if the rig and the data together prove them.
 
-Nothing here is a matter of taste: a claim needs data that are impossible as labelled and right as claimed.
-What is only unlikely is a doubt; what cannot be detected is accepted.
+A claim requires data that are impossible as labelled and right as claimed. An unlikely label causes a doubt only; an
+undetectable error is accepted.
 
-The two gauges on a circle show their unit of one another: at circle angle phi their mean is R - e_u cos(phi) - e_v
-sin(phi) for an eccentricity e, and each gauge sees the same e in yaw and roll alike.
+The two gauges on a circle reveal the unit of each other: at circle angle phi their mean is R - e_u cos(phi) - e_v
+sin(phi) for an eccentricity e, and each gauge sees the same e in yaw and roll.
 
-A tracker's places and angles, their units and order, are held against the robot's own motion, whatever the frames; so
-is where a rail stood. Places in a left-handed frame are a tracker's export with one axis turned round, which no rigid
-frame makes right.
+Places and angles of a tracker, their units and order, are compared with the motion of the robot, in any frame; the
+position of a rail likewise. Places in a left-handed frame come from a tracker export with an inverted axis, which no
+rigid frame corrects.
 """
 
 from __future__ import annotations
@@ -30,17 +30,17 @@ from rigs.schema.modbus import ValueRegister
 from rigs.signedness import unsigned_readings
 
 _ECCENTRIC_MM = 0.2
-"""A smaller eccentricity may differ between the two by the robot's own errors."""
+"""A smaller eccentricity may differ between the two by the errors of the robot."""
 _LIKE_STATED = 0.3
 """Robots of 0.1 mm make the eccentricity differ from the stated one by less than this share; units, by 25 times it."""
 _AS_FAR = 2.0
-"""Gauges in one unit travel as far as one another within this factor, and 25 times as far in two."""
+"""Gauges in the same unit have equal travel within this factor, and a ratio of 25 in two units."""
 FACTORS = {"inches": 1 / 25.4, "µm": 1000.0}
-"""What a length in mm reads in another unit."""
+"""Factor from a length in mm to another unit."""
 
 
 def circle_gauges(table: CircleTable, rig: Rig, T: Array) -> Iterator[tuple[str, str]]:
-    """What is wrong with the gauges of a circle driven through nominal tool poses T (n, 4, 4), and what to do."""
+    """Yield the faults of the gauges of a circle driven through nominal tool poses T (n, 4, 4), each with a remedy."""
     circle = rig.tests.circle
     if circle is None:
         return
@@ -53,11 +53,11 @@ def circle_gauges(table: CircleTable, rig: Rig, T: Array) -> Iterator[tuple[str,
     phi = frame.angle(T[:, :3, 3])
     if np.ptp(phi) < 2 * np.pi * 0.9 or len(phi) < 12:
         return
-    # The eccentricity along phi = 0° and 90° that each gauge shows, turned in a yaw test by w/R to either side.
+    # Eccentricity along phi = 0° and 90° by each gauge, turned in a yaw test by w/R to either side.
     design = np.stack([np.ones_like(phi), np.cos(phi), np.sin(phi)], axis=1)
     waves: Array = -np.linalg.lstsq(design, table.g_mm, rcond=None)[0][1:].T
-    # Both gauges follow the one ball, and so see waves of the same size that point to the same side, and travel as far:
-    # errors of a robot may cancel the wave of one gauge, but not what else it shows.
+    # Both gauges follow the same ball. They therefore see waves of the same size and direction, and have equal travel.
+    # Errors of a robot may cancel the wave of a gauge, but not the rest of the reading.
     low, high = np.quantile(table.g_mm, [0.05, 0.95], axis=0)  # a chip under a probe is no travel
     travel, size = high - low, np.linalg.norm(waves, axis=1)
     seen = size.min() > 0 and size.max() >= _ECCENTRIC_MM and waves[0] @ waves[1] >= 0
@@ -67,7 +67,7 @@ def circle_gauges(table: CircleTable, rig: Rig, T: Array) -> Iterator[tuple[str,
         if abs(ratio / factor - 1) < 0.1 and as_far:
             fact = f"g{k + 1}_mm is in {unit}: its wave over the circle is {ratio:.3g} times the other gauge's"
             yield fact, "convert it to mm"
-    # Where the rig file states the eccentricity: the data show the same one, in another unit.
+    # If the rig file states the eccentricity: the data show the same, in another unit.
     stated_mm = np.array([np.dot(circle.eccentricity_mm, frame.u), np.dot(circle.eccentricity_mm, frame.v)])
     size_mm = float(np.linalg.norm(stated_mm))
     for unit, factor in FACTORS.items() if size_mm >= _ECCENTRIC_MM else ():
@@ -77,7 +77,7 @@ def circle_gauges(table: CircleTable, rig: Rig, T: Array) -> Iterator[tuple[str,
 
 
 def too_far(name: str, reading: Array, radius_mm: float) -> Iterator[tuple[str, str]]:
-    """What is wrong, and the remedy, if a reading (n,) mm travels further than the radius: a link cannot."""
+    """Yield the fault and the remedy if a reading (n,) mm travels further than the radius: a link cannot."""
     travel = float(np.ptp(reading))
     if travel > radius_mm:
         fact = f"{name} travels {travel:.4g} mm on a radius of {radius_mm:g} mm, which is impossible for a link"
@@ -85,19 +85,21 @@ def too_far(name: str, reading: Array, radius_mm: float) -> Iterator[tuple[str, 
 
 
 _OF_TRACKERS = {"m": 1e-3, "cm": 0.1}
-"""Units of trackers beside those of gauges: what a length in mm reads in them."""
+"""Units of trackers in addition to the units of gauges: factor from a length in mm."""
 _TAKEN_FOR = {"inches": 25.4, "cm": 10.0}
-"""What a length in mm reads that was taken for one in another unit, as by a map; in m it reads as one in µm."""
+"""Factor of a length in mm mistaken for a length in another unit, for example by a map; in m it looks like µm."""
 _ABOUT = 0.3
-"""The rig file may know nothing of the tracker's target, so that distances are alike roughly only."""
+"""The rig file may not contain the target of the tracker; distances then agree roughly only."""
 _SAME_TURN_RAD = 0.01
 """Between poses, a tracker and the robot agree on the angle turned to this at the median; …"""
 _FARTHER = 8.0
-"""… and one way to read the angles is wrong where it is further off than this, and than another by this factor."""
+"""… and an angle convention is wrong if the distance exceeds this limit, and that of another convention by this
+factor.
+"""
 
 
 def tracker(table: PoseTable, T: Array) -> Iterator[tuple[str, str]]:
-    """What is wrong with the units of a tracker beside nominal tool poses T (n, 4, 4), and what to do."""
+    """Yield the faults in the units of a tracker compared with nominal tool poses T (n, 4, 4), each with a remedy."""
     rows = far_rows(table.xyz_mm)
     robot_step, seen = (float(np.median(steps(places, rows))) for places in (T[:, :3, 3], table.xyz_mm))
     for unit, factor in {**FACTORS, **_OF_TRACKERS}.items():
@@ -112,7 +114,7 @@ def tracker(table: PoseTable, T: Array) -> Iterator[tuple[str, str]]:
         return
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
-    # How far the robot's turns are from those of the angles as read, and of the other units and orders that may be.
+    # Distance of the robot's rotations from the angles as read, and from other possible units and orders.
     turned, rpy = _turns(T[:, :3, :3], rows), table.rpy
     turns = (
         _turns(Rotation.from_euler(order, angles).as_matrix(), rows)
@@ -128,26 +130,26 @@ def tracker(table: PoseTable, T: Array) -> Iterator[tuple[str, str]]:
 
 
 def off_in_its_unit(T: Array, xyz_mm: Array) -> Off | None:
-    """How far tool poses T (n, 4, 4) are from places (n, 3), in the unit of these in which they are least far off."""
+    """Return the distance of tool poses T (n, 4, 4) from places (n, 3), in the best-fitting unit of the places."""
     units = (1.0, *FACTORS.values(), *_OF_TRACKERS.values(), *_TAKEN_FOR.values())
     every = [off for factor in units if (off := off_places(T, xyz_mm / factor))]
     return min(every, key=lambda off: off.off, default=None)
 
 
 def _turns(R: Array, rows: int) -> Array:
-    """Angle (n,) rad between each rotation (n, 3, 3) and that so many rows before it: the same in every frame."""
+    """Angle (n,) rad between each rotation (n, 3, 3) and the rotation `rows` rows before: the same in every frame."""
     trace = np.einsum("nij,nij->n", R, np.roll(R, rows, axis=0))
     return np.asarray(np.arccos(np.clip((trace - 1) / 2, -1.0, 1.0)))
 
 
 _MM = {"m": 1000.0, "inches": 25.4, "cm": 10.0}
-"""Millimetres of each unit in which a controller may write where a rail stands."""
+"""Millimetres of each unit in which a controller may write the position of a rail."""
 _POSES, _RAIL_STEPS = 200, 30
 """Poses that show a unit, and steps of a fit to them."""
 
 
 def rail_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
-    """What speaks against e1_mm of poses of an arm on a rail: another unit fits, or the rail ends before."""
+    """Yield findings against e1_mm of poses of an arm on a rail: another unit fits, or the rail is shorter."""
     arm = without_setup(arm_of(rig.robot))
     if rig.robot.rail is None or table.q.shape[1] == arm.axes:
         return
@@ -177,7 +179,7 @@ _MIRROR = np.array([1.0, -1.0, 1.0])
 
 
 def mirror_findings(table: PoseTable, rig: Rig, convention: str) -> Iterator[Finding]:
-    """Whether poses fit the arm only with one of x, y, z counting the other way."""
+    """Yield a finding if poses fit the arm only with x, y or z inverted."""
     measured = np.flatnonzero((table.xyz_mm != 0).any(axis=1))
     if len(measured) < FEWEST:
         return
@@ -201,16 +203,17 @@ def mirror_findings(table: PoseTable, rig: Rig, convention: str) -> Iterator[Fin
 UNITS = "units"
 _TURN_RAD = 2 * np.pi + 0.1
 _MUCH_MORE = 2.0
-"""One way to read the joints is right and the other wrong where it is off the path by this factor more, whatever the
-unit of a tracker's places: radians read as degrees move an arm so little that metres look like inches."""
+"""A joint convention is wrong if the distance from the path exceeds that of another by this factor, in any unit of
+the tracker's places: radians read as degrees move an arm so little that metres look like inches.
+"""
 _UNLIKELY = 0.1
-"""A robot that stops on a sphere of this share of its travel has shown its gauge more than its errors."""
+"""A robot stopping on a sphere of this share of the travel has shown the gauge more than the errors of the arm."""
 _ROWS = 20_000
 """Rows that show a unit; a run may have millions."""
 
 
 def unit_findings(table: Table, rig: Rig) -> Iterator[Finding]:
-    """What speaks against the units of a table, surest first."""
+    """Yield findings against the units of a table, the most certain first."""
     if most := impossible_rad(table.q):
         columns = tuple(f"q{axis}_deg" for axis in range(1, table.q.shape[1] + 1))
         fact = f"a joint would stand at {np.degrees(most):.0f}°: degrees were read as radians"
@@ -233,7 +236,7 @@ def unit_findings(table: Table, rig: Rig) -> Iterator[Finding]:
 
 
 def unsigned_findings(table: Table, rig: Rig) -> Iterator[Finding]:
-    """Gauges whose signed values were read as unsigned ones."""
+    """Yield findings about gauges with signed values read as unsigned."""
     readings, gauges = table.kind.readings(table), table.kind.gauges
     for name, column in zip(gauges, readings.T, strict=False):
         value = getattr(dict(rig.gauges).get(name), "value", None)
@@ -244,14 +247,14 @@ def unsigned_findings(table: Table, rig: Rig) -> Iterator[Finding]:
 
 
 def impossible(mistakes: Iterable[tuple[str, str]]) -> Iterator[Finding]:
-    """What is wrong for certain, and what to do, as findings."""
+    """Return certain faults and their remedies as findings."""
     for fact, remedy in mistakes:
         columns = tuple(name.strip(",:") for name in fact.split() if "_" in name)
         yield Finding(UNITS, "impossible", columns, "another unit", fact, remedy)
 
 
 def target_units(g_mm: Array, radius_mm: float) -> Iterator[Finding]:
-    """What speaks against the unit of a gauge that was read, g_mm (n,), at targets of a hemisphere."""
+    """Yield findings against the unit of gauge readings g_mm (n,) at targets of a hemisphere."""
     yield from impossible(too_far("g1_mm", g_mm, radius_mm))
     travel = float(np.ptp(g_mm))
     if _UNLIKELY * radius_mm <= travel <= radius_mm:

@@ -1,1 +1,1 @@
-"""How noisy readings are: found from what a measurement repeats, assumed wide where it repeats nothing."""
+"""Noise of readings: estimated from repeats, otherwise assumed with a wide prior."""
