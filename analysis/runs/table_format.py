@@ -127,7 +127,7 @@ class Kind(ABC, Generic[T]):
         """Return the readings (n, k), in mm: a column for each gauge, or three coordinates."""
 
     def differs(self, table: T) -> Mask | None:
-        """Return a mask (n - 1,) of the rows differing from the previous row, regardless of the joints; None if a row is never
+        """Return a mask (n - 1,) of rows differing from the previous row, whatever the joints; None if a row is never
         a second reading of the same standstill: the robot was driven, or each row is a separate visit.
         """
         return None
