@@ -25,8 +25,9 @@ from analysis.diagnosis.judge.budget import Budget, EffectChange, Measure, effec
 from analysis.diagnosis.judge.calibrated_model import calibrated_model
 from analysis.diagnosis.judge.disagreement import staircase_of
 from analysis.diagnosis.judge.misses import LeftOut, places_left_out, remains_of, widening_of
+from analysis.diagnosis.judge.remains import Unexplained
 from analysis.diagnosis.judge.residuals import bands_above_noise, curves_of, maps_of, places
-from analysis.diagnosis.judge.result import Accuracy, Diagnosis, Gap, Named, NextTest, Unexplained, fault_rivals
+from analysis.diagnosis.judge.result import Accuracy, Diagnosis, Gap, Named, NextTest, fault_rivals
 from analysis.diagnosis.judge.unexplained import unexplained_of
 from analysis.diagnosis.judge.validation import Stages, gap, held_out_gains, shows_noise, stages_of
 from analysis.diagnosis.judge.verdict import (

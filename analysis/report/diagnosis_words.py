@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 
+from analysis.diagnosis.judge.remains import Remains
 from analysis.diagnosis.judge.residuals import Curve, Place, ResidualBand
-from analysis.diagnosis.judge.result import Gap, Member, Named, Remains, Rival, likely_rivals
+from analysis.diagnosis.judge.result import Gap, Member, Named, Rival, likely_rivals
 from analysis.procedures.shared.quantity import Quantity, parameters_of, quantity_of
 from analysis.report.texts import Texts
 from rigs.effects import Effect, size_field

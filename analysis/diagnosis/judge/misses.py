@@ -26,7 +26,7 @@ from analysis.diagnosis.evidence.setups import neighbourhoods, with_effects
 from analysis.diagnosis.fit.refine import slopes_of
 from analysis.diagnosis.fit.responses import basis_of, linearise
 from analysis.diagnosis.fit.search import SearchResult
-from analysis.diagnosis.judge.result import Looked, Remains, Subject
+from analysis.diagnosis.judge.remains import Looked, Remains, Subject
 from analysis.diagnosis.judge.validation import Stages, noise_shown
 from analysis.robot.kinematics.arm import Array, Integers
 from analysis.robot.model.predict import SetUp

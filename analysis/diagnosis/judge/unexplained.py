@@ -16,7 +16,7 @@ import numpy as np
 from analysis.diagnosis.evidence.blocks import Block
 from analysis.diagnosis.fit.search import SearchResult
 from analysis.diagnosis.judge.misses import LeftOut, share_left_out, sides_of
-from analysis.diagnosis.judge.result import Followed, Unexplained, What
+from analysis.diagnosis.judge.remains import Followed, Unexplained, What
 from analysis.robot.kinematics.arm import Array, Integers
 from analysis.robot.model.scene import pull
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from analysis.diagnosis.judge.misses import share_left_out
-from analysis.diagnosis.judge.result import Diagnosis, Followed, Unexplained
+from analysis.diagnosis.judge.remains import Followed, Unexplained
+from analysis.diagnosis.judge.result import Diagnosis
 from analysis.report.act_words import ActWords
 from analysis.report.answer_words import AnswerWords
 from analysis.robot.kinematics.arm import Array

@@ -19,7 +19,8 @@ from typer.testing import CliRunner
 
 from analysis import evaluate_runs, load_run
 from analysis.cli import app
-from analysis.diagnosis.judge.result import Condition, Looked, Remains
+from analysis.diagnosis.judge.remains import Looked, Remains
+from analysis.diagnosis.judge.result import Condition
 from analysis.procedures.radial.evaluate import RadialResult
 from analysis.report.chart import Chart
 from analysis.report.page.page_content import Report, gather
