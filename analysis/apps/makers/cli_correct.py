@@ -88,7 +88,7 @@ _Start = Annotated[
 ]
 
 _SAID = 20
-"""So many targets that could not be corrected are said; corrections.yaml has all of them."""
+"""Maximum number of uncorrected targets on the screen; corrections.yaml lists all."""
 
 
 @command(app, "rig correct found/cell.yaml -o corrections")

@@ -25,11 +25,11 @@ Turning = Literal["fixed to path", "relative to path", "even", "angles"]
 """How a controller turns the tool along an arc: fixed to the path from where it stands; from beginning to end relative
 to the path; about one axis in space; or each of its three angles by itself."""
 _FARTHEST_MM = 1e5
-"""No arm reaches a tenth of it; a number beyond is a slip."""
+"""Limit of a coordinate in mm, ten times the reach of any arm: a larger number is a mistake."""
 _FASTEST_MM_S, _FASTEST_RAD_S = 3000.0, 10.0
-"""Arms on which a gauge is mounted are slower by far."""
+"""Speed limits, far above the speed of arms carrying a gauge."""
 _SAME_MM, _SAME_RAD = 1e-6, 1e-9
-"""What two poses may differ by and be one: rounding."""
+"""Rounding tolerance for equal poses."""
 
 
 COUNTS_PER_DEG = 3000.0
@@ -40,7 +40,7 @@ Field = Literal["reading", "offset", "a", "d", "alpha"]
 
 
 class ProgramError(Exception):
-    """A controller would refuse this program."""
+    """The error for a program rejected by a controller."""
 
 
 @dataclass
@@ -65,7 +65,7 @@ class Tokens:
         return cls(items)
 
     def peek(self) -> tuple[str, str]:
-        """Return kind and text of the next token, ("over", "") behind the last."""
+        """Return kind and text of the next token, ("over", "") at the end."""
         return self.items[self.at] if self.at < len(self.items) else ("over", "")
 
     def take(self, *expected: str) -> str:
@@ -90,7 +90,7 @@ class Posture:
 
 @dataclass(frozen=True)
 class Pose:
-    """Where a tool is: place (3,) mm and its turn in the base frame, and the posture of the arm where it is stated."""
+    """The position (3,) mm and orientation of a tool in the base frame, and the posture of the arm if stated."""
 
     place: Array
     turn: Rotation
@@ -138,16 +138,16 @@ class Straight:
 
     @property
     def length_mm(self) -> float:
-        """The length of the way in mm."""
+        """Return the length of the path in mm."""
         return float(np.linalg.norm(self.end.place - self.begin.place))
 
     @property
     def turned_rad(self) -> float:
-        """The angle by which the tool turns, in rad."""
+        """Return the rotation angle of the tool in rad."""
         return float((self.end.turn * self.begin.turn.inv()).magnitude())
 
     def at(self, share: Array) -> tuple[Array, Rotation]:
-        """Return places (n, 3) mm and orientations at shares (n,) of the way."""
+        """Return positions (n, 3) mm and orientations at fractions (n,) of the path."""
         places = self.begin.place + share[:, None] * (self.end.place - self.begin.place)
         return places, _evenly(self.begin.turn, self.end.turn, share)
 
@@ -174,11 +174,11 @@ class Round:
 
     @property
     def turned_rad(self) -> float:
-        """The angle by which the way turns, in rad."""
+        """Return the rotation angle of the path in rad."""
         return self.angle
 
     def at(self, share: Array) -> tuple[Array, Rotation]:
-        """Return places (n, 3) mm and orientations at shares (n,) of the arc."""
+        """Return positions (n, 3) mm and orientations at fractions (n,) of the arc."""
         around = Rotation.from_rotvec(self.angle * share[:, None] * self.axis)
         begin, end = self.begin.turn, self.end.turn
         match self.turning:
@@ -198,7 +198,7 @@ class Round:
 
 @dataclass(frozen=True)
 class Waited:
-    """The robot stood for so many seconds."""
+    """A stop of the robot for a time in seconds."""
 
     seconds: float
 
@@ -213,7 +213,7 @@ class Switched:
 
 @dataclass(frozen=True)
 class Shown:
-    """A whole number was written to an output register."""
+    """An integer written to an output register."""
 
     register: int
     value: int
@@ -221,7 +221,7 @@ class Shown:
 
 @dataclass(frozen=True)
 class Held:
-    """The program waited for a person."""
+    """A pause of the program for the operator."""
 
 
 Event = Stood | Straight | Round | Waited | Switched | Shown | Held
@@ -249,7 +249,7 @@ def circle_through(a: Array, b: Array, c: Array) -> tuple[Array, Array, float]:
 
 
 class Machine:
-    """An arm with a tool, and what it did."""
+    """An arm with a tool, and a record of all actions."""
 
     def __init__(self, flange: Flange, tool: Pose | None = None) -> None:
         self._flange = flange
@@ -259,14 +259,14 @@ class Machine:
 
     @property
     def pose(self) -> Pose:
-        """Where the tool is. Raises ProgramError before the program has moved to a first place."""
+        """Return the pose of the tool. Raises ProgramError before the first move."""
         if self._pose is None:
             raise ProgramError("the program moves on a path before it has been anywhere")
         return self._pose
 
     @property
     def tool(self) -> Pose:
-        """The tool in the flange's frame. Raises ProgramError before there is one."""
+        """Return the tool in the flange's frame. Raises ProgramError if no tool is set."""
         if self._tool is None:
             raise ProgramError("the program moves before it has a tool")
         return self._tool
@@ -315,7 +315,7 @@ class Machine:
         self._pose = Pose(end.place, way.at(np.ones(1))[1][0])
 
     def wait(self, seconds: float) -> None:
-        """Stand for so many seconds."""
+        """Wait for a time in seconds."""
         if not 0 <= seconds < np.inf:
             raise ProgramError(f"{seconds} s is no time to wait")
         self.events.append(Waited(seconds))

@@ -57,8 +57,9 @@ def frame_of(form: Form, values: Sequence[float] | Array) -> Array:
 
 
 def is_frame(form: Form, values: Sequence[float]) -> bool:
-    """Whether numbers are finite, of a robot's size, and in a quaternion of length 1 within the rounding of a
-    program."""
+    """Return whether numbers are finite, of a robot's size, and in a quaternion of length 1 within the rounding of a
+    program.
+    """
     if not np.isfinite(values).all() or max(map(abs, values)) > _LARGEST:
         return False
     return form != "quaternion" or abs(float(np.linalg.norm(values[3:])) - 1) < _LENGTH_OFF

@@ -66,7 +66,7 @@ class Points:
             self._points[key] = _Point(target, reason)
 
     def knows(self, key: str) -> bool:
-        """Whether there is a point of this name."""
+        """Return whether there is a point of this name."""
         return key in self._points
 
     def keys(self) -> Iterable[str]:
@@ -74,11 +74,11 @@ class Points:
         return self._points.keys()
 
     def target(self, key: str) -> Target:
-        """Return a point that there is."""
+        """Return an existing point."""
         return self._points[key].target
 
     def joints(self, key: str) -> bool:
-        """Whether a point that there is has joint angles."""
+        """Return whether an existing point has joint angles."""
         return self._points[key].target.joints
 
     def change(self, key: str, file: int, line: int) -> None:
@@ -180,7 +180,7 @@ def _by_kind(tool: object, frame: object) -> Iterator[tuple[str, str]]:
 
 
 def _sources(usage: Usage, places: dict[str, int]) -> frozenset[int | None]:
-    """Return the places of the targets from which a move comes."""
+    """Return the indices of the targets at the start of a move."""
     return frozenset(AT_BEGIN if key == BEGIN else places.get(key or "") for key in usage.comes_from)
 
 
@@ -209,7 +209,7 @@ def _registers(usage: Usage) -> Iterator[Named]:
 
 
 def _reasons(point: _Point) -> Iterator[tuple[Reason, tuple[Unknown, ...]]]:
-    """Yield why a point is left, with the places that make it so."""
+    """Yield the reasons for leaving a point uncorrected, each with the places causing it."""
     target, usages = point.target, point.usages
     if point.reason and (usages or point.reason != "unused"):
         yield point.reason, ()

@@ -176,8 +176,9 @@ class _Ways:
         return bool(np.isfinite(self.q[k]).all())
 
     def reached(self, source: int, k: int, way: Way) -> Array | Reason:
-        """Return the joint angles (6,) rad with which the arm arrives at target k from the target `source`, or why
-        they are not known."""
+        """Return the joint angles (6,) rad of the arm at target k after a move from the target `source`, or the reason
+        for unknown angles.
+        """
         key = (self.q[source].tobytes(), self.poses[k].tobytes(), way)  # programs repeat their places
         if key not in self.arrivals:
             solutions = self.branches[k]
@@ -187,7 +188,7 @@ class _Ways:
 
 
 def _not_the_same(ways: _Ways, step: Step, free: set[int], reasons: dict[int, Reason]) -> Reason | None:
-    """Return why a move does not arrive at its target in the posture for which that is corrected."""
+    """Return the reason why a move may reach the target in a posture different from the corrected posture."""
     k = step.target
     if isinstance(ways.branches.get(k, "unreachable"), str) or not ways.stands(k):  # joint angles, or no posture
         return None

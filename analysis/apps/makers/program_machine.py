@@ -17,9 +17,9 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 OFF = "off"
-"""The value of a part, such as a displacement, that does nothing."""
+"""The value of an inactive part, such as a displacement by nothing."""
 BEGIN = "\0begin"
-"""The place at which the arm stands when a person starts the program."""
+"""The position of the arm at the start of the program."""
 EXTERNAL = "external"
 """The family of the parts that say where external axes stand: off at zero."""
 HERE = " here"
@@ -44,7 +44,7 @@ class Unknown:
 
 @dataclass(frozen=True)
 class Ref:
-    """The value that a part has at that moment."""
+    """The current value of another part."""
 
     part: str
 
@@ -56,7 +56,7 @@ Value = str | tuple[float, ...] | Unknown
 
 @dataclass(frozen=True)
 class Built:
-    """What is made of the values that parts have at that moment."""
+    """A value computed from the current values of other parts."""
 
     parts: tuple[str, ...]
     make: Callable[[tuple[Value, ...]], Value]
@@ -64,7 +64,7 @@ class Built:
 
 @dataclass(frozen=True)
 class Set:
-    """A part takes a value."""
+    """The assignment of a value to a part."""
 
     part: str
     value: Value | Ref | Built
@@ -95,12 +95,12 @@ class Call:
 
 @dataclass(frozen=True)
 class Elsewhere:
-    """The arm moves to where no target of the program is."""
+    """A move of the arm to a position outside the targets of the program."""
 
 
 @dataclass(frozen=True)
 class Label:
-    """A place to jump to."""
+    """A target of jumps."""
 
     name: str
 
@@ -190,7 +190,7 @@ class State:
     stands: frozenset[object] = frozenset()
 
     def key(self) -> tuple[frozenset[object], frozenset[object]]:
-        """What distinguishes states in which a routine is called."""
+        """Return the key distinguishing the states in which a routine is called."""
         return frozenset(self.values.items()), frozenset(self.lost.items())
 
 
@@ -321,7 +321,7 @@ class _Machine:
         context.after = context.before.get(len(body))
 
     def _step(self, statement: Statement, state: State) -> State | None:
-        """Return the state after a statement; None where the way ends."""
+        """Return the state after a statement, None if the path ends."""
         match statement:
             case Set(part, value):
                 return replace(state, values={**state.values, part: self.resolved(state, value)})
@@ -542,15 +542,15 @@ class Blocks:
         self.add(Label(self._open[-1][1]))
 
     def may_leave(self) -> None:
-        """The innermost loop may end here."""
+        """Let the innermost loop end here, conditionally."""
         self.add(Jump((self._innermost(2),), falls=True))
 
     def leave(self) -> None:
-        """The innermost loop ends here."""
+        """End the innermost loop here."""
         self.add(Jump((self._innermost(2),)))
 
     def again(self) -> None:
-        """The innermost loop goes on at its head."""
+        """Continue the innermost loop at the head."""
         self.add(Jump((self._innermost(1),)))
 
     def _innermost(self, which: int) -> str:
@@ -568,7 +568,7 @@ class Blocks:
 
     @property
     def depth(self) -> int:
-        """How many blocks are open."""
+        """Return the number of open blocks."""
         return len(self._open)
 
     def done(self) -> tuple[Statement, ...]:

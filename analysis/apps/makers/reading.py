@@ -17,7 +17,7 @@ MOST_BYTES = 10_000_000
 ENCODING = "latin-1"
 """Every byte is a character of it and back, whatever the file's own encoding: what is not touched stays as it was."""
 _MOST_BESIDE = 500
-"""Programs of a controller's backup are some hundred."""
+"""Maximum number of files in the directory of a program; the backup of a controller contains some hundred."""
 
 
 def program_texts(path: Path) -> tuple[Maker, dict[str, str]]:
@@ -69,7 +69,7 @@ _MARKED = re.compile(rf"{MARK}\b", re.IGNORECASE)
 
 
 def refuse_marked(path: Path) -> None:
-    """Raise FileError for a program of which a file carries rig's mark."""
+    """Raise FileError if a file of the program has rig's mark."""
     for name, text in program_texts(path)[1].items():
         if mark := _MARKED.search(text):
             line = len(re.findall(r"\r\n|\r|\n", text[: mark.start()])) + 1
@@ -78,7 +78,7 @@ def refuse_marked(path: Path) -> None:
 
 
 def mark_of(date: str) -> str:
-    """Return the remark for a program that was corrected on a date."""
+    """Return the remark for a program corrected on a date."""
     return f"{MARK} on {date}: never correct it again"
 
 

@@ -71,7 +71,7 @@ class Target:
 
     @property
     def joints(self) -> bool:
-        """Whether the target is a set of joint angles; otherwise it is a pose."""
+        """Return whether the target is a set of joint angles; otherwise it is a pose."""
         return self.form in JOINT_FORMS
 
 
@@ -87,7 +87,7 @@ class Left:
 
 
 AT_BEGIN = -1
-"""The place in the list of targets for where the arm stands when the program begins."""
+"""Index for the position of the arm at the start of the program."""
 
 
 @dataclass(frozen=True)

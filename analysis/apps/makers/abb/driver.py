@@ -37,7 +37,7 @@ _KINDS = {
     "robtarget": "[nnn][nnnn][nnnn][nnnnnn]",
     "speeddata": "nnnn",
 }
-"""What stands in each kind of data: b a boolean, n a number, t a text, p a pose."""
+"""The format of each kind of data: b a boolean, n a number, t a text, p a pose."""
 _STREAMS = (
     "EGMGetId @",
     "EGMReset @",

@@ -29,11 +29,11 @@ _DATA = re.compile(
     re.IGNORECASE,
 )
 _ELEMENT = re.compile(r"\[(?=\s*\[\s*[-+.\d])")
-"""Where a target begins in the value of an array: [[x, y, z], …] or [[q1, …, q6], …]."""
+"""The start of a target in the value of an array: [[x, y, z], …] or [[q1, …, q6], …]."""
 _PARAMETERS = re.compile(r"\b(?:PROC|FUNC\s+\w+)\s+\w+\s*\(([^()]*)\)", re.IGNORECASE)
 _LAST = re.compile(r",\s*([A-Za-z]\w*)\s*(?=[\\;])")
 _WOBJ = re.compile(r"\\\s*WObj\s*:=\s*(\w+)", re.IGNORECASE)
-"""Where a tool, or a work object, stands in a move."""
+"""The tool or the work object in a move."""
 _WORD = re.compile(r"[A-Za-z]\w*")
 _NULL = {"tool tool0": np.eye(4), "frame wobj0": np.eye(4)}
 

@@ -51,12 +51,12 @@ _TURN = re.compile(rf"\\\s*R([xyz])\s*:=\s*({NUMBER})", re.IGNORECASE)
 _OFFSET = re.compile(r"(Offs|RelTool)\s*\(", re.IGNORECASE)
 _DATA = re.compile(r"\s*(?:(?:LOCAL|TASK)\s+)?(?:CONST|PERS|VAR)\b", re.IGNORECASE)
 _HANDED = re.compile(r"\[\s*\[[^\[\]]*\](?:\s*,\s*\[[^\[\]]*\])+\s*\]")
-"""What a literal target looks like among the arguments of a routine."""
+"""A literal target among the arguments of a routine."""
 _SHAPE = {"robtarget": (3, 4, 4, 6), "jointtarget": (6, 6)}
 _EXTERNAL = tuple("abcdef")
 """The external axes of a target, in their order."""
 _ANY_AXIS = "any"
-"""Stands for the axes that an instruction moves without naming them."""
+"""Placeholder for the axes moved by an instruction not naming them."""
 _EXTERNAL_MOVES = words("moveextj actunit deactunit eoffson eoffsoff eoffsset")
 """Instructions that move external axes, or count their places otherwise."""
 _EXTERNAL_MOVED = re.compile(
@@ -66,7 +66,7 @@ _EXTERNAL_MOVED = re.compile(
 _COORDINATES = re.compile(rf"\[((?:\s*{NUMBER}\s*,){{5}}\s*{NUMBER}\s*)\]\s*\]")
 """The coordinates of external axes at the end of a target."""
 _NO_AXIS = 8.9e9
-"""9E9 stands for an axis that is not there."""
+"""The value 9E9 for an axis not present."""
 _HEAD = re.compile(
     r"\s*(?:(?P<routine>(?:LOCAL\s+)?(?:PROC|FUNC\s+\w+|TRAP))\s+(?P<name>\w+)"
     r"|(?P<word>IF|ELSEIF|ELSE|ENDIF|WHILE|ENDWHILE|FOR|ENDFOR|TEST|CASE|DEFAULT|ENDTEST|ENDPROC|ENDFUNC|ENDTRAP|"
@@ -84,7 +84,7 @@ _UNTIL = {
     "MODULE": re.compile(r"\n|\)"),
     "RECORD": re.compile(r"\bENDRECORD\b", re.IGNORECASE),
 }
-"""Where a header ends that has no semicolon."""
+"""The end of a header not ending with a semicolon."""
 _OPERATORS = ("AND", "OR", "XOR", "NOT", "DIV", "MOD")
 _MOVE = re.compile(
     r"(?:Move(?P<move>AbsJ|J|L|C)(?:DO|AO|GO|Sync)?|Trigg(?P<trigg>J|L|C)(?:IOs)?|Arc(?P<arc>L|C)(?:Start|End)?|"

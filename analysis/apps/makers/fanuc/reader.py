@@ -73,7 +73,7 @@ _OPTIONS = re.compile(
     r"MINROT|BREAK|PSPD\s*\d+|EV\s*\d+\s*%|Ind\.EV\s*\d+\s*%|[;\s])",
     re.IGNORECASE,
 )
-"""What stands behind a target and changes neither where it is nor how it is reached."""
+"""Options after a target without influence on the position or the motion to it."""
 _SKIP = re.compile(
     r"\bSkip\s*,\s*LBL\[\s*([^\]:]*)[^\]]*\](?:\s*,\s*(?P<register>PR\[.*?\]\s*=\s*[LJ]POS))?", re.IGNORECASE
 )
@@ -92,8 +92,9 @@ _NOTHING = re.compile(
     r"SCR\.\$\w+|PRGOVERRIDE|TIMER\[[^\]]*\]\S*)\s*=.*|--.*|)",
     re.IGNORECASE,
 )
-"""Instructions that change neither frames nor where the arm stands or goes: registers, signals, waiting, speeds,
-messages, welding."""
+"""Instructions changing neither frames nor the position and motion of the arm: registers, signals, waiting, speeds,
+messages, welding.
+"""
 _SELECTED = re.compile(r"(UFRAME_NUM|UTOOL_NUM)\s*(?:\[\s*GP1\s*\])?\s*=\s*(.*)", re.IGNORECASE)
 """A controller refuses a position whose UF and UT are not the numbers that are selected (INTP-250 to 253), unless a
 system variable switches the check off ($FRM_CHKTYP, on some $MCR.$UFRCHK). Which of the two counts then was found
@@ -213,8 +214,9 @@ def _others(text: str) -> Iterator[tuple[str, float]]:
 
 
 def _agreeing(arm: Arm, q: Array, values: tuple[int, ...], slack_rad: float) -> Mask:
-    """Which solutions q (n, 6) rad agree with flip, up, front and the turns of axes 4 to 6, in the sense of `rig
-    program`."""
+    """Return the solutions q (n, 6) rad matching flip, up, front and the turns of axes 4 to 6, as used by `rig
+    program`.
+    """
     return agreeing(arm, q, values[:3], dict(zip((3, 4, 5), values[3:], strict=True)), turns, slack_rad)
 
 
@@ -244,7 +246,7 @@ def _read(reader: _Reader, file: int) -> None:
 
 
 def _statement(reader: _Reader, text: str, last_line: int) -> None:
-    """Take an instruction; `last_line` is where it ends."""
+    """Parse an instruction that ends at `last_line`."""
     if move := _MOVE.fullmatch(text):
         _move(reader, move, last_line)
         return
@@ -254,7 +256,7 @@ def _statement(reader: _Reader, text: str, last_line: int) -> None:
 
 
 def _flow(reader: _Reader, text: str, last_line: int) -> bool:
-    """Take an instruction that decides where the program goes on, if it is one."""
+    """Parse an instruction of flow control; False for any other."""
     blocks = reader.blocks
     word = (re.match(r"[A-Za-z_]+", text) or [""])[0].upper()
     if word in ("IF", "ELSEIF", "SELECT", "ELSE", "FOR") or text.startswith("="):
@@ -279,7 +281,7 @@ def _flow(reader: _Reader, text: str, last_line: int) -> bool:
 
 
 def _sets(reader: _Reader, text: str) -> bool:
-    """Take an instruction that sets a frame, a register or a mode, if it is one."""
+    """Parse an instruction setting a frame, a register or a mode; False for any other."""
     blocks, why = reader.blocks, reader.why(f"{text} sets it")
     if selected := _SELECTED.fullmatch(text):
         number = selected[2].strip()
@@ -328,7 +330,7 @@ def _set_register(reader: _Reader, assignment: re.Match[str]) -> None:
 
 
 def _labels(reader: _Reader, text: str) -> tuple[str, ...]:
-    """Return the labels of a jump: all of them, where the number is in a register."""
+    """Return the labels of a jump: all labels if the number is in a register."""
     labels = tuple(re.findall(r"\bLBL\[\s*(\d+)\s*[\]:]", text))
     return reader.labels if re.search(r"\bLBL\[\s*[A-Za-z]", text) else labels
 

@@ -46,7 +46,7 @@ def run(source: str, data: str, machine: Machine) -> None:
 
 
 def _inside(text: str, opening: str, closing: str, form: str) -> tuple[str, list[list[str]]]:
-    """The name of a module, and the tokens of each line in it."""
+    """Return the name of a module and the tokens of each line in the module."""
     if "\r\n" not in text:
         raise ProgramError("lines end with CR LF")
     lines = [line.split(";")[0].strip() for line in text.replace("\r\n", "\n").split("\n")]
@@ -78,7 +78,7 @@ def _points(declarations: list[list[str]]) -> dict[str, Any]:
 
 
 def _aggregate(tokens: list[str], names: list[str]) -> list[float]:
-    """The numbers of {X 1.0, Y 2.0, …} in the order of the names."""
+    """Return the numbers of {X 1.0, Y 2.0, …} in the order of the names."""
     expected = "{" + ",".join(f"{name} @" for name in names) + "}"
     form = re.sub(r" , ", ",", " ".join("@" if re.fullmatch(r"-?\d+\.\d+", token) else token for token in tokens))
     if form.replace("{ ", "{").replace(" }", "}") != expected:

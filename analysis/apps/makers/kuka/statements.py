@@ -82,7 +82,7 @@ _ASSIGNED = re.compile(
     r"\s*(?P<left>\$?[A-Za-z_][\w$]*(?:\s*\[[^\]]*\])?(?:\.\w+(?:\[[^\]]*\])?)*)\s*=(?!=)(?P<right>.*)"
 )
 _CYCLICAL = re.compile(r"\s*\$CYCFLAG\b", re.IGNORECASE)
-"""Its right side is evaluated again and again beside the program."""
+"""The right side is evaluated repeatedly in the background."""
 _BY_NUMBER = re.compile(r"(TOOL_DATA|BASE_DATA)\s*\[\s*(\d+)\s*\]", re.IGNORECASE)
 _AGGREGATE = re.compile(r"\{([^{}]*)\}")
 _HANDED = re.compile(
@@ -107,7 +107,7 @@ _BAS_NOTHING = words("VEL_PTP VEL_CP ACC_PTP ACC_CP ACC_GLUE PTP_DAT CP_DAT OUT_
 
 @dataclass
 class Reader:
-    """A program while it is read: names in upper case."""
+    """The state of a program being parsed; names in upper case."""
 
     names: tuple[str, ...]
     texts: tuple[str, ...]
@@ -116,14 +116,14 @@ class Reader:
     fdat: dict[str, str] = field(default_factory=dict)
     fdat_written: set[str] = field(default_factory=set)
     shared: set[str] = field(default_factory=set)
-    """Points that other files see."""
+    """Points visible to other files."""
     spent: set[tuple[int, int]] = field(default_factory=set)
     routines: dict[str, tuple[Statement, ...]] = field(default_factory=dict)
     beside: list[Call] = field(default_factory=list)
     blocks: Blocks | None = None
     routine: str = ""
     spline: dict[str, Value | Ref | Built] = field(default_factory=dict)
-    """What the head of a spline sets for its segments."""
+    """Settings in the head of a spline for the segments."""
     _defined: dict[str, list[str]] = field(default_factory=dict)
 
     def constant(self) -> bool:
@@ -154,13 +154,11 @@ class Reader:
         return Unknown(file, self.lines[file].at(begin), fact[:80])
 
     def begin(self, file: int, name: str) -> None:
-        """Begin a routine."""
         self.close()
         self.routine = f"{self.names[file].rpartition('.')[0].upper()}:{name.upper()}"
         self.blocks = Blocks()
 
     def close(self) -> None:
-        """End the routine that is read."""
         if self.blocks is not None:
             if len(self._defined.get(self.routine, [])) > 1:  # which one is called is not certain
                 why = Unknown(0, 0, f"{self.routine} is defined twice")
@@ -240,7 +238,7 @@ def lines_in(text: str) -> Iterator[tuple[int, str]]:
 
 
 def read_statement(reader: Reader, file: int, begin: int, line: str) -> None:
-    """Take a line of a .src."""
+    """Parse a line of a .src."""
     if routine := _ROUTINE.match(line):
         reader.begin(file, routine[1])
         return
@@ -294,7 +292,7 @@ def read_submit(reader: Reader, file: int) -> None:
 
 
 def _functions(reader: Reader, file: int, begin: int, line: str) -> None:
-    """Take the calls of functions in a line; what is handed over by reference may be written, and moved to."""
+    """Parse the function calls in a line. Arguments passed by reference may be written, and are possible targets."""
     assert reader.blocks is not None  # noqa: S101 - within a routine
     for call in _CALL.finditer(line):
         if not (defined := bool(reader.defined(file, call[1]))) and call[1].upper() in FUNCTIONS:
@@ -318,7 +316,7 @@ def _written_by(reader: Reader, file: int, begin: int, name: str, after: str) ->
 
 
 def _flow(reader: Reader, blocks: Blocks, file: int, begin: int, line: str, word: str) -> bool:
-    """Take a statement that decides where the program goes on, if it is one."""
+    """Parse a statement of flow control; False for any other."""
 
     def functions() -> None:
         _functions(reader, file, begin, line)
@@ -549,7 +547,7 @@ def _list(reader: Reader, file: int, begin: int, reason: Reason, name: str) -> N
 
 
 def _point(reader: Reader, file: int, begin: int, start: int, text: str, kind: str) -> str | None:
-    """Return the key of the point of a move, or None where there is none."""
+    """Return the key of the point of a move, None if there is no point."""
     if text.startswith("{") and text.endswith("}"):
         inside = LITERAL_TYPE.sub(lambda prefix: " " * len(prefix[0]), text[1:-1])
         target, reason = reader.literal(file, begin + start + 1, inside, kind)

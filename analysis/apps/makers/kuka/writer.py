@@ -40,7 +40,7 @@ from analysis.robot.kinematics.arm import Arm, Array
 from rigs.schema.feedback import KUKARSI
 
 _NAME_LENGTH = 24
-"""Every name in KRL has so many characters at most."""
+"""Maximum length of a name in KRL, in characters."""
 _WORDS = Words("WAIT SEC {}", 3, "$OUT[{}] = TRUE", "$OUT[{}] = FALSE", "; {}", 100, "HALT")
 _FIRST_MM_S = 100.0
 """Speed of the tool until a move sets its own; a turn about the tool's origin has none."""
@@ -49,7 +49,7 @@ RSI_CONTEXT = "rig_rsi"
 
 
 def write(plan: Plan, demand: Demand) -> dict[str, str]:
-    """The program and its data list."""
+    """Return the program and the data list."""
     name = identifier(plan.name, _NAME_LENGTH)
     points: dict[str, str] = {}
     T = start_of(plan).T

@@ -26,7 +26,7 @@ ACCELERATION_MM_S2 = 200.0
 
 @dataclass(frozen=True)
 class Target:
-    """A pose T_base_tool (4, 4), place in mm, and the joint angles q (6,) rad at which the arm stands there."""
+    """A pose T_base_tool (4, 4), position in mm, and the joint angles q (6,) rad of the arm there."""
 
     T: Array
     q: Array
@@ -80,7 +80,7 @@ class Arc:
 
 @dataclass(frozen=True)
 class Dwell:
-    """The robot stands."""
+    """A stop of the robot for a time."""
 
     seconds: float
 
@@ -94,14 +94,14 @@ class Signal:
 
 @dataclass(frozen=True)
 class Hold:
-    """The program waits until a person has done something and continues it."""
+    """A pause until the operator continues the program."""
 
     request: str
 
 
 @dataclass(frozen=True)
 class Comment:
-    """A line for a person who reads the program."""
+    """A comment for the reader of the program."""
 
     text: str
 
@@ -119,7 +119,7 @@ class SignalPlace:
     int_register: int | None = None
 
     def bits(self, value: int) -> list[tuple[int, bool]]:
-        """Each output with its state while the robot shows `value`."""
+        """Return each output with the state representing `value`."""
         return [(number, bool(value >> place & 1)) for place, number in enumerate(self.outputs)]
 
 
@@ -147,28 +147,28 @@ def percent_of_axes(arm: Arm, speed_rad_s: float) -> int:
 
 
 def end_of(move: Move) -> Target:
-    """Where a move ends."""
+    """Return the final target of a move."""
     return move.end if isinstance(move, Arc) else move.target
 
 
 def start_of(plan: Plan) -> Target:
-    """The first target of a plan."""
+    """Return the first target of a plan."""
     return next(end_of(step) for step in plan.steps if isinstance(step, Move))
 
 
 def turns_with_path(plan: Plan) -> bool:
-    """Whether the tool keeps its orientation to the arcs of a plan, which are all alike."""
+    """Return whether the tool keeps a constant orientation to the arcs of a plan, which are all alike."""
     return any(step.with_path for step in plan.steps if isinstance(step, Arc))
 
 
 def in_base(arm: Arm, poses: Array) -> Array:
-    """Poses (n, 4, 4) of the world, places in mm, in the robot's base frame."""
+    """Return poses (n, 4, 4) of the world, positions in mm, in the robot's base frame."""
     inside: Array = np.linalg.inv(arm.T_world_base) @ poses
     return inside
 
 
 _STEP_RAD = np.radians(2.0)
-"""The fastest joint turns by so much between samples of a joint move."""
+"""Rotation of the fastest joint between two samples of a joint move."""
 _FULL_TURN_DEG = 300.0
 """A joint that swings by more winds its cables and hoses by nearly a turn. Chosen."""
 _NEAR_SINGULAR = 0.02
@@ -195,7 +195,7 @@ class Demand:
 
 
 def demand_of(plan: Plan) -> Demand:
-    """What a plan asks of the arm."""
+    """Compute the demand of a plan on the arm."""
     arm = plan.arm
     moves = [step for step in plan.steps if isinstance(step, Move)]
     pieces = [angles_along(end_of(before), move) for before, move in pairwise(moves)]
@@ -219,7 +219,7 @@ def demand_of(plan: Plan) -> Demand:
 
 
 def angles_along(begin: Target, move: Move) -> Array:
-    """Joint angles (n, 6) rad along a move, without its beginning."""
+    """Return the joint angles (n, 6) rad along a move, excluding the start."""
     if not isinstance(move, JointMove):
         return move.q[1:]
     count = 1 + int(np.abs(move.target.q - begin.q).max() / _STEP_RAD)
@@ -228,7 +228,7 @@ def angles_along(begin: Target, move: Move) -> Array:
 
 
 def seconds_of(plan: Plan) -> float:
-    """How long a program takes from where it stands at its start, without waiting for a person, s."""
+    """Return the duration of a program in s, from the start position, excluding pauses for the operator."""
     at, seconds = start_of(plan), 0.0
     for step in plan.steps:
         if isinstance(step, Dwell):

@@ -92,7 +92,7 @@ def poses_plan(
 
 
 def targets_at(arm: Arm, q: Array) -> list[Target]:
-    """Targets at joint angles q (n, 6) rad."""
+    """Return the targets at joint angles q (n, 6) rad."""
     return [Target(T, angles) for T, angles in zip(in_base(arm, forward(arm, q)), q, strict=True)]
 
 
@@ -120,7 +120,7 @@ _FINE_RAD = np.radians(1.0)
 _Piece = tuple[Target, Target, Target, Array]
 """Beginning, middle and end of an arc, and the joint angles (n, 6) rad along it."""
 _APPROACH_RAD_S = np.radians(10.0)
-"""Fastest joint on the way to the start, from wherever the robot stands: slow enough to be stopped by hand."""
+"""Speed of the fastest joint during the approach to the start from any position: slow enough to be stopped by hand."""
 _APPROACH_MM_S = 10.0
 """Speed of the short ways of the repeatability test."""
 _SAME_DECIMALS = 6
@@ -225,13 +225,13 @@ def _line(rig: Rig, begin: Target, end: Target) -> tuple[Line, Target]:
 
 
 def _sphere(rig: Rig) -> tuple[Arm, Array, float]:
-    """The arm, and the hemisphere's centre (3,) mm in its base frame and radius in mm."""
+    """Return the arm, and the centre (3,) mm of the hemisphere in the base frame and the radius in mm."""
     arm, hemisphere = arm_of(rig.robot), hemisphere_of(rig)
     return arm, _ball(arm, hemisphere.centre_mm), hemisphere.radius_mm
 
 
 def _ball(arm: Arm, centre_mm: Vector) -> Array:
-    """A place (3,) mm of the world in the base frame."""
+    """Return a position (3,) mm of the world in the base frame."""
     place: Array = (np.linalg.inv(arm.T_world_base) @ [*centre_mm, 1.0])[:3]
     return place
 
@@ -266,7 +266,7 @@ def _plan(
 
 
 def _signal_of(rig: Rig, test: DrivenTest, direction: Direction | None) -> tuple[int, bool]:
-    """The number that announces a program, 0 for none, and whether its runs start by themselves."""
+    """Return the number announcing a program, 0 for none, and whether the runs start automatically."""
     for rule in rig.automatic.rules if rig.automatic else ():
         if (rule.test, rule.direction) == (test, direction):
             return rule.when.signal or 0, True
@@ -274,7 +274,7 @@ def _signal_of(rig: Rig, test: DrivenTest, direction: Direction | None) -> tuple
 
 
 def _signal_place(rig: Rig, number: int, outputs: tuple[int, ...]) -> SignalPlace:
-    """Where a program shows its number. Raises FileError where nothing says it."""
+    """Return the outputs or register for the number of a program. Raises FileError if none is configured."""
     if not number:
         return SignalPlace()
     if place := signal_of_outputs(rig.feedback):

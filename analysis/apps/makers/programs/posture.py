@@ -27,7 +27,7 @@ class Posture:
 
 
 def posture_of(arm: Arm, q: Array) -> Posture:
-    """The posture at joint angles q (6,) rad."""
+    """Return the posture at joint angles q (6,) rad."""
     first, shoulder, elbow, _, wrist, _ = link_frames(arm, q[None])[0]
     reach = wrist[:3, 3] - shoulder[:3, 3]
     bend = elbow[:3, 3] - shoulder[:3, 3]
@@ -40,7 +40,9 @@ def posture_of(arm: Arm, q: Array) -> Posture:
 
 
 def turns(q_rad: float) -> int:
-    """How many whole turns a joint stands away from the range (-180°, 180°), whose ends are a turn away."""
+    """Return the number of full turns of a joint angle in rad outside the range (-180°, 180°); each end counts as a
+    turn.
+    """
     return int(np.copysign(np.floor(abs(q_rad) / _FULL_TURN + 0.5), q_rad))
 
 

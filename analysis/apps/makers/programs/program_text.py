@@ -32,7 +32,7 @@ def fixed(value: float, decimals: int) -> str:
 
 
 def listed(values: Iterable[float], decimals: int) -> str:
-    """Numbers with commas between them."""
+    """Return numbers separated by commas."""
     return ",".join(fixed(value, decimals) for value in values)
 
 
@@ -43,7 +43,7 @@ def identifier(name: str, most: int) -> str:
 
 
 def wrapped(text: str, width: int) -> list[str]:
-    """A comment in lines of `width` characters at most, in ASCII."""
+    """Wrap a comment into ASCII lines of at most `width` characters."""
     plain = text.replace("°", " deg").replace("…", "to").encode("ascii", "replace").decode()
     return textwrap.wrap(plain, width)
 

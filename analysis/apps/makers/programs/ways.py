@@ -37,13 +37,13 @@ class Way:
     seconds: float
 
     def joint_speeds(self, q: Array) -> Array:
-        """Greatest speed (6,) rad/s of each joint that drives this way by angles q (n, 6) rad."""
+        """Return the maximum speed (6,) rad/s of each joint for joint angles q (n, 6) rad along this path."""
         fastest: Array = np.abs(np.diff(q, axis=0)).max(axis=0) * (len(q) - 1) / self.seconds
         return fastest
 
 
 def straight(begin: Array, end: Array, speed_mm_s: float) -> Way:
-    """On a line from one pose (4, 4) to another."""
+    """Return the straight path from one pose (4, 4) to another."""
     way_mm = end[:3, 3] - begin[:3, 3]
     length = float(np.linalg.norm(way_mm))
     share = _shares(length, 0.0)
@@ -51,14 +51,14 @@ def straight(begin: Array, end: Array, speed_mm_s: float) -> Way:
 
 
 def turned(begin: Array, end: Array, speed_rad_s: float) -> Way:
-    """About the tool's origin from one pose (4, 4) to another."""
+    """Return the rotation about the tool's origin from one pose (4, 4) to another."""
     angle = float(np.linalg.norm(rotation_vector(begin, end)))
     share = _shares(0.0, angle)
     return _way(begin, end, share, np.tile(begin[:3, 3], (len(share), 1)), angle / speed_rad_s)
 
 
 def around(begin: Array, via_mm: Array, end: Array, speed_mm_s: float) -> Way:
-    """On the circle from one pose (4, 4) through a place (3,) mm to another."""
+    """Return the circular path from one pose (4, 4) through a position (3,) mm to another pose."""
     centres, axes, _ = circles_through(np.stack([begin[:3, 3], via_mm, end[:3, 3]])[None])
     centre, axis = centres[0], axes[0]
     arm = begin[:3, 3] - centre
@@ -95,7 +95,7 @@ def _shares(length_mm: float, angle: float) -> Array:
 
 
 def rotation_vector(begin: Array, end: Array) -> Array:
-    """The rotation vector (3,) rad in the base frame from one pose (4, 4) to another."""
+    """Return the rotation vector (3,) rad in the base frame from one pose (4, 4) to another."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
     vector: Array = Rotation.from_matrix(end[:3, :3] @ begin[:3, :3].T).as_rotvec()
@@ -103,7 +103,7 @@ def rotation_vector(begin: Array, end: Array) -> Array:
 
 
 def _rotations(vector: Array, share: Array) -> Array:
-    """Rotations (n, 3, 3) by shares (n,) of a rotation vector (3,) rad."""
+    """Return the rotations (n, 3, 3) by fractions (n,) of a rotation vector (3,) rad."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
     matrices: Array = Rotation.from_rotvec(share[:, None] * vector).as_matrix()

@@ -144,10 +144,10 @@ def as_object(entries: ControllerEntries) -> dict[str, Any]:
 
 
 def short(value: float) -> float:
-    """A value to nine digits, which are more than any controller takes."""
+    """Return a value rounded to nine digits, more than any controller accepts."""
     return float(f"{value:.9g}")
 
 
 def rounded_um(value: float) -> float:
-    """A size in µm to the nanometre."""
+    """Return a size in µm rounded to 1 nm."""
     return round(value, 3)

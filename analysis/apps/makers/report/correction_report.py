@@ -132,7 +132,7 @@ def _falls(how: str, error: WorkError, *, of_work: bool) -> str:
 
 
 def why_not(corrections: Corrections) -> str:
-    """Why nothing is to be corrected; empty where something is."""
+    """Return the reason for correcting nothing; empty if there are corrections."""
     why = "" if corrections.work.gains else "corrected targets take away no error over the work"
     if corrections.errors:
         why = next((f"{path.name}: {of_it}" for path, of_it in corrections.in_vain.items()), "")
@@ -175,12 +175,12 @@ def _path_lines(corrections: Corrections) -> list[str]:
 
 
 def _left_out(targets: Corrected) -> Array:
-    """What all effects that are not corrected still do to each target, (n,) mm."""
+    """Return the displacement (n,) mm of each target by all uncorrected effects."""
     return np.asarray(np.linalg.norm(targets.left_out_mm, axis=1))
 
 
 def _budget(targets: Corrected) -> dict[str, float]:
-    """What each effect that is not corrected does to the target that it moves most, mm, the largest first."""
+    """Return the largest displacement in mm of a target by each uncorrected effect, in descending order."""
     worst = dict(zip(targets.left_out, np.nanmax(targets.left_out_mm, axis=0).tolist(), strict=True))
     return dict(sorted(worst.items(), key=lambda item: -item[1]))
 
@@ -248,7 +248,7 @@ def _contents(corrections: Corrections) -> dict[str, Any]:
 
 
 def _not_corrected(corrections: Corrections) -> list[dict[str, Any]]:
-    """The targets of the path that stay as they were, by their line in the file."""
+    """Return the uncorrected targets of the path, by line number in the file."""
     if not corrections.path:
         return []
     _, source, targets = corrections.path
@@ -258,7 +258,7 @@ def _not_corrected(corrections: Corrections) -> list[dict[str, Any]]:
 
 
 def _each_um(values_mm: Array) -> list[float | None]:
-    """Values (n,) mm in µm, None where there is none."""
+    """Return values (n,) mm in µm, None for NaN."""
     return [None if np.isnan(mm) else round(1e3 * mm, 3) for mm in values_mm.tolist()]
 
 

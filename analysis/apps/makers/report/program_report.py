@@ -16,15 +16,15 @@ from analysis.robot.kinematics.arm import Array
 from analysis.runs.noise.readings import rms
 
 _LISTED = 30
-"""So many of what was left are on the screen; corrections.yaml has all of them."""
+"""Maximum number of uncorrected targets on the screen; corrections.yaml lists more."""
 _KEPT = 10_000
-"""So many are in corrections.yaml and in JSON: more are of a file that is no robot program."""
+"""Maximum number of uncorrected targets in corrections.yaml and in JSON. Files with more are not robot programs."""
 NOT_TRIED = (
     "No real controller has run a program that rig corrected, only rig's own models of controllers: try it as "
     "docs/correct-a-program.md says"
 )
 _SHOWN_UM = 1.0
-"""Rounding below it is not mentioned: no gauge here resolves it."""
+"""Rounding in µm below which nothing is reported: no supported gauge resolves it."""
 
 
 def lines(program: CorrectedProgram) -> list[str]:
@@ -87,7 +87,7 @@ def reached(u_frame_mm: Array, u_mm: Array) -> str:
 
 
 def _head(program: CorrectedProgram) -> str:
-    """How many targets were corrected, how many left, and how many steps lie between one of each."""
+    """Return the numbers of corrected targets, of uncorrected targets, and of steps between the two."""
     count, steps = len(program.names), len(program.beside_left_mm)
     head = f"{program.path.name} ({program.maker}): {targets_in_words(count)} corrected"
     between = f", {_steps(steps)} from one to the other" if steps else ""
@@ -97,7 +97,7 @@ def _head(program: CorrectedProgram) -> str:
 
 
 def _left_lines(program: CorrectedProgram) -> list[str]:
-    """How many targets were left for which reason, then each with the places that make it so."""
+    """Return the number of uncorrected targets per reason, then each target with the program lines causing it."""
     text_lines = []
     for reason, number in Counter(left_target.reason for left_target in program.left).most_common():
         limit = f" (more than {MOST_MM:g} mm, 1°, or 10° of a joint)" if reason == "too_large" else ""
