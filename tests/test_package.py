@@ -108,8 +108,6 @@ def test_a_release_is_refused_for_each_thing_that_it_lacks(checkout: Path) -> No
     _run("git", "tag", "v1.2.3", cwd=checkout)
     sections = "## [Unreleased]\n\n- New.\n\n## [1.2.2] - 2026-11-20\n\n- Old.\n"
     (checkout / "CHANGELOG.md").write_text(f"# Changelog\n\n{sections}")
-        "# Changelog\n\n## [Unreleased]\n\n- New.\n\n## [1.2.2] - 2026-11-20\n\n- Old.\n"
-    )
     code, lacking = _checklist(checkout)
     assert code == 1
     assert lacking == [
