@@ -50,8 +50,7 @@ _MOST_TERMS = 20_000
 """Limit of terms. A diagnosis of poses has 1500; the covariance root of more terms would exceed the file size limit."""
 _NOTHING = 1e-4
 """Limit in healthy sizes below which a term is dropped: five hundred such terms have less than a hundredth of the
-effect of one healthy effect, at the cost of a large one each.
-"""
+effect of one healthy effect, at the cost of a large one each."""
 _ROWS = 4096
 """Rows of a curve computed together: 135 waves take 4 MB."""
 
@@ -215,8 +214,7 @@ unknowns.
 _LEAST_GAIN = 0.3
 """Share of the mean square at places without a part that a model must remove to be used despite an unknown cause.
 Source: a
-rule tried on generated cells with foreign effects, where worse models removed less.
-"""
+rule tried on generated cells with foreign effects, where worse models removed less."""
 
 
 def ground_of(calibrated: CalibratedModel) -> Ground:
@@ -310,8 +308,7 @@ class _Calibrated(Effect):
 
 class JointCurve(_Calibrated):
     """Angle error of a joint as a curve over its angle: `share` of waves (order, sine, cosine), in cycles per turn
-    and degrees.
-    """
+    and degrees."""
 
     effect: Literal["joint_curve"] = "joint_curve"
     axis: Axis

@@ -145,8 +145,7 @@ def _rounded(value: float | Sequence[float]) -> float | list[float]:
 
 def extended(text: str, effects: Sequence[Effect], where: str, calibration: CalibrationFile | None = None) -> str:
     """Return the text of a rig file with added effects, and optionally a new calibration. Raises RigFileError if the
-    result is invalid.
-    """
+    result is invalid."""
     grown = _with_effects(text, effects) if effects else text
     if calibration:
         root = nodes_of(grown)

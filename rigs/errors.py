@@ -98,8 +98,7 @@ _IN_WORDS_OF_PYDANTIC = re.compile(r"Value error, |, unable to parse string as a
 
 def wrong_use(error: Any, program: str) -> UseError | None:
     """Return the error for input refused by typer (a TyperException); None for a command group whose help is already
-    printed.
-    """
+    printed."""
     message = _IN_WORDS_OF_PYDANTIC.sub("", " ".join(error.format_message().split()).rstrip("."))
     message = message.replace("Input should be", "it must be")
     if not message:

@@ -145,8 +145,7 @@ def is_shipped(file: Path) -> bool:
 
 def load(name: str | Path) -> tuple[Rig, str]:
     """Load a rig with the calibration next to its file; return the rig and the original text. Raises FileError or
-    RigFileError.
-    """
+    RigFileError."""
     path = find(name)
     text = rig_text_of(path.stem) if path in arm_files().values() else _text(path)
     rig = parse(text, str(path))

@@ -60,8 +60,7 @@ def problems_of(
     error: ValidationError, data: Any, root: yaml.Node | None, model: type[BaseModel] = Rig
 ) -> list[Problem]:
     """Return the mistakes of a rig file in order of their lines: up to a hundred, and the number of the remaining
-    ones.
-    """
+    ones."""
     details = _with_hidden(data, error.errors(include_url=False), model)
     places = [detail["loc"] for detail in details]
     # A list is also `too_short` if an entry is wrong; only the entry is the mistake.

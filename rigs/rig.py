@@ -65,8 +65,7 @@ class Rig(Part):
     @property
     def maker(self) -> MakerName | None:
         """Maker of the controller according to its feedback, or to the robot's name for general interfaces; None if
-        unknown.
-        """
+        unknown."""
         return maker_of(self.feedback.interface) or maker_named(self.robot.name)
 
     @property

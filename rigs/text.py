@@ -70,8 +70,7 @@ _MOST_NEAR = 3
 
 def the_same(name: str, names: Collection[str]) -> str | None:
     """Return the intended name: an exact match, or the only name with the same letters and digits in any case; None
-    if none.
-    """
+    if none."""
     if name in names:
         return name
     alike = [candidate for candidate in names if _letters(candidate) == _letters(name)]

@@ -13,8 +13,7 @@ _MOST_PARTS = 500_000
 """Limit of keys and values with all aliases expanded; a megabyte without aliases has fewer."""
 _LONGEST_NUMBER = 64
 """Limit in characters; a double has 17 digits. PyYAML reads !!int 1:30 as 90, and takes a minute for a megabyte of
-it.
-"""
+it."""
 _LARGEST_WHOLE = 2.0**53
 """Every double above is whole, with more digits than any user would write."""
 _NUMBERS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
@@ -34,8 +33,7 @@ def _as_in_1_2(tag: str, pattern: re.Pattern[str]) -> re.Pattern[str]:
 
 class _Loader(yaml.SafeLoader):
     """Safe loader of PyYAML with YAML 1.2 scalars; in YAML 1.1 a length of `yes` would be 1 mm, and `1:10` would be
-    70 mm.
-    """
+    70 mm."""
 
     yaml_implicit_resolvers = {  # noqa: RUF012 - PyYAML's own name, which its stubs have as that of an instance
         first: [(tag, _as_in_1_2(tag, pattern)) for tag, pattern in resolvers]

@@ -1,6 +1,5 @@
 """The way to a person's terminal: lines and JSON, all text in them plain (`rigs.text`), and what is being done and for
-how long, shown on a terminal while it takes, and nowhere else. Tables: `PlainConsole`.
-"""
+how long, shown on a terminal while it takes, and nowhere else. Tables: `PlainConsole`."""
 
 from __future__ import annotations
 

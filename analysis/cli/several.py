@@ -1,6 +1,5 @@
 """Several runs or files in one command, as a person types them: each once, with its doubts on standard error before
-anything is computed; a failure costs only its own part, and the exit code reports it.
-"""
+anything is computed; a failure costs only its own part, and the exit code reports it."""
 
 from __future__ import annotations
 

@@ -25,8 +25,7 @@ _POSTURES = 200
 """Chosen: the rms is then certain to 5 %."""
 _OTHER_MODEL_MM = 20.0
 """Arms of one model, calibrated or not, agree within some mm; beyond this limit the nominal constants belong to two
-models.
-"""
+models."""
 _CONSTANTS = (("zero_deg", "offset"), ("a_mm", "a"), ("d_mm", "d"), ("alpha_deg", "alpha"), ("beta_deg", "beta"))
 
 
@@ -147,8 +146,7 @@ def _postures(*arms: CalibratedArm) -> Array:
 
 def _constants(*rigs: Rig) -> tuple[dict[str, float], ...]:
     """Return the differences of the constants by axis, second arm less first: zeros and angles in degrees, lengths
-    in mm.
-    """
+    in mm."""
     arms = [geometric_arm(model_of(rig)) for rig in rigs]
     by_axis = []
     for axis in range(arms[0].axes):

@@ -33,8 +33,7 @@ from rigs.schema.vocabulary import DRIVEN_AXES
 _SEEDS = 128
 """Start postures for an arm without a list of branches, in addition to the given one. Measured: of 100 random postures
 of an FR3, an iiwa 14 and a WAM 128 starts reach all within the limits, 32 reach 99, 100 and 98, and 8 reach 70, 94 and
-91; 65 to 165 ms per pose.
-"""
+91; 65 to 165 ms per pose."""
 _ORTHONORMAL = 1e-6
 """Permitted deviation of rotation rows from orthonormality: rounding to ten digits."""
 _ONE_FRAME = 2
@@ -141,8 +140,7 @@ class CalibratedArm:
 
     def _u_mm(self, q: Array) -> Array:
         """Return the standard uncertainty (n,) mm of the position at q (n, axes) rad; NaN if the arm was not
-        measured.
-        """
+        measured."""
         if self.rig.calibrated is None and not any(effect.found for effect in self.rig.effects):
             return np.full(len(q), np.nan)
         uncorrected = [effect for effect in model_of(self.rig).effects if effect.compensation().use == "none"]
@@ -171,8 +169,7 @@ class CalibratedArm:
 
     def _solved_in_part(self, pose: Array, near: Array) -> Array | None:
         """Return the angles of an arm with fewer axes at the position of a pose (4, 4), with the smallest rotation;
-        among equal rotations those near others.
-        """
+        among equal rotations those near others."""
         starts = self._starts(near)
         nominal, solved = newton_in_part(self._model.arm, np.repeat(pose[None], len(starts), axis=0), starts)
         seeds = nominal[solved][np.unique(nominal[solved].round(_ALIKE_DIGITS), axis=0, return_index=True)[1]]

@@ -293,8 +293,7 @@ def _doubts(rig: Rig, uncertainty: PoseUncertainty, q: Array) -> list[str]:
 
 def _turned(rig: Rig, supported: Sequence[Support], q: Array, at: Array) -> list[str]:
     """Return remarks on the remaining rotation of an arm with few axes, corrected to angles `at` (n, axes) rad for the
-    positions of q (n, axes) rad.
-    """
+    positions of q (n, axes) rad."""
     if (axes := len(rig.robot.axes)) >= DRIVEN_AXES or not len(q):
         return []
     really = tool_poses(model_of(rig, used_effects(rig, supported)), at)

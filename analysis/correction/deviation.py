@@ -1,6 +1,5 @@
 """Deviation of a robot from its commanded path, before and after a correction, stored by sessions and shown on
-pages.
-"""
+pages."""
 
 from __future__ import annotations
 

@@ -1,6 +1,5 @@
 """Parts of a rig's model in exported arms: geometry, and for simulators the backlash, compliance and friction of
-each joint.
-"""
+each joint."""
 
 from __future__ import annotations
 
@@ -80,8 +79,7 @@ _OF_THE_ARM: tuple[Stage, ...] = ("arm", "joint", "tool")
 class GeometricShare:
     """Rms tool displacement over the work area, in µm: of all effects, and remaining with the arm's constants.
     left_out: effects
-    not represented by constants.
-    """
+    not represented by constants."""
 
     all_um: float
     left_um: float

@@ -65,8 +65,7 @@ class CalibratedUncertainty:
 
     def pose_displacements(self, q: Array) -> Array:
         """Return independent tool displacements (k, n, 6), mm and rad, of one standard uncertainty each, at joint
-        angles q (n, 6) rad.
-        """
+        angles q (n, 6) rad."""
         model = model_of(self.rig)
         base = tool_poses(model, q)
         by_joint = np.stack([
@@ -107,8 +106,7 @@ class CalibratedUncertainty:
     @property
     def unexplained_mm(self) -> float:
         """Unexplained rms position error where a diagnosis validated the model: equal in three coordinates, and varying
-        between places, so that a taught frame cannot remove it.
-        """
+        between places, so that a taught frame cannot remove it."""
         judged = self.calibrated.judged
         return 0.0 if judged is None else np.sqrt(3.0) * judged.unexplained_um / 1e3
 
@@ -150,13 +148,11 @@ class PoseUncertainty(Protocol):
 
     def pose_displacements(self, q: Array) -> Array:
         """Return independent tool displacements (k, n, 6), mm and rad, of one standard uncertainty each, at joint
-        angles q (n, 6) rad: their sum of squares is the covariance.
-        """
+        angles q (n, 6) rad: their sum of squares is the covariance."""
 
     def is_within_reach(self, q: Array) -> Mask:
         """Return a mask (n,) of tool positions within the validated distance from the measured ones, at joint angles
-        q (n, 6) rad.
-        """
+        q (n, 6) rad."""
 
     @property
     def joints_rad(self) -> Array | None:
@@ -222,8 +218,7 @@ class EffectsUncertainty:
 
 def pose_uncertainty(rig: Rig, supported: Sequence[Support]) -> PoseUncertainty:
     """Return the uncertainty of a rig's model: of its calibration, and of effects of its file outside the
-    calibration.
-    """
+    calibration."""
     if rig.calibrated is None:
         return EffectsUncertainty(rig, tuple(supported))
     held_labels = {label_of(effect) for effect in named_in(rig.calibrated)}
@@ -244,8 +239,7 @@ def position_u_mm(uncertainty: PoseUncertainty, q: Array) -> Array:
 
 def places_u_mm(rig: Rig, uncertainty: PoseUncertainty, q: Array, taught: Array) -> tuple[Array, Array]:
     """Return the standard uncertainty (n,) mm of the tool position at joint angles q (n, 6) rad in the robot's base,
-    and with frame and tool taught at joint angles `taught` (m, 6) rad, both including the unexplained error.
-    """
+    and with frame and tool taught at joint angles `taught` (m, 6) rad, both including the unexplained error."""
     taught = taught[:: -(-len(taught) // _TAUGHT)]
     frame = TaughtFrame(tool_poses(model_of(rig, ()), taught))
     moves = uncertainty.pose_displacements(np.concatenate([taught, q[:_ROWS]]))[:, :, :3]
@@ -263,8 +257,7 @@ def places_u_mm(rig: Rig, uncertainty: PoseUncertainty, q: Array, taught: Array)
 
 def frame_u_mm(rig: Rig, uncertainty: PoseUncertainty, q: Array, taught: Array) -> Array:
     """Return u (n,) mm of positions relative to a frame taught at joint angles (k, 6) rad: the second of
-    `places_u_mm`.
-    """
+    `places_u_mm`."""
     return places_u_mm(rig, uncertainty, q, taught)[1]
 
 
@@ -283,8 +276,7 @@ def covered(uncertainty: PoseUncertainty, q: Array) -> Mask | None:
 
 def why_unknown(rig: Rig, uncertainty: PoseUncertainty, q: Array) -> list[str]:
     """Return reasons for unknown uncertainties at joint angles q (n, axes) rad: joints beyond the runs, with both
-    ranges; empty if known.
-    """
+    ranges; empty if known."""
     inside, joints = covered(uncertainty, q), uncertainty.joints_rad
     if inside is None or joints is None:
         return [""] * len(q)

@@ -32,8 +32,7 @@ _HOW: dict[Use, str] = {
 @dataclass(frozen=True)
 class Support:
     """Use of an effect for a correction: `value` and `u`, size and standard uncertainty in its own unit, u NaN if
-    unknown; `reason`: explanation.
-    """
+    unknown; `reason`: explanation."""
 
     effect: Effect
     value: float
@@ -53,8 +52,7 @@ def supports(rig: Rig) -> list[Support]:
 
 def supports_beside(rig: Rig) -> list[Support]:
     """Return every effect named by the diagnosis but only part of the calibration, with its use: certain, and not
-    larger than usual.
-    """
+    larger than usual."""
     if rig.calibrated is None:
         return []
     terms = [(rig.calibrated.terms[parameter.term], parameter.field) for parameter in rig.calibrated.parameters]
@@ -94,8 +92,7 @@ CONSTANTS = ("a_mm", "alpha_deg", "beta_deg", "d_mm", "offset_deg")
 @dataclass(frozen=True)
 class Correction:
     """Number to change: axis from 1, key as in the rig file, in mm or degrees, and the change `delta` with its standard
-    uncertainty `u`.
-    """
+    uncertainty `u`."""
 
     axis: int
     key: str

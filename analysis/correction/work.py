@@ -33,8 +33,7 @@ from rigs.rig import Rig
 
 _FEWEST, _SPREAD = 12, 60
 """Number of postures below which the work area is too small for judging a correction, and the number used instead.
-Chosen: about 24 constants need several times as many numbers.
-"""
+Chosen: about 24 constants need several times as many numbers."""
 _AROUND_RAD = np.radians(30.0)
 """Range around the work area if the runs' joint angles are unknown. Chosen: a usual range."""
 _STEP_RAD = np.radians(15.0)
@@ -43,8 +42,7 @@ _STEP_RAD = np.radians(15.0)
 
 def work_angles(rig: Rig) -> Array:
     """Return the joint angles (n, 6) rad of the rig's circle and hemisphere, as far as reachable, or the middle of the
-    limits if neither is.
-    """
+    limits if neither is."""
     angles = []
     arm, circle, hemisphere = arm_of(rig.robot), rig.tests.circle, rig.tests.hemisphere
     if circle:
@@ -66,8 +64,7 @@ def posture_limits(rig: Rig) -> Array:
 
 def spread_angles(rig: Rig, joints_rad: Array | None) -> Array:
     """Return postures (n, 6) rad spread over the joint angles (6, 2) rad of the runs, or otherwise around the work
-    area.
-    """
+    area."""
     work, limits = work_angles(rig), posture_limits(rig)
     low, high = work.min(axis=0), work.max(axis=0)
     if joints_rad is not None:
@@ -81,8 +78,7 @@ def spread_angles(rig: Rig, joints_rad: Array | None) -> Array:
 
 def work_or_spread(rig: Rig, joints_rad: Array | None) -> Array:
     """Return the joint angles (n, 6) rad of the work area, or if too few, those spread over the joint angles (6, 2)
-    rad of the runs.
-    """
+    rad of the runs."""
     work = work_angles(rig)
     return work if len(work) >= _FEWEST else spread_angles(rig, joints_rad)
 
@@ -102,8 +98,7 @@ def tool_places(rig: Rig, effects: Sequence[Effect], q: Array) -> Array:
 
 def used_effects(rig: Rig, supported: Sequence[Support]) -> tuple[Effect, ...]:
     """Return the effects corrected by a correction: all posture-dependent ones, except uncertain ones of the rig
-    file.
-    """
+    file."""
     unsure = _unsure(supported)
     return tuple(effect for effect in model_of(rig).effects if not _stays(effect, unsure))
 
@@ -138,8 +133,7 @@ _SWING_RAD = np.radians(2.0)
 """Distance over which every joint approaches from its side. Chosen: wider than any backlash."""
 _SWING_S, _STEPS = 0.1, 20
 """Time from the reversal of a joint to the target, at about 20 degrees per second, and number of samples. Chosen: a
-usual speed.
-"""
+usual speed."""
 _REST_S = 1.0
 """Rest before the next target in seconds. Chosen: longer than the decay of a reversal spike."""
 _LATE_S = 1e6
@@ -210,8 +204,7 @@ class TaughtFrame:
 
     def _columns(self, poses: Array) -> Array:
         """Return the derivatives (n, 3, 9) at poses (n, 4, 4) by shifts in mm, rotations about the centre, in mm at the
-        lever, and shifts of the tool on the flange in mm.
-        """
+        lever, and shifts of the tool on the flange in mm."""
         shifts = np.tile(np.eye(3), (len(poses), 1, 1))
         turns = np.cross(np.eye(3)[None], ((poses[:, :3, 3] - self._middle) / self._lever_mm)[:, None, :])
         return np.concatenate([shifts, turns.transpose(0, 2, 1), poses[:, :3, :3]], axis=2)

@@ -67,8 +67,7 @@ from rigs.schema.effect import label_of, name_of
 
 _BETTER = 0.97
 """Ratio of the gap without an effect of the rig file to that with it, below which the effect is doubted. Chosen: 3 % of
-the rms is more than a refitted set-up gains by chance.
-"""
+the rms is more than a refitted set-up gains by chance."""
 
 
 def doubts_of_runs(blocks: Sequence[Block]) -> tuple[str, ...]:
@@ -389,8 +388,7 @@ def _names(runs: Sequence[Measured]) -> list[str]:
 
 def _next_test(named: Sequence[Named], further: FurtherTests) -> tuple[NextTest | None, list[str]]:
     """Return the shortest test that, together with the existing runs, separates the first ambiguous name from its
-    closest rival; otherwise a doubt.
-    """
+    closest rival; otherwise a doubt."""
     open_ones = [(name, name.rivals) for name in ambiguous_names(named)]
     open_ones += [(name, tuple(fault_rivals(name))) for name in named]
     name, rivals = next(((name, rivals) for name, rivals in open_ones if rivals), (None, ()))

@@ -31,16 +31,13 @@ ONE_RUN = (
 )
 _SPREADS = 5.0
 """A ball further from the others than `BALL_ELSEWHERE_MM`, and than this multiple of the usual distance in these runs,
-which includes joint scatter, was remounted; …
-"""
+which includes joint scatter, was remounted; …"""
 _TWO_MM = 0.35
 """… for two runs, without information about the scatter: 2 √2 times the table's largest at the end of a one-metre
-arm.
-"""
+arm."""
 _SAME_POSE_RAD = math.radians(1.0)
 """Joint difference below which poses of a table are equal. Chosen: far above the differences between runs, and far
-below those between poses.
-"""
+below those between poses."""
 _ANYWHERE_DEG = 180.0 / math.sqrt(3)
 """Standard uncertainty of a position anywhere around the circle."""
 
@@ -96,8 +93,7 @@ def pooled(group: Sequence[Result]) -> list[Pooled]:
 
 def between(runs: Sequence[Mapping[str, Quantity]]) -> dict[str, BetweenRuns]:
     """Return the figures common to all runs, over the runs. The u of a mean is at least the smallest u of a run, part
-    of which (the gauges' time and baseline) is common to all runs.
-    """
+    of which (the gauges' time and baseline) is common to all runs."""
     over_runs = {}
     for name in (name for name in runs[0] if all(name in run for run in runs)):
         figures = [run[name] for run in runs]
@@ -117,8 +113,7 @@ def between(runs: Sequence[Mapping[str, Quantity]]) -> dict[str, BetweenRuns]:
 
 def _of_one_setup(runs: list[Result]) -> tuple[list[Result], list[tuple[Result, str]]]:
     """Return the runs that belong together, and the others with the reason: repeated readings, other poses,
-    remounted ball.
-    """
+    remounted ball."""
     by_digest: dict[str, Result] = {}
     copies: list[tuple[Result, str]] = []
     for run in runs:
@@ -160,8 +155,7 @@ def _are_same_poses(first: Result, run: Result) -> bool:
 
 def pairs_of(group: Sequence[Result]) -> Pairs | None:
     """Pair every acw run with the cw run of the closest ball, otherwise in the given order; None unless there are
-    both.
-    """
+    both."""
     circles = [(run, run.found) for run in group if isinstance(run.found, CircleResult)]
     acw_runs, cw_runs = ([ring for ring in circles if ring[1].laps.direction == way] for way in ("acw", "cw"))
     if not acw_runs or not cw_runs:

@@ -35,8 +35,7 @@ from rigs.schema.vocabulary import WITHOUT_GAUGES, Direction
 @dataclass(frozen=True)
 class Result(Tabular):
     """Evaluated run. measured: the run as read. found: result of its test, in radians and mm. figures: by their names
-    in docs/figures.md, ending in the unit.
-    """
+    in docs/figures.md, ending in the unit."""
 
     measured: Measured
     found: Evaluated
@@ -78,8 +77,7 @@ class Result(Tabular):
     @property
     def without_rows(self) -> Result:
         """Return the result of a circle without its rows, for keeping many runs; the digest is still that of the
-        readings.
-        """
+        readings."""
         measured, table = self.measured, self.measured.table
         if not isinstance(self.found, CircleResult) or not isinstance(table, CircleTable):
             return self
@@ -250,8 +248,7 @@ _END_S, _MOVES_RAD = 0.5, float(np.radians(0.05))
 @dataclass(frozen=True)
 class Fitness:
     """Usability of a finished run. why: reason of `rig analyse` for refusing it, or empty. drove: actual direction, if
-    only the label is wrong. still_driving: whether the robot was moving at the end.
-    """
+    only the label is wrong. still_driving: whether the robot was moving at the end."""
 
     why: str
     drove: Direction | None

@@ -1,6 +1,5 @@
 """What a diagnosis leaves in its directory: the answer, the picture, and the rig file with what was missing and where
-that came from.
-"""
+that came from."""
 
 from __future__ import annotations
 

@@ -1,6 +1,5 @@
 """What scripts read of analysed runs: the JSON object, figures beside the truth that an emulated cell wrote down
-(`truth.json`), and sentences: what uncertainties mean, and acw against cw. Nothing of a screen is imported for it.
-"""
+(`truth.json`), and sentences: what uncertainties mean, and acw against cw. Nothing of a screen is imported for it."""
 
 from __future__ import annotations
 

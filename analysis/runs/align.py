@@ -70,8 +70,7 @@ JUMPS_NS = 5e6
 """… for a gauge longer than this: at a reversal, backlash is crossed in about ten milliseconds."""
 _OFTEN = 0.05
 """Rows lost in gauge gaps are reported above this share, or if a gap is as long as a robot's: rigd itself delays polled
-gauges occasionally (daq.protocol.polled), for less.
-"""
+gauges occasionally (daq.protocol.polled), for less."""
 _BLOCK = 1 << 14
 """Rows per block, to fit the processor's cache."""
 _CONTEXT = 8
@@ -113,8 +112,7 @@ class Aligned:
 @dataclass(frozen=True)
 class Track:
     """Values (n, k) of an instrument at increasing times (n,) ns, with common and individual (n,) uncertainty in s.
-    inside (n,): mask of the rows in the requested part of a run, None for all.
-    """
+    inside (n,): mask of the rows in the requested part of a run, None for all."""
 
     ns: Array
     values: Array
@@ -326,8 +324,7 @@ def robot_alone(path: Path, run: Run) -> tuple[Array, Array, tuple[str, ...]]:
 
 def _columns_at(rows_ns: Array, tracks: Sequence[Track]) -> Array:
     """Return values (n, k) of all tracks, interpolated linearly at increasing times (n,) spanned by each track, in
-    blocks.
-    """
+    blocks."""
     at_rows = np.empty((len(rows_ns), sum(track.values.shape[1] for track in tracks)))
     first = 0
     for track in tracks:
@@ -358,8 +355,7 @@ def _columns_at(rows_ns: Array, tracks: Sequence[Track]) -> Array:
 
 def are_many(gaps: int, longest_ns: float, rows: int) -> bool:
     """Return whether the gaps exceed the delays that rigd itself causes: number of rows in gaps, and length of the
-    longest in ns.
-    """
+    longest in ns."""
     return longest_ns > MOVES_NS or gaps > _OFTEN * rows
 
 
@@ -472,8 +468,7 @@ def _stream(path: Path, streams: Streams, columns: Sequence[str], instrument: st
 
 def gaps_ns(rows: Array, times: Array, short_ns: float) -> Array:
     """Return the distance (n,) ns of the two `times` (m,) ns around each row (n,) ns: 0 if usual, or if a row has one
-    of the times. Both increase.
-    """
+    of the times. Both increase."""
     apart = np.diff(times)
     wide = np.flatnonzero(apart > max(short_ns, _GAP * np.median(apart)))
     begins, ends = np.searchsorted(rows, times[wide], side="right"), np.searchsorted(rows, times[wide + 1], side="left")

@@ -42,15 +42,13 @@ _SAMPLE = 20_000
 _STIRRED = 5
 _STIRRED_NS = 2e6
 """With this many requests not directly after the previous answer, and answer times of this variation, a buffering
-adapter is visible (`daq.protocol.polled` gives the reason).
-"""
+adapter is visible (`daq.protocol.polled` gives the reason)."""
 
 _LONGER = 1.2
 """Readings constant for more than this multiple of the stated cycle contradict the cycle."""
 _SPARSE_NS = 50e6
 """At a reversal, backlash is crossed in about ten milliseconds: five times that makes it visible to one gauge long
-before the other.
-"""
+before the other."""
 _SPARSE = (
     "its readings are {:.0f} ms apart, too far to follow a joint that turns back: a band may be too large by what the "
     "other gauge shows earlier; drive the circle slower"

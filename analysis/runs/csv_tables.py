@@ -29,8 +29,7 @@ class Rows:
     @cached_property
     def axes(self) -> int:
         """Number of joints in the table; cells of unrelated columns, such as a gripper, stay text. Fewer than the
-        minimum means six joints with missing columns.
-        """
+        minimum means six joints with missing columns."""
         joints = list(takewhile(self._is_measured, joint_columns(MOST_AXES)))
         return len(joints) if len(joints) >= FEWEST_AXES else DRIVEN_AXES
 

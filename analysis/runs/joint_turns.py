@@ -42,8 +42,7 @@ def without_whole_turns(table: Table, rig: Rig) -> tuple[Table, tuple[str, ...]]
 
 def turns_further(angle: Array, limits: Array) -> Integers:
     """Return the number of turns by which each angle (n,) rad of a joint was counted further than the others, or
-    than the limits (2,) rad allow; zero if the joint really turned.
-    """
+    than the limits (2,) rad allow; zero if the joint really turned."""
     places = np.sort(angle % _TURN)
     gaps = np.diff(places, append=places[:1] + _TURN)
     widest = int(np.argmax(gaps))
@@ -61,8 +60,7 @@ def turns_further(angle: Array, limits: Array) -> Integers:
 
 def _turns_beyond(angle: Array, limits: Array) -> Integers:
     """Return the number of turns by which angles (n,) rad must be counted back to lie within limits (2,) rad; zero
-    if they do, or if no turn brings them there.
-    """
+    if they do, or if no turn brings them there."""
     low, high = limits[0] - _SLACK_RAD, limits[1] + _SLACK_RAD
     above, below = np.ceil((angle - high) / _TURN), np.floor((angle - low) / _TURN)
     turns = np.where(angle > high, above, np.where(angle < low, below, 0.0))

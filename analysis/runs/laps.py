@@ -44,8 +44,7 @@ _BLOCK = 4096
 """Rows per block of poses, to limit the memory of a long run."""
 _HARDLY = 0.01
 """A run that ends by less than this share before the full lap counts as complete; a wider gap would be refused
-anyway.
-"""
+anyway."""
 _JUMP_RAD = np.radians(1.0)
 _JUMP_SPEEDS = 3.0
 """Limit of joint motion between two rows: this multiple of the maximum speed, plus _JUMP_RAD."""

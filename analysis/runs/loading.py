@@ -233,8 +233,7 @@ def _doubts(run: Run) -> list[str]:
 @dataclass(frozen=True)
 class RobotMotion:
     """Reported angles q (n, 6) rad at times t_s (n,) s; where: name in messages; direction: of the label, if any;
-    doubts: as text.
-    """
+    doubts: as text."""
 
     where: str
     t_s: Array

@@ -102,8 +102,7 @@ def _among(wrong: Mask, kept: NDArray[Any], filler: float) -> NDArray[Any]:
 
 def _starts(device_s: Array, host_ns: Array) -> Integers:
     """Return the rows of the clock restarts: the clock decreased, or the offset from the host's clock changed
-    permanently.
-    """
+    permanently."""
     offset_s = (host_ns - host_ns[0]) / 1e9 - device_s
     leaps = np.flatnonzero((np.diff(device_s) < 0) | (np.abs(np.diff(offset_s)) > _LEAP_S)) + 1
     starts: list[int] = []
@@ -190,20 +189,17 @@ _EARLY = 0.15
 """The share of a period by which the least delay may fall, by the beat and by a period not yet well known."""
 _MOSTLY = 0.75
 """Share of steps between groups of messages with hardly any change of the smallest delay that proves a steady rate:
-the other steps may be waits. Messages with no steady rate reach a third.
-"""
+the other steps may be waits. Messages with no steady rate reach a third."""
 _HARDLY = 8
 """A message is hardly ever earlier than the earliest of the `_AHEAD` before by such a part of their usual delay."""
 _APART = (_AHEAD, 8 * _AHEAD, 64 * _AHEAD, 64 * _AHEAD)
 """Message distances that determine the period: between the nearest pairs hardly any message is missing, and between
-the others the missing ones are then known; a quarter of a short run at most.
-"""
+the others the missing ones are then known; a quarter of a short run at most."""
 _PAIRS = 100_000
 """Number of pairs; the uncertainty of their median is a three-hundredth of their scatter."""
 _STAYS = 0.4
 """Ratio of the change of the delay between groups of messages to the scatter in the complete run (von Neumann's
-ratio, 1 for independent values) below which a delay wanders, …
-"""
+ratio, 1 for independent values) below which a delay wanders, …"""
 _WANDERS = 6.0
 """… or multiple of the scatter by which it leaves the median; …"""
 _WANDERS_NS = 0.2e6
@@ -213,8 +209,7 @@ _HELD_UP_NS = 0.5e9
 
 _COMES_BACK = 8
 """Number of blocks of that time after which a recovered delay was a stall of some seconds: an instrument that waited
-never catches up. A quarter of a short run at most.
-"""
+never catches up. A quarter of a short run at most."""
 
 
 def through_pace(host_ns: Array) -> FittedClock:
@@ -253,8 +248,7 @@ def through_pace(host_ns: Array) -> FittedClock:
 
 def _not_early(number: Integers, host_ns: Array, period_ns: float) -> Integers:
     """Return the numbers (n,) with the last few before a missing message corrected: very late messages are mistaken
-    for the first ones after it, and would then be earlier than all before.
-    """
+    for the first ones after it, and would then be earlier than all before."""
     number = number.copy()
     for row in (np.flatnonzero(np.diff(number) > 1) + 1).tolist():
         before, after = slice(max(0, row - _AHEAD), row), slice(row, row + _AHEAD)
@@ -269,8 +263,7 @@ def _not_early(number: Integers, host_ns: Array, period_ns: float) -> Integers:
 
 def _wandering(fitted: FittedClock, late_ns: Array, block: int) -> FittedClock:
     """Return times of messages that are late_ns (n,) late; the minimum of each block shows whether a delay is
-    permanent.
-    """
+    permanent."""
     least_ns = _least_of_blocks(late_ns, block)
     steps_ns = np.diff(least_ns)
     level_ns = np.median(np.lib.stride_tricks.sliding_window_view(np.pad(least_ns, 1, mode="edge"), 3), axis=1)
@@ -295,8 +288,7 @@ def _least_of_blocks(values: Array, block: int) -> Array:
 
 def _floor_around(late_ns: Array, width: int) -> Array:
     """Return the smallest delay (n,) of `width` messages before or after each; it steps exactly at the start of a
-    permanent delay.
-    """
+    permanent delay."""
     least = _least_of_next(late_ns, width)
     return np.maximum(np.pad(least, (0, width - 1), mode="edge"), np.pad(least, (width - 1, 0), mode="edge"))
 
@@ -386,8 +378,7 @@ def _least_of_next(values: Array, width: int = _AHEAD) -> Array:
 
 def _uneven_s(host_ns: Array) -> Array:
     """Standard uncertainty (n,) s of arrivals with delays of the size of their scatter: the usual scatter, and that
-    of each.
-    """
+    of each."""
     if len(host_ns) < 2:
         return np.zeros(len(host_ns))
     steps = np.diff(host_ns)

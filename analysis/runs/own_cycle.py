@@ -33,8 +33,7 @@ _NEAR = 8
 @dataclass(frozen=True)
 class Bounds:
     """Changes of the value: tick in (low_ns, high_ns] (m,), visible from answer `row` (m,) on; jumps (m,): whether
-    the gauge was moving there.
-    """
+    the gauge was moving there."""
 
     low_ns: Array
     high_ns: Array
@@ -94,8 +93,7 @@ def _changed(values: Array) -> Mask:
 
 _LAGS = (8, 32, 128)
 """Numbers of changes over which distances are compared with the cycle: each step improves the estimate by that
-factor.
-"""
+factor."""
 _BLOCK = 32
 """Changes that share a phase while they are being numbered: half a cycle of drift over these would lose count."""
 _KNOT = 50
@@ -144,8 +142,7 @@ def numbered(middle_ns: Array, period_ns: float) -> Integers:
 class CycleLine:
     """A cycle: at_ns (k,) of the knots by their number (k,), period and scatter, uncertainty of the phase, and for
     the changes (m,) the agreement with the cycle, the number and the likeliest time of the tick, and the separate
-    uncertainty.
-    """
+    uncertainty."""
 
     knots: Array
     at_ns: Array
@@ -218,8 +215,7 @@ def _summed(place: Integers, values: Array, knots: Array) -> Array:
 
 def _expected(low: Array, high: Array, scatter: float) -> tuple[Array, Array, Array]:
     """Mean (n,) and standard deviation (n,) of a normal variable within bounds (n,), and the probability of the
-    interval.
-    """
+    interval."""
     from scipy.special import ndtr  # noqa: PLC0415 - as above
 
     a, b = low / scatter, high / scatter
@@ -279,8 +275,7 @@ _STEADY = 0.15
 @dataclass(frozen=True)
 class Ticks:
     """Reading times of n answers. ns (n,); own_u_s (n,); u_s: shared by all; period_ns; steady: whether the cycle is
-    steady.
-    """
+    steady."""
 
     ns: Array
     own_u_s: Array

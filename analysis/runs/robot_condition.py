@@ -38,14 +38,12 @@ from rigs.schema.condition import (
 
 _CREEPS_DEG = 0.05
 """Distance from the reversal within which a joint may stick, with any friction up to Coulomb's. Chosen: encoders show
-its motion after some thousandths of a degree.
-"""
+its motion after some thousandths of a degree."""
 _WAY_DEG = 3.0
 """Largest distance from the reversal evaluated; the smallest is a third of it."""
 _WAITS = 0.4
 """Limit of the share of time spent creeping for a continuous reversal: 0.13 of the longest distance to 0.22 of the
-shortest, at constant acceleration. A joint that waits there brakes and restarts, with additional torque jumps.
-"""
+shortest, at constant acceleration. A joint that waits there brakes and restarts, with additional torque jumps."""
 _PIECES = 12
 """Averages of currents on each side, over equal distances, to remove ripple."""
 _ORDER = 3
@@ -104,8 +102,7 @@ def _turns(t_s: Array, q_deg: Array, current_a: Array) -> list[tuple[float, floa
 
 def _side(t_s: Array, away_deg: Array, current_a: Array, turn: int, end: int) -> Array | None:
     """Return time from the reversal, side and mean current (pieces, 3) of the motion to or from a reversal; None if the
-    joint stands or the motion is too short.
-    """
+    joint stands or the motion is too short."""
     step = 1 if end > turn else -1
     rows = np.arange(turn, end + step, step)
     rows = rows[: int(np.argmax(away_deg[rows] > _WAY_DEG)) or len(rows)]

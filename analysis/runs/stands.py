@@ -42,8 +42,7 @@ _MOST_OUTLYING = 0.1
 @dataclass(frozen=True)
 class Stand:
     """Rows [begin, end) at standstill; mean angles (6,) rad and mean readings (k,) mm of the settled part, without
-    its `outliers`.
-    """
+    its `outliers`."""
 
     begin: int
     end: int
@@ -60,8 +59,7 @@ class Stand:
 
 def stands_of(t_s: Array, q: Array, g_mm: Array) -> list[Stand]:
     """Return the standstills of a motion: times t_s (n,) s, reported angles q (n, 6) rad, readings g_mm (n, k) of k
-    gauges.
-    """
+    gauges."""
     stands = []
     for begin, end in standing(t_s, q, STANDS_RAD, _WINDOW_S):
         settled = _settled(begin, end)
@@ -185,8 +183,7 @@ def at_targets(
 
 STANDS_MM = 1.0
 """Largest difference between positions or readings of one standstill; larger ones measure different things and are
-not averaged.
-"""
+not averaged."""
 
 
 def one_row_a_stand(table: Table) -> Table:

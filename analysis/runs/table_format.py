@@ -58,8 +58,7 @@ class Kind(ABC, Generic[T]):
 
     example: tuple[str, float, float] | None = None
     """Example figure with bounds for warning and failure, of the size of the values in docs/rig-file.md, to be
-    replaced.
-    """
+    replaced."""
     part = ""
     """Section of `tests` in a rig file describing place and motion of the test."""
     further: tuple[str, str] | None = None
@@ -79,14 +78,12 @@ class Kind(ABC, Generic[T]):
     """Whether the readings alone determine the constants of an arm, which then have separate widths."""
     setup_terms, frame_terms = 4, 0
     """Number of fitted set-up terms, and number of leading terms for places that belong to the instrument or socket;
-    the others belong to the target on the tool, common to all placements.
-    """
+    the others belong to the target on the tool, common to all placements."""
     setup_words = "the ball's position and the gauges' zeros"
     """Description of the set-up terms."""
     wild_spreads = 10.0
     """Robust standard deviations from which a reading is an outlier relative to a calibrated arm; the standard
-    deviation is at least the largest of real cells, 0.06 mm. Chosen: as for the sphere of a radial test.
-    """
+    deviation is at least the largest of real cells, 0.06 mm. Chosen: as for the sphere of a radial test."""
     assumed_sd_mm = np.nan
     """Standard deviation of a coordinate if no place was visited twice."""
     never_twice = ""
@@ -98,8 +95,7 @@ class Kind(ABC, Generic[T]):
     away_from = ""
     when_far = ""
     """Words: action of rows whose joints have the labelled meaning; name of a row; origin of the distance; subject
-    to check.
-    """
+    to check."""
     without_joints = ""
     """Reason for not showing single joints; empty if the test does show them."""
 
@@ -128,15 +124,13 @@ class Kind(ABC, Generic[T]):
 
     def differs(self, table: T) -> Mask | None:
         """Return a mask (n - 1,) of rows differing from the previous row, whatever the joints; None if a row is never
-        a second reading of the same standstill: the robot was driven, or each row is a separate visit.
-        """
+        a second reading of the same standstill: the robot was driven, or each row is a separate visit."""
         return None
 
     def averaged(self, table: T, first: Mask, mean: Callable[[Array], Array]) -> T:
         """Return the table with a row for each standstill separated by `differs`; first (n,): whether a row is the
         first of a standstill, mean: means (s, …) over each standstill of values (n, …) in their unit; labels are
-        those of the first row.
-        """
+        those of the first row."""
         columns = {name: column for name, column in vars(table).items() if isinstance(column, np.ndarray)}
         return replace(table, **{name: mean(c) if c.dtype.kind == "f" else c[first] for name, c in columns.items()})
 
@@ -177,8 +171,7 @@ class Kind(ABC, Generic[T]):
 
     def unit_findings(self, table: T, rig: Rig, T_tool: Array) -> Iterable[Finding]:
         """Return the findings against units, relative to nominal tool poses T_tool (n, 4, 4), the most certain
-        first.
-        """
+        first."""
         return ()
 
     def cannot_tell(self, table: T, rig: Rig) -> str:
@@ -236,8 +229,7 @@ class Kind(ABC, Generic[T]):
 
     def sides(self, table: T) -> Integers | None:
         """Return the side of the backlash for each joint (n, axes): direction of the last move, -1 or 1, 0 if the
-        joint did not move; None if rows do not contain the approach of the joints.
-        """
+        joint did not move; None if rows do not contain the approach of the joints."""
         return None
 
     def last_moves(self, table: T) -> Array | None:
@@ -269,8 +261,7 @@ class Kind(ABC, Generic[T]):
 @cache
 def kind_named(test: TestName) -> Kind[Table]:
     """Return the kind of a test: KIND of the module in `analysis.procedures`, or the offer of a package as
-    `rig.tests` under that name. Raises FileError for an invalid offer.
-    """
+    `rig.tests` under that name. Raises FileError for an invalid offer."""
     offer = OFFERED_TESTS.get(test)
     if offer is None:
         package = f"analysis.procedures.{test}"

@@ -35,8 +35,7 @@ COUNTS = ("target", "orientation", "round")
 @dataclass(frozen=True)
 class Layout:
     """Required and optional columns of a table; each group in `together` is present completely or not at all. Other
-    columns are preserved.
-    """
+    columns are preserved."""
 
     required: tuple[str, ...]
     optional: tuple[str, ...] = ()

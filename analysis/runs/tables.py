@@ -20,8 +20,7 @@ from rigs.schema.vocabulary import CircleTest, Direction, TestName
 @dataclass(frozen=True)
 class Table:
     """Common part of tables: the test, and reported joints q (n, axes) rad, with a rail position as additional
-    column (`rail`).
-    """
+    column (`rail`)."""
 
     if TYPE_CHECKING:
 

@@ -44,8 +44,7 @@ _MARKS: dict[str, tuple[bytes, tuple[bytes, ...]]] = {
 
 def refuse_existing(path: Path, option: str = "--output") -> None:
     """Raise FileError if a path has the name of a file that records or decides something, before anything is
-    computed. option: the option for another name.
-    """
+    computed. option: the option for another name."""
     if os.path.lexists(path):
         raise FileError(str(path), "exists already", f"give another {option}, or remove it first")
 
@@ -112,8 +111,7 @@ def write_all_over(directory: Path, files: Mapping[str, Writer]) -> list[Path]:
 
 def write_views(directory: Path, files: Mapping[str, Writer]) -> list[Path]:
     """Create pictures by name in a directory, replacing earlier ones of rig. Raises FileError for any other existing
-    file, and the errors of `write_all_new`.
-    """
+    file, and the errors of `write_all_new`."""
     for name in files:
         refuse_foreign(directory / name, "--plot")
     return _write_all(directory, files, over=True)

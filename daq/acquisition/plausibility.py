@@ -45,8 +45,7 @@ HELD_STEPS = 5.0
 INCH_MM = 25.4
 BEFORE, AFTER = 9, 3
 """Readings before and after a change of unit that must confirm it: enough before to show the usual motion, and enough
-after to exclude a single wrong reading.
-"""
+after to exclude a single wrong reading."""
 _STILL_DEG = 0.1
 """Joint motion below this value counts as standstill."""
 
@@ -80,8 +79,7 @@ class PlausibilityCheck:
     _errors: dict[str, deque[int]] = field(default_factory=dict)
     _in_error: dict[str, set[int | None]] = field(default_factory=dict)
     """Columns per stream with gauges in error; None for an error without a column, which lasts while messages are
-    incomplete.
-    """
+    incomplete."""
 
     def check(self, stream: str, columns: Sequence[str], items: Sequence[Item]) -> list[Fault]:
         """Check the new items of a stream and return faults for doubtful readings."""

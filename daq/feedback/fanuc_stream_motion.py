@@ -44,8 +44,7 @@ _ASKED_AS = 3
 _REQUEST = struct.Struct(">II")
 _CAPABILITY = struct.Struct(">7I")
 """Type, version and number of the request; sampling rate in ms, steps before a motion, version, tool pose flag. The
-last field is a single byte in the answer of some controllers.
-"""
+last field is a single byte in the answer of some controllers."""
 _SHORT_CAPABILITY = _CAPABILITY.size - 3
 _ASK_CAPABILITY = 7
 _STATUS = {

@@ -35,8 +35,7 @@ _UNITS = {"mm": b"0", "inch": b"1"}
 _DECIMALS = {"mm": 4, "inch": 5}
 STATUS_EVERY = 50
 """Requests per status request. Chosen: a unit changed on the keypad is noticed within seconds, at the cost of 2 % of
-the readings.
-"""
+the readings."""
 
 
 def host(gauges: Sequence[HeidenhainND287]) -> Host:

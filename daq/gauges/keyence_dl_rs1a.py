@@ -50,8 +50,7 @@ def host(gauges: Sequence[KeyenceDLRS1A]) -> Host:
 
 def device(gauges: Sequence[KeyenceDLRS1A], read: Read) -> Device:
     """Return the communication unit's side, with heads up to the last channel used; a head without a gauge reads
-    zero.
-    """
+    zero."""
     form = _FORMAT[gauges[0].units]
 
     def answer(command: bytes, show: Show) -> bytes:

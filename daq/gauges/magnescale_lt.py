@@ -81,8 +81,7 @@ def value_of(field: bytes, gauge: Probe) -> Reading:
 
 def written(value: float) -> bytes:
     """Format a number in the counter's notation: sign and seven characters, or an overflow or alarm without a
-    number.
-    """
+    number."""
     if not math.isfinite(value):
         return b"E"
     return f"{value:+08.4f}".encode() if abs(value) < 99.99995 else b"+F0.0000"

@@ -52,8 +52,7 @@ _BY_LINE = b"?"
 """Request of a simplex cable, represented by a pulse of DTR."""
 _OFF_NS = 120_000_000
 """DTR off for at least 110 ms requests a reading from a simplex cable (Sylvac Opto instruments, user manual p.
-12-13).
-"""
+12-13)."""
 _DECIMALS = {"mm": 4, "um": 1, "inch": 5}
 
 

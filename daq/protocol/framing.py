@@ -166,8 +166,7 @@ class Sized:
 
     def _next_size(self, pending: bytearray) -> int | None:
         """Return the size of the complete message; 0 if more data is needed, None if the bytes cannot start a
-        message.
-        """
+        message."""
         if len(pending) < self._header:
             return 0
         size = self._length(bytes(pending[: self._header]))

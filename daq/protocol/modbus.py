@@ -137,8 +137,7 @@ class Resync:
 
     def ask(self, count: int) -> int:
         """Return the length of the next request: the given length, or that of a probe while an answer is
-        outstanding.
-        """
+        outstanding."""
         self.probing = self.owed and (self._proven or self._tries > 0)
         self.doubtful = self.owed and not self.probing
         self.owed = True

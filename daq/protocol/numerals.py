@@ -39,14 +39,12 @@ AGREED = 20
 """Replies needed to learn a format: with one damaged reply in 200, damaged ones cannot be the majority."""
 _LASTING = 3
 """Replies in a row with a new number of decimals that count as a change: with one damaged reply in 200, three equal
-damaged ones in a row occur less than once in ten million.
-"""
+damaged ones in a row occur less than once in ten million."""
 _PADDED = re.compile(rb"[+\- ]?( |0\d)")
 _DIGITS = b"0123456789"
 _REACH = 3
 """Accepted deviation relative to the largest recent one: of `AGREED` normal deviations the largest is about 2 sigma, so
-fewer than one in a hundred million lies further out.
-"""
+fewer than one in a hundred million lies further out."""
 _FAR = 10
 """Relative deviation of a reading with a wrong digit; one in ten wrong readings is closer by chance."""
 
@@ -155,8 +153,7 @@ class HeldShape:
 
     def _one_digit(self, written: Written) -> Doubt | None:
         """Doubt the previous reading if it is far from the middle of its neighbours, but near with one digit
-        changed.
-        """
+        changed."""
         middle_mm = (self._before_mm + written.value_mm) / 2
         off_mm = abs(self._last_mm - middle_mm)
         near_mm = _REACH * max([*self._bends_mm, written.mm * 10.0**-written.shape.decimals])
@@ -240,8 +237,7 @@ class PassesShapes:
 
 def hand_on(earlier: object, later: object) -> None:
     """Pass on learned formats to the next conversation of a link: reconnecting a plug does not change a gauge, and an
-    in/mm press in the meantime is detected.
-    """
+    in/mm press in the meantime is detected."""
     if isinstance(earlier, Shaped) and isinstance(later, Shaped):
         later.shapes = earlier.shapes
 
@@ -283,8 +279,7 @@ def are_angles(values_deg: Iterable[float]) -> bool:
 
 def plausible(value: float) -> float:
     """Return an additional value of a robot, or nan if it is impossible for a speed, mass, temperature or program
-    number.
-    """
+    number."""
     return value if abs(value) <= _LARGEST_BESIDE else math.nan
 
 

@@ -196,8 +196,7 @@ class SteadyDevice(ABC):
 
     IS_STREAM = False
     """Whether a step sends all due messages. Otherwise it sends one datagram, followed immediately by the next if
-    late.
-    """
+    late."""
 
     def __init__(self, read: Callable[[int], Sequence[float]], unasked_hz: float | None = None) -> None:
         self.sent = 0

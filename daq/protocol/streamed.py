@@ -98,8 +98,7 @@ class Streamed(PassesShapes):
 
 _FIRST_SLOWLY_BYTES = 48
 """Bytes decoded singly after a failed array decode, a few values. Doubled each time, to limit attempts on a garbled
-stream.
-"""
+stream."""
 
 
 class QuickDialect(StreamedDialect, Protocol):
@@ -114,8 +113,7 @@ class QuicklyStreamed(Streamed):
 
     gather_ns = 100_000_000
     """Decoding takes about 0.3 ms, in which nothing is stamped. At this interval it affects fewer than one stamp in a
-    hundred, and it is shorter than a recorder round.
-    """
+    hundred, and it is shorter than a recorder round."""
 
     def __init__(self, dialect: QuickDialect, timeout_s: float) -> None:
         super().__init__(dialect, timeout_s)

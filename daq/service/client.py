@@ -69,8 +69,7 @@ class Client:
 
     def ask(self, command: str, **fields: Any) -> dict[str, Any]:
         """Send a request and return the answer. Raises the RigError of the daemon, or CellError if the daemon is
-        gone.
-        """
+        gone."""
         until_s = clock.now_s() + ANSWERS_S
         try:
             self._sock.settimeout(ANSWERS_S)

@@ -61,8 +61,7 @@ def most_connections() -> int:
 @dataclass(eq=False)
 class _Connection:
     """Client connection. silent_since_s: monotonic time of the last answer. busy: awaiting an answer. ended: by the
-    server.
-    """
+    server."""
 
     sock: socket.socket
     user: int

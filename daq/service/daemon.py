@@ -183,8 +183,7 @@ class Daemon:
 
     def _take_locks(self) -> None:
         """Lock the socket, the rig file, the directory of runs and the gauges. Raises CellError if a different
-        daemon holds a lock.
-        """
+        daemon holds a lock."""
         socket_lock = self._socket_path.with_suffix(".lock")
         self._locks.callback(InstanceLock.take(self._rig.name, socket_lock).release)
         if self._rig_file:

@@ -167,8 +167,7 @@ class InstanceLock:
     @classmethod
     def take_runs(cls, rig: str, runs: Path) -> InstanceLock:
         """Lock a directory of runs for a rig; rigs may share a directory. Raises CellError if a daemon already
-        records this rig.
-        """
+        records this rig."""
         path = runs / f".rigd-{rig}.lock"
         return cls._held(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, f"another rigd records {rig} in this directory")
 
@@ -210,8 +209,7 @@ class InstanceLock:
         cls, path: Path, flags: int, refusal: str, remedy: str = "stop that one, or talk to it with rig status"
     ) -> InstanceLock:
         """Lock a file. No lock if it cannot be opened or the disk does not support locks; code using the file
-        reports such problems.
-        """
+        reports such problems."""
         try:
             fd = os.open(path, flags | os.O_NONBLOCK | os.O_CLOEXEC, 0o644)
         except OSError:

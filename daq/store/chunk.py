@@ -140,8 +140,7 @@ MOST_BYTES = 4_000_000_000
 """Largest chunk file; a recorded chunk has about 20 MB, an imported table at most the size of its CSV."""
 _CELL_BYTES, _MOST_DECODED = 8, 800_000_000
 """Bytes per number, and limit of the decoded numbers or text of a chunk: a recorded chunk has 200 000 rows, a table up
-to 20 million cells.
-"""
+to 20 million cells."""
 _NO_MEMORY = "not enough memory"
 _ZEROS = (StopIteration, EOFError)
 """Exceptions of Arrow for zeros."""

@@ -171,8 +171,7 @@ def _test_and_direction(
     run: Path, manifest: Manifest, test: TestName, direction: Direction | None
 ) -> dict[str, str | None]:
     """Return the new test and direction. Raises FileError if the run does not fit, UseError for a direction without
-    a circle.
-    """
+    a circle."""
     # Recorded streams fit any test with gauges, a table fits either circle.
     alike: tuple[TestName, ...] = get_args(DrivenTest) if manifest.table is None else CIRCLES
     if test != manifest.test and not (manifest.test in alike and test in alike):

@@ -125,8 +125,7 @@ def chunks_of(path: Path, manifest: Manifest, stream: str) -> Iterator[dict[str,
 
 def read_chunk(path: Path, chunk: Chunk, schema: pa.Schema, columns: Sequence[str] | None = None) -> pa.Table:
     """Return the rows of a chunk, or some columns. Raises FileError if the chunk is missing, damaged or different from
-    the manifest.
-    """
+    the manifest."""
     file = path / chunk.file
     remedy = "restore the file from a copy of the run"
     try:
@@ -153,8 +152,7 @@ def read_chunk(path: Path, chunk: Chunk, schema: pa.Schema, columns: Sequence[st
 
 def _array(column: pa.ChunkedArray) -> np.ndarray[Any, Any]:
     """Return a column as an array. Identical values, like most stamps of a streaming gauge, become a view of a single
-    value without memory.
-    """
+    value without memory."""
     pieces = [piece_of(chunk) for chunk in column.chunks]
     first = next((piece[:1] for piece in pieces if len(piece)), None)
     if first is not None and all((_bits(piece) == _bits(first)).all() for piece in pieces):

@@ -152,8 +152,7 @@ class StreamWriter:
 
     def write(self) -> None:
         """Append the pending rows as one batch, in a new chunk if none is open; deferred while a chunk awaits its
-        sync.
-        """
+        sync."""
         if self.open and self.open.ended:
             if self.full or not self.open.is_synced:
                 return

@@ -163,8 +163,7 @@ def _manifest(path: Path, manifest: Manifest, *, is_recorded: bool) -> list[str]
 
 def _beside(path: Path, manifest: Manifest) -> list[str]:
     """Return defects of the calibrations next to a run, using the digests in the rig file (absent in older runs), and
-    of the marks.
-    """
+    of the marks."""
     problems = []
     for file in sorted(path.glob(f"*{CALIBRATION}")):
         try:

@@ -17,8 +17,7 @@ _LONGEST_WAIT_S = 0.2
 """Limit that lets a stop request take effect and feeds the watchdog on a silent link."""
 _ALIVE_NS = 5_000_000
 """Shortest interval between calls of `alive` in a fast loop: the calls (heartbeat, counters, giving way) would
-otherwise take a tenth of a poll.
-"""
+otherwise take a tenth of a poll."""
 _MOST_GATHERED_BYTES = 65_536
 """Limit of one read: data of a flooding peer is decoded in pieces of about 2 ms each."""
 

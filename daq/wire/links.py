@@ -167,8 +167,7 @@ class UdpLink(Link):
 
     def read(self, timeout_s: float) -> bytes:
         """Return the next datagram of the peer, waiting at most `timeout_s`; empty after a time-out. Raises
-        LinkLost.
-        """
+        LinkLost."""
         try:
             if not select.select([self], [], [], max(0.0, timeout_s))[0]:
                 return b""
@@ -300,8 +299,7 @@ def _address_text(address: Address | None) -> str:
 
 def set_up_tcp(sock: socket.socket, dead_s: float) -> None:
     """Configure a TCP socket: no delay, non-blocking, keep-alive probes and a limit on unacknowledged data below
-    `dead_s`.
-    """
+    `dead_s`."""
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     part_s = max(1, round(dead_s / 5))
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)

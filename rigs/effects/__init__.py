@@ -73,8 +73,7 @@ def turned(axis: int, angle_deg: float) -> Effect:
 
 def changed(axis: int, key: str, delta: float) -> Effect:
     """Return the effect that changes a constant of an axis (1 … 6), named as in the rig file, by delta mm or
-    degrees.
-    """
+    degrees."""
     return next(effect for cls in VOCABULARY.values() if (effect := cls.changing(axis, key, delta)))
 
 

@@ -13,8 +13,7 @@ _WAYS: tuple[About, ...] = ("x", "y")
 
 class BaseSags(Effect):
     """The base rises by `mm_per_Nm` of the moment about its x or y, as with a support beside the arm, such as a
-    column guide.
-    """
+    column guide."""
 
     effect: Literal["base_sags"] = "base_sags"
     way: About

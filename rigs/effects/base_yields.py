@@ -15,8 +15,7 @@ Yields = Literal["evenly", "x", "y", "xy", "yx"]
 _WAYS: tuple[Yields, ...] = ("evenly", "x", "y", "xy", "yx")
 _ABOUT_DEG: dict[Yields, float] = {"x": 0.0, "xy": 45.0, "y": 90.0, "yx": 135.0}
 """Tilt axis from the x axis of the base towards y. An isotropic compliance and one or two of these describe any column
-or frame, because the compliance is a symmetric tensor.
-"""
+or frame, because the compliance is a symmetric tensor."""
 _IN_WORDS: dict[Yields, str] = {
     "evenly": "tilt of the base under load, alike in all directions",
     "x": "tilt of the base under load, about its x",
@@ -26,21 +25,18 @@ _IN_WORDS: dict[Yields, str] = {
 }
 _BELOW_MM = 300.0
 """Depth of the tilt axis below the origin of the base, unknown: half the height for a bending column, the full height
-for yielding anchors (the end of a beam turns about its middle). Columns and pedestals are 0 to 1000 mm high.
-"""
+for yielding anchors (the end of a beam turns about its middle). Columns and pedestals are 0 to 1000 mm high."""
 
 
 class BaseYields(Effect):
     """The base turns by `deg_per_Nm` of the moment, isotropically (`evenly`) or about one line, `below_mm` below its
-    origin.
-    """
+    origin."""
 
     effect: Literal["base_yields"] = "base_yields"
     way: Yields
     deg_per_Nm: float = size(0.01, 5e-6, least=0.0)
     """Healthy value, derived: the end of a steel column of 200 × 200 × 10 mm (I = 45.9 · 10⁶ mm⁴, 210 GPa) of 0.8 m
-    turns by L / EI = 0.083 µrad/Nm, rounded to 0.09 µrad/Nm.
-    """
+    turns by L / EI = 0.083 µrad/Nm, rounded to 0.09 µrad/Nm."""
     below_mm: float = shape(0, 5000, 0.0)
 
     STAGE = "tool"
@@ -80,8 +76,7 @@ class BaseYields(Effect):
 
     def usual_times(self, build: Build) -> float:
         """Five times for light arms, which stand on frames, tables and carts; assumed, no measured stand was
-        available.
-        """
+        available."""
         return 1.0 if build == "industrial" else 5.0
 
     @property

@@ -41,8 +41,7 @@ al., 2024, as fitted by rig), 3.2 to 4.3e-3 °/Nm.
 
 class Compliance(Effect):
     """Compliance of a joint under load: torque times `deg_per_Nm`. `payload_kg` is the difference between the real
-    payload and the rig file, down to no payload.
-    """
+    payload and the rig file, down to no payload."""
 
     effect: Literal["compliance"] = "compliance"
     axis: Axis
@@ -57,14 +56,12 @@ class Compliance(Effect):
     MOST = 1000.0
     """Chosen: the softest axis allowed in a rig file (0.05 °/Nm, a spring of 1.1 kNm/rad). Joints of light arms are far
     softer
-    than those of industrial arms, which define the healthy sizes: fits of FR3 arms gave 0.006 with a limit of 0.018.
-    """
+    than those of industrial arms, which define the healthy sizes: fits of FR3 arms gave 0.006 with a limit of 0.018."""
 
     @classmethod
     def free(cls, payload_kg: float) -> tuple[FreeShape, ...]:
         """A stated payload is kept within the uncertainty of scales and cables, unless the readings contradict:
-        more, or none.
-        """
+        more, or none."""
         if payload_kg <= 0:
             return cls.FREE
         spread = max(_STATED_SHARE * payload_kg, _LEAST_KG)

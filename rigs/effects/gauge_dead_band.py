@@ -32,8 +32,7 @@ class GaugeDeadBand(Effect):
     STRAIGHT = 0.0
     FORM_U = 0.2
     """The readings show the size of the lag, but hardly whether the plunger drags or jumps. Chosen: without it, a band
-    of 40 µm of a different generator gave 30.0 ± 0.3.
-    """
+    of 40 µm of a different generator gave 30.0 ± 0.3."""
 
     def apply(self, scene: S) -> S:
         """Apply the play operator to the reading."""

@@ -48,8 +48,7 @@ class JointOffset(Effect):
     def usual_times(self, build: Build) -> float:
         """Twice for light arms: zeros of axes 2 to 4 of a UR10 are off by up to 0.06° (Landgraf et al., 2021). Ten
         times for servos, with zeros set by eye and limited by the teeth of a horn; assumed, so that an offset of 1° is
-        a fault.
-        """
+        a fault."""
         return {"industrial": 1.0, "servo": 10.0}.get(build, 2.0)
 
     @property

@@ -69,8 +69,7 @@ class LinkGeometry(Effect):
     def usual_times(self, build: Build) -> float:
         """Twice for light arms: 0.78 mm and 0.089° for a UR10 in two series (Landgraf et al., 2021, as fitted by rig).
         Ten times for
-        angles of printed brackets, assumed: an edge of 30 mm is printed to 0.1 mm.
-        """
+        angles of printed brackets, assumed: an edge of 30 mm is printed to 0.1 mm."""
         if build == "servo" and not self._length:
             return 10.0
         return 1.0 if build == "industrial" else 2.0

@@ -38,8 +38,7 @@ class LinkGrowth(Effect):
 
     def apply(self, scene: S) -> S:
         """Reduce the distance between tool and ball by growth_mm (1 - exp(-t / time constant)), so every gauge shows
-        less.
-        """
+        less."""
         growth = self.growth_mm * warmed(scene.t_s, self.time_constant_s)
         return scene.all_read(lambda g: g - growth[:, None])
 

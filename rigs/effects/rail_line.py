@@ -25,8 +25,7 @@ _REMEDIES: dict[Way, str] = {
 
 class RailLine(Effect):
     """Displacement of the base by `mm_per_m` per metre of the rail: `along` it (scale), `across` it horizontally, or
-    `up`.
-    """
+    `up`."""
 
     effect: Literal["rail_line"] = "rail_line"
     way: Way

@@ -33,15 +33,13 @@ fit to poses of one UR10 series left 240, 245 and 248 µm in a second series, an
 """
 _MOST_WAVES = 135
 """Limit of waves within the range of a joint; more would be shorter than the resolution: three readings per wave, of
-the 400 readings in a lap of 8 s at 50 Hz.
-"""
+the 400 readings in a lap of 8 s at 50 Hz."""
 _HARMONIC = 0.15
 
 
 class TransmissionError(Effect):
     """Gear error `amplitude sin(order q + phase)`, `order` in cycles per turn, with a share `third` at three times
-    the order.
-    """
+    the order."""
 
     effect: Literal["transmission_error"] = "transmission_error"
     axis: Axis
@@ -104,8 +102,7 @@ class TransmissionError(Effect):
 
 def _orders_for(turned: float, most: int) -> list[int]:
     """Return orders distinguishable over the range of the joint (in turns), low ones denser by a third; fits refine
-    them.
-    """
+    them."""
     orders, order = [], 1.0
     while order <= most:
         if order * turned < _MOST_WAVES:

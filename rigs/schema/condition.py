@@ -59,8 +59,7 @@ UNDISTURBED = {
 
 def condition_words(shown: Mapping[str, float]) -> Iterator[tuple[str, bool]]:
     """Yield the known parts of a condition as text, each with a flag for disturbances such as a stop or a reduced
-    speed.
-    """
+    speed."""
     if shown.get(SAFETY, math.nan) in STOPPED:
         yield words_of(SafetyState(int(shown[SAFETY]))), True
     if shown.get(MOTORS) == 0:

@@ -156,8 +156,7 @@ class Touch(Part):
 
 class Instrument(Pose):
     """Pose of the tracker frame in the world, measured independently of the test poses: by the robot's mounting holes,
-    or by turning axes 1 and 2 only.
-    """
+    or by turning axes 1 and 2 only."""
 
     u_mm: float = Field(default=0.0, ge=0, le=100)
     """Standard uncertainty of a coordinate at the cube caused by this frame."""
@@ -182,8 +181,7 @@ class Iso9283(Part):
     """Repetitions of P5 P4 P3 P2 P1; 30 in the standard."""
     joint_speed_deg_s: float = Field(default=30.0, gt=0, le=1000)
     """Speed of the fastest joint between poses; the standard requires the rated speed, for use once the path is
-    known.
-    """
+    known."""
     path_speed_mm_s: float = Field(default=250.0, gt=0, le=10_000)
     """Speed along the paths; the programs use 100, 50 and 10 %."""
     path_cycles: int = Field(default=10, ge=3, le=200)

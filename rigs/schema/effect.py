@@ -26,8 +26,7 @@ from rigs.schema.vocabulary import FEWEST_AXES, MOST_AXES, Build
 Gauge = Literal["g1", "g2"]
 PartKind = Literal["constants", "gravity", "curve", "reversal", "warming", "gauges", "clocks"]
 """Part of an arm's error in the user's view: link constants and zeros, elasticity under load, the angle error of a
-joint, behaviour at reversals, heat, measuring instruments, and reading times.
-"""
+joint, behaviour at reversals, heat, measuring instruments, and reading times."""
 _PART_OF: dict[Stage, PartKind] = {
     "time": "clocks",
     "arm": "constants",
@@ -39,8 +38,7 @@ _PART_OF: dict[Stage, PartKind] = {
 Use = Literal["joint zero", "link constant", "targets only", "none"]
 Deed = Literal["repair", "remaster", "enter", "mount", "wait"]
 """Action for an effect: repair a part of the arm, re-master a joint, enter a number, remount ball or gauges, or wait
-for thermal equilibrium.
-"""
+for thermal equilibrium."""
 PHASE = "phase_deg"
 """Parameter of waves."""
 _OF_A_WAVE = 0.1
@@ -51,8 +49,7 @@ SEATS = ("axis", "field", "gauge", "from_axis", "to_axis", "way")
 
 def size(bound: float, healthy: float, *, least: float | None = None) -> Any:
     """Declare a size parameter limited to [-bound or least, bound], zero for no effect; `healthy` is the spread over
-    good arms.
-    """
+    good arms."""
     return Field(default=0.0, ge=-bound if least is None else least, le=bound, json_schema_extra={"healthy": healthy})
 
 
@@ -128,8 +125,7 @@ class FreeShape:
 @dataclass(frozen=True)
 class StretchedShape:
     """Shape fitted from its value in a form, with an uncertainty of a share of it, or at least `least`; low: lower
-    limit.
-    """
+    limit."""
 
     field: str
     share: float
@@ -181,8 +177,7 @@ BY_TARGETS = Compensation("targets only")
 @dataclass(frozen=True)
 class Place:
     """Notation of a seat. pattern: expression with a group per parameter. example. every: meaning of omitted
-    parameters.
-    """
+    parameters."""
 
     pattern: str
     example: str
@@ -209,8 +204,7 @@ class Effect(Part, ABC):
     """Largest size, in healthy sizes, with a linear response; 0 for nonlinear effects such as backlash."""
     NEEDS_REPEATS: ClassVar[bool] = False
     """Whether the effect is only visible in changes between laps or runs: the slow noise of a single lap looks
-    similar.
-    """
+    similar."""
     PART: ClassVar[PartKind | None] = None
     """Part of the arm's error, unless determined by the stage."""
     FORM_U: ClassVar[float] = 0.0
@@ -221,8 +215,7 @@ class Effect(Part, ABC):
     """Action for this effect."""
     MOST: ClassVar[float] = 120.0
     """Largest size in a fit, in healthy sizes: faults are at most 100, and the simulator is not validated far
-    beyond.
-    """
+    beyond."""
 
     @abstractmethod
     def apply(self, scene: S) -> S:
@@ -232,8 +225,7 @@ class Effect(Part, ABC):
     @abstractmethod
     def forms(cls, scope: Scope) -> list[list[Self]]:
         """Return the possible forms at size zero, as a list per possible seat in the runs. Callers add the second
-        phase of a wave.
-        """
+        phase of a wave."""
 
     @abstractmethod
     def plain(self, joint: str) -> str:
@@ -304,8 +296,7 @@ class Effect(Part, ABC):
     @classmethod
     def changing(cls, axis: int, key: str, delta: float) -> Effect | None:
         """Return the effect for a changed constant of an axis, named as in the rig file, by delta mm or degrees;
-        implemented by one class.
-        """
+        implemented by one class."""
         return None
 
     @classmethod
@@ -429,12 +420,10 @@ WARMING_S = (60.0, 300.0, 1200.0)
 """Initial time constants in s. Chosen: factors of about five, refined by the fit."""
 SPECTRUM = (0.2, 0.5, 2.0)
 """Time constants of parts of a real arm, relative to the effect: motors and gears warm up faster than castings.
-Chosen.
-"""
+Chosen."""
 SPECTRUM_SHARE = 0.25
 """Standard deviation of each part's share. Chosen: for an arm with a quarter warming up five times as fast, 5 % turned
-a growth of 149 ppm into 120 ± 8.
-"""
+a growth of 149 ppm into 120 ± 8."""
 
 
 def warmed(t_s: Array, time_constant_s: float) -> Array:

@@ -1,6 +1,5 @@
 """Sources of the robot's position: a maker's interface, an OPC UA server with the Robotics companion specification (OPC
-40010-1), or ROS 2 joint states. `interface` is the name of a file in `daq/feedback/`.
-"""
+40010-1), or ROS 2 joint states. `interface` is the name of a file in `daq/feedback/`."""
 
 from __future__ import annotations
 
@@ -42,8 +41,7 @@ class OPCUARobotics(Part):
     """Browse name of the robot below MotionDevices, if the server has several."""
     axes: tuple[AxisName, AxisName, AxisName, AxisName, AxisName, AxisName] | None = None
     """Browse names of q1 … q6 below Axes, or node ids of the position variables, such as `ns=2;s=A1.Pos`. By default
-    the robot must have six axes with names ending in numbers.
-    """
+    the robot must have six axes with names ending in numbers."""
     units: Literal["deg", "rad"] | None = None
     """Angle unit, if the server does not state it (EngineeringUnits)."""
     rate_hz: float = Field(default=100, ge=1, le=500)
@@ -174,8 +172,7 @@ class URRTDE(_Feedback):
     signal: RTDESignal | None = None
     condition: bool = True
     """Whether to request the condition of the robot: program, safety, speed, payload, temperatures. Fields unknown to
-    the controller are omitted.
-    """
+    the controller are omitted."""
     currents: bool = False
     """Whether to record the joint motor currents, used to measure friction."""
 
@@ -196,8 +193,7 @@ class LineFeed(_Feedback):
     fields: tuple[str, ...] = ("t_ms", *(f"q{axis}_deg" for axis in range(1, 7)))
     """Field names in order of the line: q1_deg … q6_deg (or _rad), at most one of t_s, t_ms, t_us, at most one
     `signal`, and
-    printed condition columns (program_state, speed_percent …); `_` is skipped.
-    """
+    printed condition columns (program_state, speed_percent …); `_` is skipped."""
     separator: str = Field(default=",", min_length=1)
     """A blank represents any sequence of blanks and tabs."""
     line: Line = Line(baud=9600, bits=8, parity="N", stop=1)
@@ -254,8 +250,7 @@ class KUKARSI(_Feedback):
     condition: dict[str, str] = Field(default_factory=dict)
     """TAG in SEND of the Ethernet configuration for each transmitted part of the condition, such as `speed_percent:
     Override` or
-    `motors_on: Drives.On`.
-    """
+    `motors_on: Drives.On`."""
 
     @field_validator("condition")
     @classmethod

@@ -307,8 +307,7 @@ if not TYPE_CHECKING:
 
 class Gauges(Part):
     """Gauge 1, and gauge 2 for angle tests: the two gauges used by tests. Additional ones are recorded, exported and
-    shown.
-    """
+    shown."""
 
     g1: Gauge
     g2: Gauge | None = None

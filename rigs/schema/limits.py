@@ -20,8 +20,7 @@ COVERAGE = 2.0
 TOLERANCE_BY_RP = 5.0
 """Suggested tolerance of an arm relative to its pose repeatability RP (ISO 9283). RP includes neither backlash nor gear
 errors, which a circle shows. An ABB IRB 1600 with a repeatability of 37 µm drove small circles at 700 mm/s with radial
-errors of up to 250 µm, and positions were up to 650 µm off (Slamani, Nubiola and Bonev, Industrial Robot 39, 2012).
-"""
+errors of up to 250 µm, and positions were up to 650 µm off (Slamani, Nubiola and Bonev, Industrial Robot 39, 2012)."""
 USUAL_RP_MM = 0.05
 """Assumed RP for an unknown data sheet; arms of the library have 0.02 to 0.05 mm."""
 WATCH_SHARE = 0.5
@@ -57,8 +56,7 @@ class Limit(Part):
 
     def straddled(self, value: float, u: float) -> bool:
         """Return whether the uncertainty interval contains a bound, so that a new measurement may change the
-        decision.
-        """
+        decision."""
         expanded = COVERAGE * u if math.isfinite(u) else math.inf
         return any(abs(abs(value) - bound) < expanded for bound in (self.watch, self.fail) if bound is not None)
 

@@ -12,8 +12,7 @@ from rigs.schema.probe import Probe
 
 SLOWEST_HZ = 0.5
 """Slowest rate: a recording cannot start with a reading older than 3 s, and a connection without data for 10 s is
-lost.
-"""
+lost."""
 Number = Literal[
     "int16", "uint16", "float16", "int32", "uint32", "float32", "int64", "uint64", "float64"
 ]  # fmt: skip

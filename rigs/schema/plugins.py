@@ -29,8 +29,7 @@ C = TypeVar("C", bound=BaseModel)
 @cache
 def _offers() -> tuple[EntryPoint, ...]:
     """Return the entry points of all packages. Scanning an environment of a hundred packages takes some hundredths of a
-    second, once.
-    """
+    second, once."""
     of_packages = entry_points()
     return tuple(offer for group in (*_KEY, MAKERS) for offer in of_packages.select(group=group))
 
@@ -74,6 +73,5 @@ def extended(union: Any, group: Group, base: type[BaseModel]) -> Any:
 
 def driver_of(part: BaseModel, folder: str) -> str:
     """Return the driver module for a gauge or robot of a rig file: `driver` of its class, or the file in rig's own
-    folder.
-    """
+    folder."""
     return str(getattr(type(part), "driver", "") or f"{folder}.{part.interface}")  # type: ignore[attr-defined]

@@ -1,6 +1,5 @@
 """Common part of all gauges: the timing of readings, calibration certificates of gauge, ball and link, and the
-temperature.
-"""
+temperature."""
 
 from __future__ import annotations
 
@@ -231,8 +230,7 @@ class Probe(Part):
     """Unit set at the instrument; a reading in a different unit is a fault, never a value."""
     counts: Counts = "away"
     """Direction of increasing readings: as the tool moves away from the ball, or towards it, as with most plunger
-    gauges, which are then pushed in. Runs store readings as displayed.
-    """
+    gauges, which are then pushed in. Runs store readings as displayed."""
     offset_mm: Length
     """Position on the baseline, along y_T (yaw) or x_T (roll): +25 for gauge 1, -25 for gauge 2."""
     accuracy_mm: float = Field(default=0.0005, gt=0, le=10)

@@ -96,8 +96,7 @@ class Robot(Part):
     """Tool and ball link, at the flange."""
     build: Build | None = Field(default=None, exclude_if=lambda value: value is None)
     """Design of the arm; by default, an arm of seven axes has torque sensors, and an arm of four or five axes is
-    light.
-    """
+    light."""
 
     @model_validator(mode="after")
     def _in_mm(self) -> Robot:
@@ -117,8 +116,7 @@ class Robot(Part):
 
     def axis_words(self, axis: int) -> str:
         """Return the displayed name of an axis, counted from 1: `axis 4 (gamma)`, or `axis 4` if its name only
-        repeats the number.
-        """
+        repeats the number."""
         name = self.own_name(axis)
         return f"axis {axis} ({name})" if name else f"axis {axis}"
 

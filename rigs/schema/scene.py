@@ -78,8 +78,7 @@ class Scene(Protocol):
 
     def with_constant(self, field: str, axis: int, delta: float) -> Self:
         """Return the scene with an arm constant (a, d in mm; alpha, beta in rad) of an axis (1 … 6) changed by
-        delta.
-        """
+        delta."""
 
     def turned(self, axis: int, deviation: Array | float) -> Self:
         """Return the scene with the link side of a joint (1 … 6) turned by a deviation (n,) rad."""
@@ -92,8 +91,7 @@ class Scene(Protocol):
 
     def tilted(self, turn: Array, below_mm: float) -> Self:
         """Return the scene with the arm turned by rotation vectors (n, 3) rad in base axes, about a point below the
-        base origin.
-        """
+        base origin."""
 
     def raised(self, height_mm: Array) -> Self:
         """Return the scene with the arm moved along the z axis of its base by (n,) mm."""
@@ -144,8 +142,7 @@ def play(x: Array, half: float, begin: float = 0.0) -> Array:
 
 def plays(x: Array, half: Array, begin: float = 0.0) -> Array:
     """Return the followers (w, n) of x (n,) in gaps of ± half (w,), all in the unit of x, starting at `begin` (-1 …
-    1) times half.
-    """
+    1) times half."""
     way = np.sign(np.diff(x))
     moving = np.flatnonzero(way)
     # A standing x keeps its direction: rounded angles repeat in every other sample.

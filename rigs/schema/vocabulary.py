@@ -52,8 +52,7 @@ TEST_WITHOUT_GAUGES: dict[MeasuredBy, TestName] = {"tracker": "pose", "sockets":
 """Test of an arm measured without gauges."""
 FEWEST_AXES, DRIVEN_AXES, MOST_AXES = 4, 6, 7
 """Fewest and most axes of an arm, and the number for the ball link: a tool reaches any pose with six axes, so circles,
-their programs and controller entries require six.
-"""
+their programs and controller entries require six."""
 
 
 def direction_of(word: str) -> Direction | None:
@@ -71,8 +70,7 @@ _ALSO_NAMED: dict[MakerName, tuple[str, ...]] = {
     "yaskawa": ("motoman",),
 }
 """Makers supported for programs and corrections, with other names of their arms; each has a folder in
-analysis/apps/makers.
-"""
+analysis/apps/makers."""
 MAKERS: tuple[MakerName, ...] = tuple(_ALSO_NAMED)
 
 
@@ -107,5 +105,4 @@ def maker_of(interface: str) -> MakerName | None:
 
 Build = Literal["industrial", "light", "torque_sensing", "servo"]
 """Design of an arm, which determines normal sizes of effects: reducers of industrial arms, strain-wave gears of light
-arms and cobots, joint torque sensors, or hobby servos with load-bearing brackets.
-"""
+arms and cobots, joint torque sensors, or hobby servos with load-bearing brackets."""

@@ -49,8 +49,7 @@ _SAME_SIZE = 1e-3
 @dataclass(frozen=True)
 class Controller:
     """State of a controller: arm, its kinematic model; reads_more (6,) rad: joint readings relative to the original
-    ones at the same position.
-    """
+    ones at the same position."""
 
     maker: MakerName
     arm: Arm
@@ -127,8 +126,7 @@ _KEYS = ("parameter", "add", "unit", "now")
 
 _ARC_RAD, _LINE_MM, _TURN_RAD, _JOINT_RAD = np.radians([0.1, 1.0, 0.2, 0.5]) * [1, np.degrees(1), 1, 1]
 """Largest steps between two poses: on a circle of 70 mm linear joint interpolation deviates by 0.03 µm, on a line by
-less; joint moves are linear anyway.
-"""
+less; joint moves are linear anyway."""
 _MM_S2 = 500.0
 """Default acceleration of the tool. Chosen: moderate, as near a gauge."""
 _RAD_S = 1.0
@@ -263,8 +261,7 @@ class _Driver:
 
 def _part(move: Straight | Round) -> tuple[Array, Array, Array, Array]:
     """Return the poses (n, 4, 4) of a move without its start, and per step its size (n,) in mm including rotation,
-    speed and acceleration.
-    """
+    speed and acceleration."""
     step_rad = _ARC_RAD if isinstance(move, Round) else _TURN_RAD
     count = max(3, int(np.ceil(max(move.turned_rad / step_rad, move.length_mm / _LINE_MM))))
     if count > _MOST_SAMPLES:
@@ -323,8 +320,7 @@ def _standing(arm: Arm, pose: Pose, near: Array) -> Array:
 
 def _posture(q: Array, stated: Posture) -> Posture:
     """Return the posture at joint angles q (6,) rad, in the notation of `stated`: whether axes 4, 6 and 1 exceed
-    180°.
-    """
+    180°."""
     beyond = tuple(int(not -np.pi < q[axis] <= np.pi) for axis in (3, 5, 0))
     return Posture(bool(q[4] > 0), beyond if len(stated.counts) == len(beyond) else stated.counts)
 

@@ -142,8 +142,7 @@ class Pendant:
 
     def _of(self, maker: MakerName | None, where: str) -> Controller:
         """Return the controller; by default its maker is that of the first program or entries. Raises FileError for
-        a different maker.
-        """
+        a different maker."""
         self._maker = self._maker or maker
         if self._maker is None:
             raise FileError(where, "does not say for which controller it is", "give --for")
@@ -154,8 +153,7 @@ class Pendant:
 
     def _signals(self, driven: Driven) -> tuple[tuple[float, float], ...]:
         """Return the times and numbers shown by the robot: of the outputs, in order of first switching or as in the rig
-        file, or of the register.
-        """
+        file, or of the register."""
         place = signal_of_outputs(self._rig.feedback)
         if place and place.int_register is not None:
             return tuple((t_s, float(value)) for t_s, at, value in driven.registers if at == place.int_register)

@@ -161,8 +161,7 @@ def target_trace(rig: Rig, test: Literal["radial", "repeatability"]) -> Trace:
 
 def trace_along(rig: Rig, test: DrivenTest, t_s: Array, q: Array) -> Array:
     """Return noise-free gauge readings (n, k) mm along reported angles q (n, 6) rad at t_s (n,) s, with gauges
-    mounted for a test.
-    """
+    mounted for a test."""
     g_mm = _readings_along(rig, test, t_s, q)
     return g_mm if test in CIRCLES else np.repeat(g_mm, len(list(rig.gauges)), axis=1) - link_excess_mm(rig)
 

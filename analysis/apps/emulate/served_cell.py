@@ -46,8 +46,7 @@ _SAID: dict[State, str] = {
 @dataclass(frozen=True)
 class CellEvent:
     """Event of an emulated cell. event: kind. name: port, program, file or column, or the refused line. text:
-    description.
-    """
+    description."""
 
     event: Literal["port", "ready", "driving", "entered", "shows", "refused", "sent", State]
     name: str
@@ -86,8 +85,7 @@ class Keyboard:
 
     def read(self, *, has_person: bool) -> None:
         """Start reading standard input. has_person: whether the cell ends with the input; otherwise it serves until
-        a signal.
-        """
+        a signal."""
         threading.Thread(target=self._read, args=(has_person,), daemon=True).start()
 
     def start(self) -> None:

@@ -43,8 +43,7 @@ _SAME_MM, _SAME_RAD = 0.5, 1e-4
 @dataclass(frozen=True)
 class Layout:
     """Notation of a maker's description: nominal joint origins, that of the flange if present, and the keys above and
-    below the joint names.
-    """
+    below the joint names."""
 
     origins: tuple[Origin, ...]
     flange: Origin | None = None
@@ -140,8 +139,7 @@ LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 """Entries of the file, from the base."""
 NOT_THE_CONTROLLERS = "rig_not_of_the_controller"
 """Default hash. The driver compares it with the checksum of the controller's calibration and correctly reports a
-difference at each start.
-"""
+difference at each start."""
 _HASH = re.compile(r"calib_\d{1,20}")
 """Format of the driver's hash: a number of 64 bits."""
 _TWISTS_DEG = (0.0, 90.0, 0.0, 0.0, 90.0, -90.0)

@@ -34,8 +34,7 @@ _MOST_PARTS = 2000
 """Limit of links and joints; a humanoid with both hands has about a hundred."""
 _MOST_ATTRIBUTES = 10_000
 """Limit of equals signs in an element or comment: an element has about three, and the XML library's time for attributes
-is quadratic, 90 s for 200,000.
-"""
+is quadratic, 90 s for 200,000."""
 _LARGEST = 1e6
 """Limit in metres, radians or kilograms."""
 _TYPES = ("revolute", "continuous", "prismatic", "fixed")
@@ -56,8 +55,7 @@ _XACRO = "expand the macros first: xacro FILE > arm.urdf"
 @dataclass(frozen=True)
 class UrdfJoint:
     """Joint. T_parent_child (4, 4): frame at zero, in mm. axis (3,): in that frame, any length. lower, upper (rad) and
-    velocity (rad/s): infinite if absent. follows: mimicked joint.
-    """
+    velocity (rad/s): infinite if absent. follows: mimicked joint."""
 
     name: str
     type: str
@@ -222,8 +220,7 @@ _NONE = 1e-13
 @dataclass(frozen=True)
 class Chain:
     """Joints between two links of a URDF: up, fixed joints from the base to the common ancestor, and down to the
-    tip.
-    """
+    tip."""
 
     base: str
     tip: str
@@ -319,8 +316,7 @@ def joints_of(urdf: Urdf, chain: Chain) -> tuple[Joint, ...]:
 
 def _ends(urdf: Urdf, base: str | None, tip: str | None, above: dict[str, UrdfJoint], where: str) -> tuple[str, str]:
     """Return the end links of an arm's chain: requested, with the usual names, or the root and the only movable end
-    link.
-    """
+    link."""
     names = list(urdf.masses)
     for name in (base, tip):
         if name is not None and name not in names:
@@ -443,8 +439,7 @@ def import_urdf(path: Path, base: str | None = None, tip: str | None = None) -> 
 
 def library_poses(chain: Chain, q: Array) -> Array:
     """Return poses (n, 4, 4) mm of the tip in the base frame by pytransform3d; q (n, axes) rad, with rail position
-    in m if any.
-    """
+    in m if any."""
     from pytransform3d.urdf import UrdfTransformManager  # noqa: PLC0415 - an extra of the package
 
     frames = UrdfTransformManager()

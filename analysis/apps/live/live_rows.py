@@ -142,8 +142,7 @@ class Cell:
 
     def error_source(self, g_mm: Array) -> Array:
         """Return the values (n,) drawn around the circle for readings (n, 2) mm: angle in rad for two gauges, otherwise
-        distance in mm.
-        """
+        distance in mm."""
         return link_angle(g_mm[:, 0], g_mm[:, 1], self.baseline_mm) if self.has_angle else g_mm[:, 0]
 
     @property

@@ -124,8 +124,7 @@ class LiveView:
 
     def labelled(self, name: str | None, test: str | None, direction: Direction | None) -> LiveView:
         """Return the view of a new recording: laps are counted from now, and its curve replaces the last one in its
-        direction.
-        """
+        direction."""
         if (name, test, direction) == (self.name, self.test, self.direction):
             return self
         view = replace(self, name=name, test=test, direction=direction)

@@ -57,14 +57,12 @@ _USUAL = 3.0
 """Prior of a constant in healthy sizes. Chosen: an arm to be corrected is not quite healthy."""
 _LEAST_MM = 1e-3
 """Minimum rms effect over the work area, in mm, of an entered constant, and of a known combination of constants of the
-expected sizes. Chosen: 1 µm, below any robot's repeatability.
-"""
+expected sizes. Chosen: 1 µm, below any robot's repeatability."""
 _CRUMB = 0.01
 """Minimum share of the error for an entered constant: manual entries should be worthwhile."""
 _BESIDE = 0.1
 """Weight of the postures outside the work area, of 1 for all. Tried on ur10e with a compliant joint and a gear error: 0
-left 93 µm in the work area and 696 µm outside (582 before), 0.1 left 134 and 329, 0.5 left 178 and 239.
-"""
+left 93 µm in the work area and 696 µm outside (582 before), 0.1 left 134 and 329, 0.5 left 178 and 239."""
 _SHARE = 0.3
 """Minimum share of a constant in an undetermined combination to be named as part of it."""
 _ROUNDS = 4
@@ -385,8 +383,7 @@ def _certain(rig: Rig, used: Sequence[Effect], every: Projection, q: Array, move
 
 def as_entered(rig: Rig, targets: Corrected, at: ControllerEntries) -> Corrected:
     """Return corrected targets for a controller with the entries: joint readings in the same postures, and computed
-    poses.
-    """
+    poses."""
     added_deg, done = np.zeros(6), targets.done
     for entry in at.entries:
         added_deg[entry.axis - 1] += entry.reading_deg
@@ -398,8 +395,7 @@ def as_entered(rig: Rig, targets: Corrected, at: ControllerEntries) -> Corrected
 
 def _apart_mm(rig: Rig, effects: Sequence[Effect], others: Sequence[Effect], q: Array) -> Array:
     """Return the distance (n,) mm between the tools of two models at joint angles q (n, 6) rad, with frame and tool
-    taught there.
-    """
+    taught there."""
     return rest_mm(tool_places(rig, effects, q), tool_poses(model_of(rig, others), q))
 
 
@@ -439,8 +435,7 @@ def _entry(
 
 def scale_of(text: str | None) -> tuple[float, ...] | None:
     """Parse the scale of each axis (6,) from a comma-separated list; None for None. Raises UseError unless there are
-    six non-zero numbers.
-    """
+    six non-zero numbers."""
     if text is None:
         return None
     try:

@@ -58,8 +58,7 @@ def frame_of(form: Form, values: Sequence[float] | Array) -> Array:
 
 def is_frame(form: Form, values: Sequence[float]) -> bool:
     """Return whether numbers are finite, of a robot's size, and in a quaternion of length 1 within the rounding of a
-    program.
-    """
+    program."""
     if not np.isfinite(values).all() or max(map(abs, values)) > _LARGEST:
         return False
     return form != "quaternion" or abs(float(np.linalg.norm(values[3:])) - 1) < _LENGTH_OFF

@@ -177,8 +177,7 @@ class _Ways:
 
     def reached(self, source: int, k: int, way: Way) -> Array | Reason:
         """Return the joint angles (6,) rad of the arm at target k after a move from the target `source`, or the reason
-        for unknown angles.
-        """
+        for unknown angles."""
         key = (self.q[source].tobytes(), self.poses[k].tobytes(), way)  # programs repeat their places
         if key not in self.arrivals:
             solutions = self.branches[k]

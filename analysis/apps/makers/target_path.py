@@ -32,8 +32,7 @@ ADDED = ("missed_mm", "left_out_mm", "u_um", "u_frame_um", "covered", "corrected
 """Columns added to a corrected path: error of the uncorrected arm at the target, error of uncorrected effects, standard
 uncertainty of the corrected position, including the latter, in the robot's base and with frame and tool taught with the
 robot, whether all joints are within the range of the runs (yes, no or unknown), and whether the target was corrected
-(yes or no).
-"""
+(yes or no)."""
 
 AGAINST = "against_verdict"
 """Column of a path corrected against the verdict."""
@@ -42,8 +41,7 @@ AGAINST = "against_verdict"
 @dataclass(frozen=True)
 class TargetPath:
     """Targets: `columns` of the file by name, `lines` (n,) of the rows, and `values` (n, axes or 6) of `names`, in
-    mm and degrees.
-    """
+    mm and degrees."""
 
     columns: dict[str, list[str]]
     names: tuple[str, ...]

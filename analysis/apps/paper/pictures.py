@@ -43,8 +43,7 @@ class JointLap:
 @dataclass(frozen=True)
 class SimulatedFigures:
     """Evaluated runs by figure: yaw 3, 5, 6; eccentric 4; joints 7; yaw_datum_and_play 8; roll 10, 11; sphere 13;
-    sphere_gears 14; repeatability 15. Only the last has noise.
-    """
+    sphere_gears 14; repeatability 15. Only the last has noise."""
 
     yaw: dict[Direction, Result]
     eccentric: Result
@@ -88,8 +87,7 @@ _MAGNIFIED = 100
 
 def save(rig: Rig, rig_text: str, rows: Sequence[Row], directory: Path) -> list[Path]:
     """Write the pictures, named after the paper's numbers; return their paths. Raises FileError if they cannot be
-    written.
-    """
+    written."""
     from analysis.runs.written_files import write_views  # noqa: PLC0415 - slow to import
 
     simulated = figures_of(rig, rig_text)
@@ -278,8 +276,7 @@ def _sphere_gears(figure: FigureBase, simulated: SimulatedFigures) -> None:
 
 def _radial(figure: FigureBase, result: Result) -> None:
     """Draw the target distance errors from the side of the displacement, from above, and over the azimuth, where a
-    displacement is a wave once around.
-    """
+    displacement is a wave once around."""
     curve = result.curve
     assert isinstance(curve, RadialCurve)  # noqa: S101 - of a hemisphere
     polar, azimuth = np.radians(curve.polar_deg), np.radians(curve.azimuth_deg)

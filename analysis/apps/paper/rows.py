@@ -30,8 +30,7 @@ DIRECTIONS: tuple[Direction, ...] = ("cw", "acw")
 @dataclass(frozen=True)
 class Row:
     """Row. where: section, figure or table of the paper. paper, ours: number in `unit`, or text. place: whether the
-    number is a circle angle, where 359° is 2° from 1°.
-    """
+    number is a circle angle, where 359° is 2° from 1°."""
 
     where: str
     figure: str
@@ -105,8 +104,7 @@ def reversal_rows(rig: Rig) -> Iterator[Row]:
 
 def yaw_rows(rig: Rig) -> Iterator[Row]:
     """Yield figures 6 and 8; for 8 the jump of the residual after each reversal caused by backlash: with less
-    without.
-    """
+    without."""
     curves = {direction: circle(rig, "yaw", direction, rig.effects) for direction in DIRECTIONS}
     for direction, curve in curves.items():
         yield Row(

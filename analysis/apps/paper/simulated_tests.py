@@ -39,8 +39,7 @@ SEEDS = 100
 class SimulatedLap:
     """Lap in order of phi. phi (n,) rad, 0 … 2 pi; angle, residual (n,) rad: before and after removing the
     least-squares sine;
-    figures: of its test.
-    """
+    figures: of its test."""
 
     phi: Array
     angle: Array

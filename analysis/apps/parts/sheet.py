@@ -98,8 +98,7 @@ def sheet(parts: Sequence[PrintedPart], bought: Bought, rig_name: str, remarks: 
 
 _MARGIN, _LINE, _COLUMN, _HEAD = 12.0, 5.0, 62.0, 18.0
 """Margin around a part, line spacing, minimum column width, and space above all parts, in mm: a ball rises above its
-seat.
-"""
+seat."""
 _STYLE = (
     ".paper{fill:#fff}text{font:3.4px sans-serif;fill:#1a1a1a}.title{font-weight:bold;font-size:4px}"
     ".part{fill:#e3e8ee;stroke:#1a1a1a;stroke-width:.35}.ball{fill:none;stroke:#0b57a4;stroke-width:.3}"

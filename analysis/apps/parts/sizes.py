@@ -47,8 +47,7 @@ class Bought:
 @dataclass(frozen=True)
 class Seat:
     """Cone seat of a ball, heights above its apex (mm): ball centre, contact circle (radius = height), rim (radius =
-    height), top of the magnet, and its bore.
-    """
+    height), top of the magnet, and its bore."""
 
     centre: float
     contact: float
@@ -65,8 +64,7 @@ class Seat:
 @dataclass(frozen=True)
 class PrintedPart:
     """Printed part. count: quantity. section: corners (radius, height) for the drawing. about: description. numbers:
-    dimensions in mm by name.
-    """
+    dimensions in mm by name."""
 
     name: str
     count: int
@@ -125,8 +123,7 @@ def _long_mm(rig: Rig) -> float | None:
 
 def _hole(bought: Bought) -> list[tuple[float, float]]:
     """Return the inner contour of a socket from its rim down: cone, magnet bore, countersunk screw; heights above
-    the bed.
-    """
+    the bed."""
     seat = seat_of(bought)
     if bought.screw not in _SCREWS:
         raise UseError("--screw", f"{bought.screw} is none of {', '.join(_SCREWS)}", "give one of them")
@@ -171,8 +168,7 @@ def _bar(bought: Bought, distance_mm: float) -> PrintedPart:
 
 def _holder(bought: Bought, asked_mm: float) -> PrintedPart:
     """Return the ball holder of the tool, with the ball centre at the distance given in the rig file, as far as
-    printable.
-    """
+    printable."""
     seat = seat_of(bought)
     height = min(max(asked_mm, _SHORTEST_HOLDER_MM), _LONGEST_HOLDER_MM)
     rim = height - (seat.centre - seat.contact)

@@ -175,8 +175,7 @@ def _difference(
 
 def _spread_of_history(key: Key, figure: str, histories: dict[Path, dict[str, Record]]) -> tuple[float, float]:
     """Return the standard deviation between runs in the longest history, and its degrees of freedom; 0 and 0 if
-    there is none.
-    """
+    there is none."""
     best: list[Record] = []
     for records in histories.values():
         series = [

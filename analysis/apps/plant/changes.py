@@ -63,8 +63,7 @@ class Whitening:
 @dataclass(frozen=True)
 class Shapes:
     """Ramps between runs first (c,) and last (c,) (indices), and per noise model their whitened directions (n, c) of
-    length 1.
-    """
+    length 1."""
 
     first: Integers
     last: Integers
@@ -133,8 +132,7 @@ NEWEST = 500
 """Number of newest runs searched: time and memory are quadratic."""
 _CHANCE = 6.5
 """P(score > s) <= exp(_CHANCE - s) without a change: simulated for 10 to 300 runs, white noise and slow parts of 50 to
-90 % over 1.5 to 50 runs, 1500 to 4000 series each; the worst 99 % quantile was 11.2, the worst 99.9 % quantile 14.1.
-"""
+90 % over 1.5 to 50 runs, 1500 to 4000 series each; the worst 99 % quantile was 11.2, the worst 99.9 % quantile 14.1."""
 _WINDOW, _WILD = 7, 4.0
 """Window of the running median, and outlier limit in spreads."""
 _SLOWER = 2.0
@@ -204,8 +202,7 @@ def trend_of(values: Array, u: Array, series: int) -> Trend:
 
 def wild_runs(values: Array, u: Array) -> Mask:
     """Return a mask (n,) of runs that differ from their neighbours beyond the scatter; values and u (n,) in one
-    unit.
-    """
+    unit."""
     count = len(values)
     if count < _WINDOW:
         return np.zeros(count, dtype=np.bool_)
@@ -269,8 +266,7 @@ def _best(values: Array) -> tuple[_Best, _Best]:
 
 def _refined(values: Array, best: _Best) -> _Best:
     """Return the shape refined to single runs; the increase of its score is not counted in the false alarm
-    probability.
-    """
+    probability."""
     first, last = refined(len(values), best.first, best.last)
     is_alike = (last - first == 1) == (best.last - best.first == 1)
     first, last = first[is_alike], last[is_alike]
@@ -282,8 +278,7 @@ def _refined(values: Array, best: _Best) -> _Best:
 
 def _likelihoods(values: Array, noise: Whitening, unit: Array) -> tuple[float, Array]:
     """Return the log-likelihoods without a change, and (c,) with each whitened shape (n, c), maximised over noise
-    and size.
-    """
+    and size."""
     count = len(values)
     white = noise.without_level(values[:, None])[:, 0]
     total = float(white @ white)

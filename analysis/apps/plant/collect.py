@@ -1,6 +1,5 @@
 """Collect the records of a robot from a directory of runs: existing ones are read, new runs are evaluated and
-stored.
-"""
+stored."""
 
 from __future__ import annotations
 
@@ -62,8 +61,7 @@ class Job:
 @dataclass(frozen=True)
 class Collected:
     """Runs of a robot in order of time, runs without figures, notes about the file, and the limits of the newest
-    run.
-    """
+    run."""
 
     robot: str
     runs: tuple[Record, ...]

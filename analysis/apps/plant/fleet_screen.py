@@ -1,6 +1,5 @@
 """Robots of a plant on a terminal and as JSON; and all figures as a Parquet file, one row each, for DuckDB, pandas and
-Power BI.
-"""
+Power BI."""
 
 from __future__ import annotations
 

@@ -169,16 +169,14 @@ _CROSSED: dict[Standing, tuple[tuple[Standing, ...], Standing]] = {
     "fail": (("fail",), "pass"),
 }
 """Standing of the first run after the crossing, and of the last run before, against the deciding bound, per
-standing.
-"""
+standing."""
 
 
 @dataclass(frozen=True)
 class Judged:
     """Series with its limit. standing: of the newest run. bound: deciding bound. since: first run after the crossing.
     beyond: all
-    failing runs, in order of time. count: number of judged runs.
-    """
+    failing runs, in order of time. count: number of judged runs."""
 
     limit: Limit
     standing: Standing

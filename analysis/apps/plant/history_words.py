@@ -18,8 +18,7 @@ _MONTHS = ("Jan", "Feb", "March", "April", "May", "June", "July", "Aug", "Sept",
 
 def sentences(history: History) -> list[str]:
     """Return a sentence per exceeded limit with its date, then per change with its date; or a statement that there
-    are none.
-    """
+    are none."""
     limited = [line for series in history.series for line in _limit_sentences(series)]
     # simultaneous changes of a figure in several tests in one direction, the most certain first
     groups: list[list[tuple[Series, Change]]] = []

@@ -47,8 +47,7 @@ if TYPE_CHECKING:
 
 ORDERS = (1, 2, 3, 4, 5, 6, 8, 10, 12)
 """Cycles per turn of a joint: eccentricity, wave generators and their stages; faster waves are rarely as large, and
-shorter than the neighbourhood of a jump.
-"""
+shorter than the neighbourhood of a jump."""
 _SIZE_DEG = 0.005
 """Initial size of a wave: usual gears have some thousandths of a degree."""
 _LEAST_DEG = 1e-6
@@ -59,8 +58,7 @@ _ROUNDS = 40
 class Fitted:
     """sizes (p,) of the backlash in degrees, their part of the solution (p, m) by the readings (m,), variance of a
     reading, and
-    misfit: minus twice the log evidence.
-    """
+    misfit: minus twice the log evidence."""
 
     sizes_deg: Array
     solve: Array
@@ -124,8 +122,7 @@ _SMOOTH = 12
 """Smooth orders: offsets, links and set-up have orders up to 3, eccentric gears some more."""
 _WIDTHS_DEG = np.concatenate([0.0025 * 2 ** np.arange(0.0, 6.1, 0.25), [0.32]])
 """Widths with computed responses, interpolated smoothly. Factor of 1.19: with 1.41 the curve of 0.024° was wrong by
-half the noise of a reading, and the backlash of a different joint absorbed the difference.
-"""
+half the noise of a reading, and the backlash of a different joint absorbed the difference."""
 _BOTH_WAYS_DEG = np.concatenate([-_WIDTHS_DEG[::-1], [0.0], _WIDTHS_DEG])
 _ROWS = 3000
 """Rows of a modelled lap: four per node."""
@@ -137,15 +134,13 @@ _BELOW_ZERO = 3.0
 """Backlash is never negative. Noise below zero is set to zero; beyond this limit in u, the cause is a different one."""
 _WORST_U_DEG = 0.05
 """Results with a larger uncertainty are left out: their jumps are too small, or too close to those of a different
-joint.
-"""
+joint."""
 
 
 @dataclass(frozen=True)
 class _Jumps:
     """Response of a lap to backlash, smooth in the width: per axis curves (2 widths + 1, 2 NODES) mm, from the widest
-    negative value, a mirror image that noise may resemble, through zero to the widest.
-    """
+    negative value, a mirror image that noise may resemble, through zero to the widest."""
 
     curves: Array
     by_width: tuple[CubicSpline, ...]

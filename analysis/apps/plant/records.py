@@ -1,6 +1,5 @@
 """History record of a run: description, figures, or the reason for their absence. Joint temperatures are figures too,
-because gears and links expand with them.
-"""
+because gears and links expand with them."""
 
 from __future__ import annotations
 

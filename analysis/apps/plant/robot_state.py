@@ -17,8 +17,7 @@ from rigs.schema.limits import Standing
 
 Attention = Literal["beyond", "watch", "unreadable", "changed", "within", "unlimited"]
 """Reason for attention, most urgent first: a figure exceeds its limit, or may exceed it; no run has figures; a figure
-grew beyond its scatter; all figures are within their limits; there are no limits.
-"""
+grew beyond its scatter; all figures are within their limits; there are no limits."""
 ORDER: tuple[Attention, ...] = ("beyond", "watch", "unreadable", "changed", "within", "unlimited")
 
 
@@ -127,8 +126,7 @@ def in_order(states: Sequence[State]) -> list[State]:
 
 def _worst(all_series: Sequence[Series]) -> tuple[Standing | Literal[""], str, float]:
     """Return the worst standing, its figure as text, and the ratio to the bound; the largest ratio for equal
-    standings.
-    """
+    standings."""
     judgements = []
     for series in all_series:
         judged = judge(series)

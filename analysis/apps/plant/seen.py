@@ -26,8 +26,7 @@ from rigs.errors import FileError
 @dataclass(frozen=True)
 class Seen:
     """Run on the disk. run: path relative to the plant's directory. signature: digest of names, sizes and times of its
-    files, empty if they cannot be listed or compared.
-    """
+    files, empty if they cannot be listed or compared."""
 
     path: Path
     run: str
@@ -56,8 +55,7 @@ def seen_runs(directory: Path) -> Iterator[Seen]:
 
 def signature_of(run: Path) -> str:
     """Return a digest of the names, sizes and times of a run's files, at one system call per file; empty if
-    unreadable.
-    """
+    unreadable."""
     try:
         with os.scandir(run) as entries:
             files = [(entry.name, entry.stat()) for entry in entries if has_figures(entry.name)]
@@ -77,8 +75,7 @@ def _digest(files: Iterable[tuple[str, int, str]]) -> str:
 @dataclass(frozen=True)
 class Examined:
     """Record of a run. rig_text: its rig file. is_evaluated: whether it was evaluated; then only a change requires a
-    new examination.
-    """
+    new examination."""
 
     record: Record
     rig_text: str = ""

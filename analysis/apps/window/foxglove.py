@@ -45,8 +45,7 @@ _PIECE = 1 << 16
 
 def hidden_address() -> str:
     """Return a random local address 127.x.y.z, unguessable for web pages: 16 million addresses with 60 000 ports
-    each.
-    """
+    each."""
     return "127." + ".".join(str(1 + secrets.randbelow(254)) for _ in range(3))
 
 
@@ -159,8 +158,7 @@ class Foxglove:
 
     def __init__(self, port: int, rig: Rig | None, gate: Gate) -> None:
         """Create a server. rig: with the displayed arm. gate: access control. Raises CellError if the library is
-        missing or the port is taken.
-        """
+        missing or the port is taken."""
         try:
             import foxglove  # noqa: PLC0415 - an extra
         except ModuleNotFoundError:

@@ -99,8 +99,7 @@ def curves(view: LiveView) -> dict[str, dict[str, Any]]:
 
 def trace(view: LiveView) -> dict[str, Any]:
     """Return the readings of the last seconds: ages in hundredths of a second, and deviations from the mean in tenths
-    of a micrometre, null if missing.
-    """
+    of a micrometre, null if missing."""
     recent = view.since(TRACE_S)
     recent = recent.taken(slice(None, None, max(1, math.ceil(len(recent) / _TRACE_POINTS))))
     if not len(recent):

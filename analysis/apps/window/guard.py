@@ -87,8 +87,7 @@ class Gate:
     @property
     def pass_(self) -> str:
         """Return the cookie of a browser that has shown the token; it does not reveal the token and expires with the
-        process.
-        """
+        process."""
         return hmac.new(self.secret.encode(), (self.token or "").encode(), "sha256").hexdigest()
 
     def is_token(self, token: str) -> bool:

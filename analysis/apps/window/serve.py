@@ -1,6 +1,5 @@
 """Run a window from its command: content, access, shutdown, and the listening socket with limits for idle, slow and
-excess connections.
-"""
+excess connections."""
 
 from __future__ import annotations
 
@@ -181,8 +180,7 @@ class Asked:
 
     def gate(self) -> Gate:
         """Return the access control. Raises UseError for public access without a token, FileError for an invalid
-        token.
-        """
+        token."""
         if not is_loopback(self.listen) and self.token is None:
             problem = f"{self.listen} can be reached by other computers"
             remedy = "give --token FILE as well, or put a proxy that asks who it is before 127.0.0.1"

@@ -1,6 +1,5 @@
 """Runs of a directory for pages: state, figures from the history file, and standing against the limits; the newest also
-as Prometheus metrics, with those of the daemon.
-"""
+as Prometheus metrics, with those of the daemon."""
 
 from __future__ import annotations
 

@@ -73,12 +73,10 @@ def recent(kept: dict[_Key, _One], key: _Key, compute: Callable[[], _One], most:
 
 BAND_EDGES = (0, 3, 8, 16, 30, 60, 120, ORDERS)
 """Edges of the bands of orders; an unexplained residual may have a separate strength in each band. Chosen: bands of
-about one octave, so that joint motion (below order 8), gears and probe noise are separated.
-"""
+about one octave, so that joint motion (below order 8), gears and probe noise are separated."""
 _SLOW = 8
 """Orders below this are as slow as the noise of a robot at rest. Chosen: one eighth of a lap lasts several seconds,
-longer than the correlation times of most noise.
-"""
+longer than the correlation times of most noise."""
 _BORROWED = 2.0
 """Degrees of freedom of the prior for each order of a trend, relative to those of few repeats."""
 
@@ -142,8 +140,7 @@ def _repeated(
     members: Sequence[ObservedRun], setups: Mapping[str, SetUp], effects: Sequence[Effect]
 ) -> tuple[ObservedRun, Repeated]:
     """Return the first of repeated runs in comparable form, and their residuals (n, N) mm with the response to
-    scatter.
-    """
+    scatter."""
     # Standstills are compared only if every run has them before and after its lap.
     if not all(run.sampling and run.sampling.stands for run in members):
         members = [replace(run, sampling=run.sampling and run.sampling.without_stands()) for run in members]
@@ -177,8 +174,7 @@ def _repeated(
 
 def _circle_block(first: ObservedRun, raw: Repeated, sd_mm: Array, noise: CircleNoise, number: int) -> Block:
     """Return the block of repeated circles, given the noise sd_mm (n, N) of each run; `number`: index of their
-    set-up.
-    """
+    set-up."""
     sampling = first.sampling
     assert sampling is not None  # noqa: S101 - circles have one
     weight = 1 / (sd_mm[:, BAND_EDGES[4] > ORDER_OF] ** 2).mean(axis=1)
@@ -262,8 +258,7 @@ def _trend_sd(sampling: Sampling, raw: Repeated, sd_mm: Array, noise: CircleNois
 
 _STEP_DEG = 1e-4
 """Step of the derivatives by a joint angle. Readings are linear over such a step, which moves the tool of a one-metre
-arm by 2 µm, far from the limits of floating-point arithmetic.
-"""
+arm by 2 µm, far from the limits of floating-point arithmetic."""
 _STEP_MM = 0.01
 """Step of the derivatives by a set-up term, within the linear range."""
 _EARLY, _READING = ("time", "arm"), ("setup", "gauge")
@@ -271,12 +266,10 @@ _EARLY, _READING = ("time", "arm"), ("setup", "gauge")
 _RIGID = ("arm", "tool")
 """Stages of effects with columns computed at a healthy size and scaled. They move the tool in proportion to their size,
 but the
-ball of a column does not move with it: for a length of 13 mm the column was not the derivative of the fit.
-"""
+ball of a column does not move with it: for a length of 13 mm the column was not the derivative of the fit."""
 _SCENES, _ERRORS = 4, 64
 """Number of scenes, and of joint errors, cached per block, at about 0.1 MB each: a fit reuses those of the present
-effects.
-"""
+effects."""
 _FEW = 64
 """Number of effects computed together, to fit a processor's cache."""
 
@@ -361,8 +354,7 @@ class SimulatedBlock:
 
     def late(self, effect: Effect) -> Array:
         """Return the change (N, c) of the whitened readings of a circle if the joint errors of an effect are delayed by
-        each of c healthy-sized stamp effects; zero at targets.
-        """
+        each of c healthy-sized stamp effects; zero at targets."""
         stamps = late_stamps()
         if not self.block.sampling:
             return np.zeros((len(self.block.y_mm), len(stamps)))
@@ -373,8 +365,7 @@ class SimulatedBlock:
 
     def scattered(self, effect: Effect) -> Array:
         """Return the change (N, 1) of the whitened readings of a circle if the joint errors of an effect are averaged
-        over an earlier and a later time, as for scattering stamps; zero at targets.
-        """
+        over an earlier and a later time, as for scattering stamps; zero at targets."""
         if not self.block.sampling:
             return np.zeros((len(self.block.y_mm), 1))
         early = _early((*self.block.model.effects, *self.reference))
@@ -428,8 +419,7 @@ class SimulatedBlock:
 @dataclass(frozen=True, eq=False)
 class SharedBlock(SimulatedBlock):
     """Simulated block shared by several linearisations, caching the columns (N,) of every requested effect: 15 MB for
-    three runs of a circle.
-    """
+    three runs of a circle."""
 
     _columns: dict[Effect, Array] = field(default_factory=dict, init=False, repr=False)
 

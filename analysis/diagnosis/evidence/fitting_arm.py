@@ -19,8 +19,7 @@ from rigs.rig import Rig
 
 _CLEARLY = 0.97
 """Ratio of the residuals below which an arm fits better: 3 % of the rms is more than a fitted set-up gains by
-chance.
-"""
+chance."""
 
 
 @dataclass(frozen=True)
@@ -72,8 +71,7 @@ class FittingArm(Tabular):
 
 def fitting_arm(runs: Sequence[Measured], arms: Sequence[tuple[str, Rig]]) -> FittingArm:
     """Return the residual of runs of (m, k) mm for each of two arms, given with file names. Raises FileError for an
-    arm with another number of axes than the runs.
-    """
+    arm with another number of axes than the runs."""
     first, second = (_fit(runs, file, rig) for file, rig in arms)
     return FittingArm((first[0], second[0]), tuple(run.run.manifest.name for run in runs), first[1])
 

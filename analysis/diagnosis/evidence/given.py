@@ -49,7 +49,6 @@ def parse_effects(words: str, axes: int = 6) -> list[Effect]:
 def given_effects(words: str, axes: int = 6) -> list[Effect]:
     """Return the effects of a list for an arm, each once, a wave with the initial phase of its fit. Raises UseError
     like
-    `parse_effects`.
-    """
+    `parse_effects`."""
     quarters = {quarter for effect in parse_effects(words, axes) for quarter in phases(effect)[1:]}
     return [effect for effect in parse_effects(words, axes) if effect not in quarters or not is_wave(effect)]

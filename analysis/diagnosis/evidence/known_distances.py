@@ -26,8 +26,7 @@ _SD_MM = float(np.sqrt(2.0)) * SEAT_MM
 @dataclass(frozen=True)
 class KnownDistances:
     """Known distances between the sockets of touches: `pairs` (t) of set-up names, and `distances` (t) of the rig
-    file.
-    """
+    file."""
 
     pairs: tuple[tuple[str, str], ...]
     distances: tuple[SocketDistance, ...]
@@ -40,8 +39,7 @@ class KnownDistances:
 
     def by_setup(self, setups: Mapping[str, SetUp], terms: Mapping[str, Sequence[int]], count: int) -> Array:
         """Return the change (t, count) of the distances per mm of each set-up term, in the same unit; `terms`: of each
-        set-up, that of the socket first.
-        """
+        set-up, that of the socket first."""
         slopes = np.zeros((len(self.pairs), count))
         for row, pair in zip(slopes, self.pairs, strict=True):
             away = _between(setups, pair)

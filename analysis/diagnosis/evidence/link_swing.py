@@ -22,34 +22,28 @@ _LOWEST_HZ = 2.0
 """Lowest frequency searched, in Hz. Chosen: slower motion is servo ripple and path error."""
 _NEAR_HZ = 1.0
 """Half width, in Hz, of the neighbourhood with constant spectral noise. Chosen: wide enough for a median over many
-frequencies.
-"""
+frequencies."""
 _FINER = np.linspace(-0.75, 0.75, 25)
 """Fitted frequencies, in search steps around the largest line. The deviations lack the part common to the laps of all
 repeats, so their largest line may be next to the vibration. Chosen: a sixteenth of a step is 0.01 of a turn from the
-first to the last lap.
-"""
+first to the last lap."""
 _SEEN = 0.2
 """Minimum share of power visible in the deviations for fitting a combination of vibrations. If every lap meets the
 vibration at the same phase, the common part is invisible. Chosen: with a twentieth, a frequency next to the true one
-was preferred, because a hardly visible combination absorbed the rest.
-"""
+was preferred, because a hardly visible combination absorbed the rest."""
 
 _COMMON_SIGMA = 3.0
 """Significance of the amplitude of whole runs beyond that of their deviations. Chosen: as for everything called
-certain.
-"""
+certain."""
 _LOST = 0.05
 """Largest relative uncertainty of the amplitude of whole runs caused by scattering stamps and varying phases.
-Chosen.
-"""
+Chosen."""
 
 
 @dataclass(frozen=True)
 class FoundVibration:
     """Vibration with parameter uncertainties and log evidence. `scatter_um`: rms contribution, per set-up, to the
-    scatter of one run with averaged laps.
-    """
+    scatter of one run with averaged laps."""
 
     effect: Effect
     amplitude_mm: float
@@ -168,8 +162,7 @@ class _Repeated:
 
     def scatter_of(self, frequency_hz: float, waves: Array) -> float:
         """Return the mean square in mm² added by vibrations with cosines and sines (n, 2) mm to one run, relative to
-        the mean of many.
-        """
+        the mean of many."""
         laps = np.array(
             [deviation.mean_lap(frequency_hz) @ wave for deviation, wave in zip(self.runs, waves, strict=True)]
         )
@@ -197,8 +190,7 @@ class _Repeated:
 @dataclass(frozen=True)
 class _Fit:
     """Vibration with separate phases in n repeats: cosines and sines `waves` (n, 2) mm, explained energy in mm², number
-    of visible run combinations, and sum of the variances of the waves for a noise of 1 mm.
-    """
+    of visible run combinations, and sum of the variances of the waves for a noise of 1 mm."""
 
     waves: Array
     energy: float
@@ -253,8 +245,7 @@ def _power(deviation: _Deviation, f: Array) -> Array:
 
 def _noise_level(power: Array, width: int) -> Array:
     """Return the mean noise of a spectrum (F,) around each frequency, from the median, which is not raised by a
-    line.
-    """
+    line."""
     from scipy.ndimage import median_filter  # noqa: PLC0415 - slow to import
 
     return np.asarray(median_filter(power, size=2 * width + 1, mode="reflect") / np.log(2), dtype=float)

@@ -38,12 +38,10 @@ SCATTER_DEG, SCATTER_MM = 0.0002, 0.001
 """Unit of scatter of joints and ball in `scatter_response`, without influence on the result."""
 _MULTIPLES = np.array([0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0])
 """Scatter tried, in these units; the largest exceeds that of real cells, 0.005° and 20 µm. Chosen: factors of two,
-because few repeats do not separate closer ones and their average is used.
-"""
+because few repeats do not separate closer ones and their average is used."""
 DRIFTING_SHARE = 0.5
 """Default share of a run's scatter energy that drifts along the run: encoders and warming move joints and ball
-smoothly. Chosen: one half.
-"""
+smoothly. Chosen: one half."""
 _SHARES = np.array([0.0, 0.3, 0.6, 0.9])
 """Shares tried with repeats. Chosen: a few runs do not separate closer ones."""
 _JOINTS_AND_BALL = (slice(None, -3), slice(-3, None))
@@ -52,15 +50,13 @@ _DRIFT_ORDERS = 3
 """Orders of the drift, in cycles per run. Chosen: slower than any joint motion of a circle."""
 _SEEN = 0.1
 """Size in noise standard deviations below which a combination of scattered terms is ignored. Chosen: it changes a
-variance by one hundredth.
-"""
+variance by one hundredth."""
 
 
 @dataclass(frozen=True)
 class RunScatter:
     """Scatter of the joints and of the ball between runs, in the units of `scatter_response`: constant in a run, and
-    drifting.
-    """
+    drifting."""
 
     joints: float
     ball: float
@@ -69,8 +65,7 @@ class RunScatter:
 
     def constant(self, terms: int) -> Array:
         """Return the constant scatter (terms,), relative to its unit, of the joints and then of the ball, if
-        included.
-        """
+        included."""
         return _by_term(self.joints, self.ball, terms)
 
     def drifting(self, terms: int) -> Array:
@@ -146,8 +141,7 @@ class Repeated:
 
     def noise(self, scatter: RunScatter, sd_mm: Array) -> tuple[Array, Array]:
         """Return the expected noise part (n, N) mm of the deviations, for noise of sd_mm (N,), and its share (N,) of
-        the noise.
-        """
+        the noise."""
         columns, taken = self._regression(scatter, sd_mm)
         noise: Array = self.apart - (self.apart / sd_mm) @ taken.T @ columns.T * sd_mm
         return noise, 1 - np.einsum("nc,cn->n", columns, taken)
@@ -162,8 +156,7 @@ class Repeated:
 
     def _regression(self, scatter: RunScatter, sd_mm: Array) -> tuple[Array, Array]:
         """Return the response (N, c) to one standard deviation of scatter and stamps, relative to the noise sd_mm (N,),
-        and the estimator (c, N) of their coefficients.
-        """
+        and the estimator (c, N) of their coefficients."""
         scattered = scatter_columns(self.response, self.drifting, scatter)
         columns = np.concatenate([scattered, self.stamps], axis=1) / sd_mm[:, None]
         normal = columns.T @ columns
@@ -172,8 +165,7 @@ class Repeated:
 
     def whitened(self, sd_mm: Array) -> tuple[Array, Array, Array]:
         """Return deviations (n, N), constant response (N, c) and drifting response (w, N, c) in standard deviations of
-        noise sd_mm (N,) and stamps combined.
-        """
+        noise sd_mm (N,) and stamps combined."""
         directions, size, _ = np.linalg.svd(self.stamps / sd_mm[:, None], full_matrices=False)
         less = directions * (1 - 1 / np.sqrt(1 + size**2))
 
@@ -186,8 +178,7 @@ class Repeated:
 
 def scatter_columns(constant: Array, drifting: Array, scatter: RunScatter) -> Array:
     """Return the response (N, c + c w) mm to one standard deviation of scatter, from constant (N, c) and drifting
-    (w, N, c) mm.
-    """
+    (w, N, c) mm."""
     terms = constant.shape[1]
     return np.concatenate([constant * scatter.constant(terms), *(drifting * scatter.drifting(terms))], axis=1)
 
@@ -201,8 +192,7 @@ def without_unseen(columns: Array, sd_mm: Array) -> Array:
 
 def unscattered(apart: Array, columns: Array) -> tuple[Array, Array]:
     """Return the part (n, N) mm of deviations (n, N) mm that columns (N, c) cannot explain, and its share (N,) of
-    the noise.
-    """
+    the noise."""
     span = _span_of(columns)
     return apart - (apart @ span) @ span.T, 1 - (span**2).sum(axis=1)
 
@@ -248,36 +238,29 @@ def scatter_of(repeated: Sequence[tuple[Repeated, Array]]) -> RunScatter:
 
 _BANDS = (0, 4, 8, 12, 18, 30, 50, 90, 150, len(ORDER_OF))
 """Edges of the bands of orders with pooled noise. Chosen: wide enough for several degrees of freedom per band with
-two repeats.
-"""
+two repeats."""
 _SLOW = 30
 """Orders below this share a level, and so do those above: servo ripple and path errors are slow, probe noise is not.
-Chosen.
-"""
+Chosen."""
 _SLOW_CORNER = 5.0
 """Order at which assumed slow noise has half its power: a correlation time of 1.5 s in a lap of 45 s, within the 0.1 to
-5 s of real cells.
-"""
+5 s of real cells."""
 _NOISE_ROUNDS = 4
 """Rounds of alternating noise and scatter estimates. Chosen: a further round changes the noise by less than its
-uncertainty.
-"""
+uncertainty."""
 _BORROWED = 4.0
 """Degrees of freedom contributed by the finer neighbour of a band. Chosen: as for targets, fewer than those of a band
-without scatter.
-"""
+without scatter."""
 _LEAST_MM = 1e-5
 """Smallest standard deviation of an entry, far below any gauge, so that exact repeats do not give infinite weights."""
 _LEAST_FREE = 0.1
 """Smallest remaining share of a reading after removing the scatter of a run. Chosen: limits the correction to a factor
-of about three.
-"""
+of about three."""
 _LEAST_LEVEL = 1e-6
 """Smallest level of a run, so that an exactly repeated run does not get infinite weight."""
 _AGREEMENT = 4.0
 """Degrees of freedom contributed by all targets together to the variance of one (Smyth 2004). Chosen: permits the
-tenfold differences between targets of real cells.
-"""
+tenfold differences between targets of real cells."""
 LEAST_ASSUMED = (TARGET_MM.low / TARGET_MM.rms) ** 2
 """Smallest power of assumed noise, relative to its mean: the lower bound of real cells."""
 
@@ -285,8 +268,7 @@ LEAST_ASSUMED = (TARGET_MM.low / TARGET_MM.rms) ** 2
 @dataclass(frozen=True)
 class CircleNoise:
     """Noise of circles. `sd_mm`: array (n, N) per block. `scattered`: scatter of each set-up. `measured`: whether it
-    comes from repeats.
-    """
+    comes from repeats."""
 
     sd_mm: tuple[Array, ...]
     scattered: dict[str, RunScatter]
@@ -448,13 +430,11 @@ _RARE = 5.0
 """Ratio of the noise of an angle to the median of a lap for separate treatment. Chosen: the steepest part of a wave has
 1.4
 times its median, so gear errors are left to the noise of the orders; with ten times, the slower half of a crossing was
-too.
-"""
+too."""
 _MOST = GRID // 16
 """Largest number of angles of a lap treated separately, those with most noise. Chosen: with backlash and a spike of 45
 healthy sizes up to 60 angles have such noise, but twice as many columns lower the noise of the orders by only a few per
-cent.
-"""
+cent."""
 _LEAST_LATE_MM = 1e-4
 """Noise in mm below which no angle is treated separately: a digit of the finest gauges of such a link."""
 

@@ -74,8 +74,7 @@ class ObservedRun:
     @property
     def targets_key(self) -> bytes:
         """Bytes equal for runs that repeat each other reading by reading; empty for circles, identified by their
-        name.
-        """
+        name."""
         return b"" if self.sampling else self.visits.tobytes()
 
     def entries(self, values: Array) -> Array:
@@ -85,8 +84,7 @@ class ObservedRun:
     @property
     def on_lap(self) -> ObservedRun:
         """Return the run of (m, k) mm used for stating errors: for a circle only the lap, because standstills would
-        count one place hundreds of times.
-        """
+        count one place hundreds of times."""
         if self.sampling is None:
             return self
         lap = slice(len(self.sampling.phi))
@@ -131,8 +129,7 @@ def by_socket(run: ObservedRun) -> list[ObservedRun]:
 
 def part(run: ObservedRun, keep: Mask) -> ObservedRun:
     """Return a run with the readings (m, k) of the mask `keep` (m,); the path, including the approach to each pose,
-    is unchanged.
-    """
+    is unchanged."""
     return replace(run, rows=run.rows[keep], values=run.values[keep])
 
 
@@ -184,16 +181,14 @@ JointRange = tuple[float, float]
 """Lowest and highest angle of a joint, in degrees."""
 BEYOND_DEG = 3.0
 """Margin of a model's validity beyond the measured range. Chosen: link constants and gear errors change little over
-3 degrees.
-"""
+3 degrees."""
 BEYOND_MM = 50.0
 """Margin of a rail: the displacement by 3 degrees of a joint at a metre."""
 
 
 def outside_coverage(covered: Sequence[JointRange], q_rad: Array, run: str) -> list[str]:
     """Return a message for each joint whose angles (n, 6) rad leave the measured ranges, starting with the name of
-    the `run`.
-    """
+    the `run`."""
     lines = []
     joints = np.degrees(q_rad[:, : len(covered)])  # followed by a rail position
     for axis, ((low, high), angle) in enumerate(zip(covered, joints.T, strict=True), start=1):
@@ -226,8 +221,7 @@ def outside_effect_coverage(effects: Sequence[Effect], q_rad: Array, run: str) -
 
 _HALF_WIDTH_S = 0.2
 """Half width of the local parabola in seconds. Chosen: longer than several samples at 50 Hz, and shorter than a
-joint reversal.
-"""
+joint reversal."""
 
 
 def smooth_path(run: ObservedRun) -> ObservedRun:
@@ -257,16 +251,14 @@ def smooth_path(run: ObservedRun) -> ObservedRun:
 
 GRID = 512
 """Circle angles of an interpolated lap; the highest order is slightly below half of it. Chosen: a power of two for the
-Fourier transform, with 0.7 degrees per step.
-"""
+Fourier transform, with 0.7 degrees per step."""
 ORDERS = GRID // 2
 """Number of orders of a channel, including order 0."""
 ORDER_OF: Integers = np.tile(np.concatenate([[0], np.arange(1, ORDERS), np.arange(1, ORDERS)]), 2)
 """Order of each entry of a circle's vector: first for the sum of the gauges, then for their difference."""
 STAMP_SCATTER = 0.25
 """Standard deviation of possible stamp scatter, relative to the sampling interval. Chosen: with a quarter, one reading
-in 400 passes the next.
-"""
+in 400 passes the next."""
 _ROWS = 2 * GRID
 """Rows per lap sufficient for its orders; the rows of faster gauges are averaged."""
 _STANDS = 0.02
@@ -274,14 +266,12 @@ _STANDS = 0.02
 feedback."""
 _MOST_APART = GRID // 16
 """Largest bridged distance between the start angles of repeated laps, in grid steps. Chosen: repeats of a program begin
-within a row.
-"""
+within a row."""
 _LEAST_STAND = 3
 """Minimum rows of a standstill. Chosen: fewer give no mean."""
 TREND_ORDERS = 4
 """Orders of the trend between laps: a growing ball, gauge or arm changes readings in orders 0 and 1, and an eccentric
-ball adds the next. Chosen: twice as many.
-"""
+ball adds the next. Chosen: twice as many."""
 ORDER_OF_TREND: Integers = np.tile(np.concatenate([np.arange(TREND_ORDERS), np.arange(1, TREND_ORDERS)]), 2)
 """Order of each trend entry, in the order of `ORDER_OF`."""
 _OF_TREND: Integers = np.flatnonzero(ORDER_OF < TREND_ORDERS)
@@ -353,8 +343,7 @@ class Sampling:
 
     def vector(self, values: Array) -> Array:
         """Return readings (m, 2, …) of two gauges as entries (N, …): orders of sum and difference (unitary), means over
-        standstills, and slow orders of the trend between laps.
-        """
+        standstills, and slow orders of the trend between laps."""
         parts = [by_orders(self.gridded(values))]
         for rows in self.stands:
             parts += _channels(values[rows].mean(axis=0, keepdims=True))
@@ -480,8 +469,7 @@ def without_wild(table: CircleTable) -> CircleTable:
 
 def averaged(table: CircleTable, count: int) -> CircleTable:
     """Return a circle with each `count` rows (count, …) averaged, which limits the cost of fast gauges; incomplete
-    groups at the end are omitted.
-    """
+    groups at the end are omitted."""
     if count < 2:
         return table
     whole = len(table.t_s) // count * count

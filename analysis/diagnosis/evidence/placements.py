@@ -37,28 +37,23 @@ from rigs.rig import Rig
 
 _APART = 3.0
 """Ratio of the common residual of two runs to the separate ones, above which they have separate frames. Chosen: a wrong
-model increases both.
-"""
+model increases both."""
 _APART_MM = 5 * BALL_MM.high
 """Minimum difference between these residuals: five times the largest scatter of a ball between runs in real cells."""
 _MOVED_MM = 3 * float(np.hypot(BALL_MM.high, 1000 * np.radians(JOINT_DEG.high)))
 """Change of the readings between repeated circles above which the ball was moved: three times the largest scatter of
-ball and joints of real cells, at the end of a one-metre arm.
-"""
+ball and joints of real cells, at the end of a one-metre arm."""
 _ENOUGH_ROWS = 256
 """Number of readings of a circle used to locate its frame. Chosen: with a micrometre of noise they locate the ball to a
-tenth of a micrometre, and a moved ball is a thousand times further off.
-"""
+tenth of a micrometre, and a moved ball is a thousand times further off."""
 TO_SPARE = 9
 """Surplus of readings over set-up terms required for a meaningful residual of a single run. Chosen: three poses of
-three coordinates.
-"""
+three coordinates."""
 
 
 def observe_runs(rig: Rig, runs: Sequence[Measured]) -> list[ObservedRun]:
     """Return runs of (m, k) mm in the form of a fit, each with the set-up of its placement. Raises FileError for a run
-    of a different robot.
-    """
+    of a different robot."""
     model = model_of(rig)
     for run in runs:
         if not same_arm(arm_of(run.rig.robot), model.arm):
@@ -71,8 +66,7 @@ def observe_runs(rig: Rig, runs: Sequence[Measured]) -> list[ObservedRun]:
 
 def split_by_frame(runs: Sequence[ObservedRun], names: Sequence[str]) -> tuple[list[ObservedRun], list[str]]:
     """Return runs, of (m, k) mm, with a set-up for each frame visible in them, and messages; for poses by
-    `split_by_target`.
-    """
+    `split_by_target`."""
     split_up, messages = list(runs), []
     for setup in dict.fromkeys(run.setup for run in runs):
         places = [k for k, run in enumerate(runs) if run.setup == setup]
@@ -129,8 +123,7 @@ def split_by_target(runs: Sequence[ObservedRun], names: Sequence[str]) -> tuple[
 
 def _settled(settled: dict[str, list[ObservedRun]], setup: str, runs: Sequence[ObservedRun]) -> str:
     """Return the set-up name for runs, relative to settled ones: with the target of one of these, in the frame of one
-    with its own target, or both.
-    """
+    with its own target, or both."""
     if not settled:
         return setup
     targets = list(dict.fromkeys(map(target_of, settled)))

@@ -37,8 +37,7 @@ from rigs.rig import Rig
 
 _FEW = 1e-3
 """Share of outliers below which they are not reported: at backlash crossings some valid readings are classified as
-outliers. Chosen.
-"""
+outliers. Chosen."""
 
 
 def prepare_runs(rig: Rig, *uses: Sequence[Measured]) -> tuple[list[list[ObservedRun]], list[str]]:
@@ -82,8 +81,7 @@ def prepare_runs(rig: Rig, *uses: Sequence[Measured]) -> tuple[list[list[Observe
 
 def _with_joints(uses: Sequence[Sequence[Measured]]) -> tuple[tuple[Sequence[Measured], ...], list[str]]:
     """Return the runs of each use without paths, and a message for each path. Raises FileError if nothing is left of
-    the first use.
-    """
+    the first use."""
     kept = tuple([run for run in use if not run.table.kind.without_joints] for use in uses)
     without = [run for use in uses for run in use if run.table.kind.without_joints]
     if without and not kept[0]:
@@ -118,8 +116,7 @@ def _doubts_of_gauges(findings: Sequence[Finding], counted: Sequence[tuple[str, 
 
 def _about_one_rig(rig: Rig, runs: Sequence[Measured]) -> list[ObservedRun]:
     """Return the runs relative to a rig, with their own circle and targets; set-ups are named after test, placement
-    and cell.
-    """
+    and cell."""
     cells: list[Rig] = []
     seen: list[ObservedRun] = []
     of_rig = any(run.rig.robot == rig.robot for run in runs)
@@ -147,8 +144,7 @@ def _without_far(
     seen: Sequence[ObservedRun], names: Sequence[str], kept: Collection[int]
 ) -> tuple[list[ObservedRun], list[str]]:
     """Return pose runs without readings far from all others of their run, before any fit, and a message for each
-    affected run.
-    """
+    affected run."""
     found, doubts = list(seen), []
     for k, run in enumerate(seen):
         far = run.table.kind.far(run.table, run.model.arm) if k in kept else None
@@ -173,12 +169,10 @@ def _without_far(
 
 _NEAR = 2.5
 """Robust standard deviations within which a reading counts in set-up fits, at least the largest of real cells, 0.06 mm.
-Chosen: usual.
-"""
+Chosen: usual."""
 _STEPS = 4
 """Number of set-up fits, each to the readings close to the previous one (Rousseeuw's concentration steps): fitted to
-all readings, the set-up hid one outlier in nine.
-"""
+all readings, the set-up hid one outlier in nine."""
 
 
 def without_wild(
@@ -241,8 +235,7 @@ def _no_accidents(runs: Sequence[ObservedRun], wild: Sequence[Mask]) -> set[str]
 
 def _away(runs: Sequence[ObservedRun]) -> list[tuple[Array, Array]]:
     """Return the distance of the readings (m,) of each run from the model, in mm and in robust standard deviations of
-    their set-up, with set-ups fitted to the close ones.
-    """
+    their set-up, with set-ups fitted to the close ones."""
     near: list[Mask] = [np.ones(len(run.rows), dtype=bool) for run in runs]
     distances_found: list[tuple[Array, Array]] = []
     for _ in range(_STEPS):

@@ -33,8 +33,7 @@ from analysis.robot.kinematics.arm import Array, Integers
 @dataclass(frozen=True)
 class MarginalValues:
     """Values (N, k) with the data for products with C⁻¹, marginal over the coefficients of a background: `weighted` (N,
-    k) by the noise, and `absorbed` (p, k), the part absorbed by the columns.
-    """
+    k) by the noise, and `absorbed` (p, k), the part absorbed by the columns."""
 
     values: Array
     weighted: Array
@@ -211,8 +210,7 @@ class Background:
     @cached_property
     def spent(self) -> Array:
         """Energy of each band (b,), in noise variances, hidden by the uncertainty of the coefficients, without
-        fitted terms.
-        """
+        fitted terms."""
         return np.tensordot(self.columns.K, self.covariance, axes=2)
 
     def posterior(self, terms: FittedTerms) -> Posterior:
@@ -298,8 +296,7 @@ class Posterior:
 
     def joint_covariance(self, columns: int, fitted: int) -> Array:
         """Return the whitened covariance (f + c, f + c) of the first `fitted` terms, followed by the first `columns` of
-        the background, in healthy sizes.
-        """
+        the background, in healthy sizes."""
         among_terms, taken = self.term_covariance[:fitted], self._taken[:columns, :-1]
         across = -among_terms @ taken.T
         below = self.background.covariance[:columns, :columns] + taken @ self.term_covariance @ taken.T
@@ -346,8 +343,7 @@ class Posterior:
     @cached_property
     def _of_terms(self) -> Array:
         """Variances (N,) of the readings caused by the uncertainty of the fitted terms, after absorption by the
-        columns.
-        """
+        columns."""
         remainder = self.terms.T - self.background.columns.X @ self._taken[:, :-1]
         return np.asarray(np.sum(remainder @ self.term_covariance * remainder, axis=1), dtype=float)
 
@@ -407,8 +403,7 @@ class Posterior:
 
     def cavity(self, columns: Array) -> tuple[Array, Array]:
         """Return the information of the readings about whitened columns (N, q) in addition to everything else:
-        precision Λ (q, q) and vector η (q,).
-        """
+        precision Λ (q, q) and vector η (q,)."""
         marginal = self.background.marginal(columns)
         across = self._marginal.products(marginal)
         with_terms, eta = across[:-1], across[-1] - self.term_means @ across[:-1]

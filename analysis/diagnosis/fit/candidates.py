@@ -33,8 +33,7 @@ _PLAY_SIGMA = 15.0
 """Size in sigmas of the narrowest backlash tried. Chosen: well above the detection limit of 7 sigma."""
 _PLAYS = (1.0, 6.0, 30.0)
 """Backlash widths tried, in healthy widths: of healthy arms, and two faults of 5 to 100 healthy sizes. Chosen: factors
-of about five, refined by the fit.
-"""
+of about five, refined by the fit."""
 
 
 @dataclass(frozen=True)
@@ -107,32 +106,26 @@ _BALL_MM, _PLACED_MM = 10.0, 1000.0
 """Prior standard deviation of a set-up term about its first fit: of a ball, and of an instrument or its target. It
 matters only for poorly determined terms, such as a ball's height above the plane of a circle. Chosen: a ball is placed
 at the centre of the tool's circle, and an instrument anywhere. Poses of a UR10 with two main directions of the last
-axis move instrument and target by 60 mm; with 10 mm, a length at its limit absorbed 12 mm of them.
-"""
+axis move instrument and target by 60 mm; with 10 mm, a length at its limit absorbed 12 mm of them."""
 _DETECTABLE_SIGMA = 3.0
 """Minimum significance of the largest fault, with a known set-up, for its form to get a column. Chosen: below the
-detection limit of 7 sigma.
-"""
+detection limit of 7 sigma."""
 LARGEST_FAULT = 68.0
 """Largest size of a fault, in healthy sizes: the last of the sizes 6, 11, 20, 37 and 68, because faults are 5 to 100
-healthy sizes.
-"""
+healthy sizes."""
 _SMALLEST_FAULT = 6.0
 """Smallest size of a fault, relative to the level of the arm. It follows from the definition of a fault as 5 to 100
-healthy sizes, with a margin of one.
-"""
+healthy sizes, with a margin of one."""
 _MEAN = float(np.sqrt(2 / np.pi))
 """Mean magnitude of a standard normal variable: mean of a non-negative effect in a healthy arm."""
 WEIGHT_DIGITS, _UNEVEN, _RESIDUALS = 9, 4, 8
 """Digits for distinguishing reading weights, number of cached weighted products of a band, about 8 MB each, and of
-residuals.
-"""
+residuals."""
 _EQUAL = np.ones(1)
 """Relative weights of a band with equal weights."""
 _SIZE_RATIO = 1.85
 """Ratio of consecutive fault sizes, giving the sizes 6, 11, 20, 37 and 68 in a healthy arm. Chosen: the evidence is an
-average over sizes and smooth in their logarithm.
-"""
+average over sizes and smooth in their logarithm."""
 
 
 def fault_sizes(level: float) -> Array:
@@ -267,8 +260,7 @@ class Columns:
 
     def weighted_spent(self, weight: Array, covariance: Array) -> Array:
         """Return the weighted energy of each band (b,), for weights (N,), hidden by a covariance (p, p) of the
-        coefficients.
-        """
+        coefficients."""
         equal, uneven = self._by_band(weight)
         spent: Array = equal * np.tensordot(self.K, covariance, axes=2)
         for band in uneven:
@@ -300,8 +292,7 @@ class Columns:
 
     def weighted_products(self, response: Response, weight: Array) -> Array:
         """Return the products (k, p) of a response with the columns, weighted by (N,); bandwise products are cached
-        with the response.
-        """
+        with the response."""
         kept = self._products.setdefault(response, {})
         products = np.zeros((response.columns.shape[1], self.X.shape[1]))
         for band, equal in enumerate(self._by_band(weight)[0].tolist()):
@@ -315,8 +306,7 @@ class Columns:
 
     def _by_band(self, weight: Array) -> tuple[Array, list[int]]:
         """Return the weight (b,) of each band with equal weights (N,), zero for the others, and the indices of the
-        others.
-        """
+        others."""
         each = [weight[rows] for rows in self.rows]
         equal = np.array([weights[0] if np.ptp(weights) == 0 else 0.0 for weights in each])
         return equal, [band for band, weights in enumerate(each) if np.ptp(weights) > 0]
@@ -356,8 +346,7 @@ class Columns:
 
     def mean(self, level: float) -> Array:
         """Return the prior mean (p,) of the coefficients in an arm with `level` times the healthy size of every
-        effect.
-        """
+        effect."""
         return np.asarray(level * self.healthy_mean, dtype=float)
 
 

@@ -19,24 +19,20 @@ from rigs.schema.scene import play
 _REVERSAL_SHIFT = 0.4
 """Standard deviation of the error at a sample next to a reversal, relative to the effect's size, and of the reversal
 time, relative to the sampling interval. Chosen: the time is known to about one sample, so any part of the jump may be
-on either side.
-"""
+on either side."""
 _LEAST = 1e-3
 """Largest entry, in noise standard deviations, of a column that can be left out."""
 _NEGLIGIBLE = 0.01
 """Largest standard deviation along a direction, relative to the noise, left out by `fewest_columns`. Chosen: a
-ten-thousandth of the noise variance.
-"""
+ten-thousandth of the noise variance."""
 _PARTS = 16
 """Parts of a fault's backlash with separate initial positions. Chosen: finer than the rounding of a backlash
-crossing.
-"""
+crossing."""
 
 
 def departure_columns(linear: Linearisation, effect: Effect) -> Array:
     """Return columns (N, f) of the departures of an effect, one standard deviation each, in noise standard
-    deviations.
-    """
+    deviations."""
     departures = effect.departures()
     parts = [_shares(linear, departures.beside)]
     parts += [_initial_play(linear, *departures.gap, _PARTS)] if departures.gap else []
@@ -62,8 +58,7 @@ def departure_columns(linear: Linearisation, effect: Effect) -> Array:
 
 def alike_columns(linear: Linearisation, effect: Effect) -> Array:
     """Return columns (N, f) of effect combinations that resemble an effect, one standard deviation each, in noise
-    standard deviations.
-    """
+    standard deviations."""
     parts = [_shares(linear, combined).sum(axis=1) for combined in effect.departures().alike]
     return np.stack(parts, axis=1) if parts else np.empty((len(linear.y), 0))
 
@@ -84,8 +79,7 @@ def fewest_columns(columns: Array) -> Array:
 
 def initial_play_columns(linear: Linearisation, effects: Sequence[Effect]) -> Array:
     """Return columns (N, b), one standard deviation each, for the unknown initial position of joints in their
-    backlash.
-    """
+    backlash."""
     gaps = [departures.gap for departures in (effect.departures() for effect in effects) if departures.gap]
     return np.concatenate([np.empty((len(linear.y), 0)), *(_initial_play(linear, *gap, 1) for gap in gaps)], axis=1)
 
@@ -145,8 +139,7 @@ def _that_change(columns: Array) -> Array:
 
 def _apart(linear: Linearisation, whole: Array, *, sampling: bool) -> Array:
     """Return columns (N, c) separately for each circle, or, without sampling, for each block of targets, as (N, f):
-    zero elsewhere, without ineffective ones.
-    """
+    zero elsewhere, without ineffective ones."""
     columns = [np.empty((len(whole), 0))]
     for block, rows in zip(linear.blocks, linear.rows, strict=True):
         if bool(block.sampling) == sampling:

@@ -38,8 +38,7 @@ def beside_discrepancy(selection: Selection, state: SelectionState) -> tuple[Sel
 
 def with_likeliest_discrepancy(selection: Selection, state: SelectionState) -> SelectionState:
     """Return the state with the likeliest amplitude of causes outside the library in addition to the names, 0 if no
-    amplitude pays the penalty.
-    """
+    amplitude pays the penalty."""
     functions = selection.columns.X[:, selection.columns.discrepancy]
     none = replace(state, discrepancy=0.0)
     gain, amplitude = discrepancy_evidence(functions, selection.posterior(none))
@@ -48,8 +47,7 @@ def with_likeliest_discrepancy(selection: Selection, state: SelectionState) -> S
 
 def without_imitators(selection: Selection, state: SelectionState) -> SelectionState:
     """Return the state with the names removed that causes outside the library explain equally well: first all waves
-    of joints together, which approximate any function of angles, and then singly.
-    """
+    of joints together, which approximate any function of angles, and then singly."""
     waves = [k for k, effect in enumerate(state.effects) if _is_wave_of_joint(effect)]
     for group in [waves] if len(waves) > 1 else []:
         without = state

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 _MOST_ROUNDS = 60
 """Largest number of rounds of all selections of a search. Chosen: cells with up to three faults took 10 to 30, and a
-cell with an unknown cause did not end; the residual then widens the uncertainties by the strength of the band.
-"""
+cell with an unknown cause did not end; the residual then widens the uncertainties by the strength of the band."""
 
 
 @dataclass

@@ -24,24 +24,20 @@ from analysis.robot.kinematics.arm import Array, forward
 
 _WAVES = 24
 """Half waves over the range of an angle, or the duration of a run, with strength inversely proportional to the order,
-as for a random walk, so that bends and steps are possible. Chosen: fine enough for features of a few degrees.
-"""
+as for a random walk, so that bends and steps are possible. Chosen: fine enough for features of a few degrees."""
 _WAVES_BY_WAY = 8
 """The same of an error that changes with the way a joint turns. Chosen: friction and torque change slowly."""
 _POWERS = np.array([0.5, 1.0, 2.0])
 """Powers of the speed for speed-dependent errors. Chosen: square root, linear and quadratic, covering friction and
-inertia.
-"""
+inertia."""
 _SLOW = np.radians(0.2)
 """Rad/s below which a joint's direction of motion is unclear. Chosen: a fraction of the slowest joint speeds of a
-circle.
-"""
+circle."""
 _UNIT_RAD, _UNIT_MM = np.radians(1e-3), 1e-3
 """Units of the columns, without influence on the result, because the strength is scaled."""
 _STRENGTHS = 4.0 ** np.arange(-4, 11)
 """Squares of a form's strength in these units; the best is used. The grid covers 1/16 of a unit to 1000 units in
-factors of two.
-"""
+factors of two."""
 FREE_PRICE = 6.0
 """Log number of choices: about 26 forms times 15 strengths."""
 
@@ -49,8 +45,7 @@ FREE_PRICE = 6.0
 @dataclass(frozen=True)
 class FreeForm:
     """Form with its description and columns (N, c) in noise standard deviations. A selected form has its most likely
-    strength, and its log evidence after the price of the selection.
-    """
+    strength, and its log evidence after the price of the selection."""
 
     words: str
     columns: Array
@@ -59,8 +54,7 @@ class FreeForm:
 
 def best_free_form(forms: Sequence[FreeForm], posterior: Posterior) -> FreeForm:
     """Return the free form with the highest evidence for the remaining residual, at its most likely strength;
-    columns (N, c).
-    """
+    columns (N, c)."""
     # One product with all columns takes two thirds of the time of separate products.
     ends = np.cumsum([0, *(form.columns.shape[1] for form in forms)]).tolist()
     products, slope = posterior.cavity(np.concatenate([form.columns for form in forms], axis=1))
@@ -92,8 +86,7 @@ def discrepancy_evidence(functions: Array, posterior: Posterior) -> tuple[float,
 
 def free_forms_of(linear: Linearisation) -> Iterator[FreeForm]:
     """Yield the free forms visible in the runs, with columns (N, c): functions (n, c) rad or mm at the samples of
-    each block.
-    """
+    each block."""
     # On circles joints move during the readings, otherwise between them.
     blocks = tuple(block for block in linear.blocks if block.sampling) or linear.blocks
     low, high = (of([of(block.path.q, axis=0) for block in blocks], axis=0) for of in (np.min, np.max))

@@ -29,19 +29,16 @@ from rigs.schema.vocabulary import MOST_AXES
 
 _WIDTH, _WIDTH_SPREAD = 0.5, 2.0
 """Prior width of a curve, in healthy sizes of a gear error, and the standard deviation of its logarithm. Chosen: a
-tenth to four times a healthy gear is likely; readings decide except for joints with hardly any motion.
-"""
+tenth to four times a healthy gear is likely; readings decide except for joints with hardly any motion."""
 _DECAY, _DECAY_SPREAD = 1.0, 0.5
 """Prior decay and its standard deviation: a self-similar curve has 1."""
 _WIDTHS, _DECAYS = (1e-3, 20.0), (0.3, 2.0)
 """Bounds. Without them the widths of the lowest orders, which resemble zeros and set-ups, diverge: a curve of 20
 healthy sizes is
-0.1°.
-"""
+0.1°."""
 _PIECE, _MOST_OF_A_PIECE = 0.25, 1.0
 """Share of a wave below which a joint shows only a zero and a slope, and the largest standard deviation of its
-amplitude, in healthy sizes. Without it a zero of 0.3° of a joint with a range of 19° became a curve.
-"""
+amplitude, in healthy sizes. Without it a zero of 0.3° of a joint with a range of 19° became a curve."""
 _WIDTH_OF_A_KIND, _MOST_OF_A_KIND = 1.0, 5.0
 """Expected and largest width of constants of one kind, in healthy sizes: a larger one is a fault with its own name."""
 _ENOUGH, _MOST_FITS = 0.5, 40
@@ -50,8 +47,7 @@ _ENOUGH, _MOST_FITS = 0.5, 40
 
 LogLikelihood = Callable[["JointCurves", Array], tuple[float, Array, Array]]
 """Function of curves and noise strengths (b,) that returns the log likelihood of the readings, and its derivatives by
-the logarithms of the prior variances (c,), in healthy sizes squared, and of the strengths.
-"""
+the logarithms of the prior variances (c,), in healthy sizes squared, and of the strengths."""
 
 
 def is_of_curve(effect: Effect) -> bool:

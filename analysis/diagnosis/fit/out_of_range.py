@@ -20,12 +20,10 @@ from rigs.schema.effect import identity, is_wave, name_of
 
 _CANDIDATES = 4
 """Constants of the arm fitted alone, those with columns most similar to the residual. Chosen: in 13 simulated cells
-the wrong constant was always among the first two.
-"""
+the wrong constant was always among the first two."""
 _LARGE = 0.25
 """Share of the limit from which a constant is checked again: several large constants may share the response of a
-constant beyond the limit. A zero wrong by 7° was found as zeros of 2.6 and 0.4°, a soft link and a gear error.
-"""
+constant beyond the limit. A zero wrong by 7° was found as zeros of 2.6 and 0.4°, a soft link and a gear error."""
 _ALIKE = 1.05
 """Ratio of the residuals of two parameters up to which the readings do not distinguish them. Chosen: below the share of
 the residual that an arm with errors of usual size adds by chance."""
@@ -36,8 +34,7 @@ _TOLERANCE = 1e-3
 @dataclass(frozen=True)
 class OutOfRange:
     """The parameter out of range, as an effect of the estimated size, and the `twins` that would explain the
-    readings equally well.
-    """
+    readings equally well."""
 
     effect: Effect
     twins: tuple[Effect, ...] = ()
@@ -50,8 +47,7 @@ class OutOfRange:
 
 def find_out_of_range(result: SearchResult, runs: Sequence[ObservedRun]) -> OutOfRange | None:
     """Return the parameter that alone and beyond the limit explains runs, of (m, k) mm, better than the effects of a
-    search within their limits; None if no size came near the limit, or no single parameter does.
-    """
+    search within their limits; None if no size came near the limit, or no single parameter does."""
     at_limit = [effect for effect in result.effects if ended_at_limit(effect)]
     if not at_limit and not any(map(_is_large_constant, result.effects)):
         return None

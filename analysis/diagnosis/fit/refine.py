@@ -25,30 +25,25 @@ from rigs.schema.effect import PHASE, is_wave, name_of
 
 FIT_ROUNDS = 8
 """Largest number of Gauss-Newton rounds. Chosen: more than a fit near the optimum needs, since it stops by
-`_ENOUGH`.
-"""
+`_ENOUGH`."""
 _TRIES = 5
 """Largest number of damping increases in a round. Chosen: five factors of 8 raise the damping by more than 10⁴."""
 _FURTHEST = 4.0
 """Largest distance of a shape from the expected value, in prior standard deviations. Chosen: beyond it the shape is
-implausible.
-"""
+implausible."""
 _ENOUGH = 0.1
 """Chi-square that a round must gain for the fit to continue. Chosen: far below the log evidence relevant to any
-decision.
-"""
+decision."""
 _NEARBY = 0.005
 """Change of the size of an effect, and of the spread of a shape, up to which derivatives and departures are not
 computed again. Chosen: at 2 % the uncertainty of a backlash of 0.1° was 28 % too large, at 0.5 and 0.2 % it is
-right.
-"""
+right."""
 
 _AT_LIMIT = 1e-6
 """Relative distance to the limit within which a size is at the limit: rounding."""
 _WHOLE = 0.5
 """Share of integer orders of gears: numbers of teeth, and turns of a stage with an integer ratio. Chosen: a wave of
-another order loses half of the odds at most.
-"""
+another order loses half of the odds at most."""
 
 _One = TypeVar("_One")
 
@@ -56,8 +51,7 @@ _One = TypeVar("_One")
 @dataclass(frozen=True)
 class Unknown:
     """An unknown parameter: the index of the effect, the field, the expected value, prior standard deviation, and
-    lower bound.
-    """
+    lower bound."""
 
     effect: int
     field: str
@@ -89,8 +83,7 @@ class Refined:
 
     def sd(self, effect: int) -> dict[str, float]:
         """Return the standard uncertainty of each fitted parameter of an effect, including the uncertainty of the
-        form.
-        """
+        form."""
         sds = np.sqrt(np.diag(self.covariance))
         stated = {u.field: float(sd) for u, sd in zip(self.unknowns, sds, strict=True) if u.effect == effect}
         whole, name = self.effects[effect], size_field(self.effects[effect])
@@ -185,8 +178,7 @@ def whole_order_gain(refined: Refined, place: int) -> float:
 
 def _departures(linear: Linearisation, effect: Effect, *, alike: bool) -> Response:
     """Return the departures (N, f) of an effect, or of the latest effect near it, including those of `alike`
-    effects.
-    """
+    effects."""
 
     def compute() -> Array:
         departures = departure_columns(linear, effect)
@@ -311,8 +303,7 @@ class _Problem:
 
     def _product(self, first: _Projected, second: _Projected) -> Array:
         """Return first' (C + FF')⁻¹ second, with F the departures and free forms: (k, l) for values (N, k) and (N,
-        l).
-        """
+        l)."""
         return first.marginal.products(second.marginal) - first.across.T @ self._inverse @ second.across
 
     def _normal(self, J: _Projected, r: _Projected) -> tuple[Array, Array]:
@@ -328,8 +319,7 @@ class _Problem:
 
     def _slopes(self, effects: Sequence[Any]) -> tuple[Response, ...]:
         """Return the derivatives (N, q) by the unknowns of each new effect, or of the latest effect near it. Effects
-        are additive, and the derivatives therefore separate.
-        """
+        are additive, and the derivatives therefore separate."""
         near, slopes = self.linear.near, []
         for k in range(len(self.fitted.effects), len(effects)):
             unknowns = [unknown for unknown in self.unknowns if unknown.effect == k]
@@ -339,8 +329,7 @@ class _Problem:
 
     def _limits(self, effects: Sequence[Any]) -> Array:
         """Return the lower and the upper bounds (2, q) of the unknowns; a phase has none. A shape remains near the
-        plausible values, even after a long first step.
-        """
+        plausible values, even after a long first step."""
         limits = np.empty((2, len(self.unknowns)))
         for k, unknown in enumerate(self.unknowns):
             effect = effects[unknown.effect]
@@ -362,8 +351,7 @@ class _Problem:
 
 def slopes_of(linear: Linearisation, effect: Any, unknowns: Sequence[Unknown]) -> Array:
     """Return the derivatives (N, q) of whitened readings by the unknowns of an effect, over small steps within the
-    bounds.
-    """
+    bounds."""
     steps, changed = np.empty(len(unknowns)), []
     for k, unknown in enumerate(unknowns):
         size = 1e-3 * unknown.spread if unknown.field != size_field(effect) else 0.05 * healthy_size(effect)
@@ -376,8 +364,7 @@ def slopes_of(linear: Linearisation, effect: Any, unknowns: Sequence[Unknown]) -
 
 def size_limits(effect: Effect, *, unlimited: bool = False) -> tuple[float, float]:
     """Return the smallest and the largest size of an effect in a fit, in the unit of the size; if `unlimited`, only
-    the sign is limited.
-    """
+    the sign is limited."""
     if unlimited:
         return 0.0 if one_sided(effect) else -np.inf, np.inf
     (low, high), most = bounds(effect, size_field(effect)), effect.MOST * healthy_size(effect)

@@ -1,6 +1,5 @@
 """Comparison of faults with their rivals: effects that could replace a fault, fitted in the same role, and the odds
-between them.
-"""
+between them."""
 
 from __future__ import annotations
 
@@ -16,36 +15,30 @@ from rigs.schema.effect import label_of, name_of, size_of
 
 _NEAR = 6.0
 """Log evidence behind a name within which rivals are fitted on the simulator; further behind, the odds are below 1
-in 400.
-"""
+in 400."""
 _MISSED = 0.9
 """Share of the evidence of a name, or of the linear form if that is less, above which the linear form of a rival is
 also fitted. Chosen: linear forms of similar effects miss the evidence of the fits by shares differing less than a
-tenth.
-"""
+tenth."""
 _SWAPS = 4
 """Largest number of replacements of a name by a rival. Chosen: each costs a search."""
 _RIVALS = 4
 """Largest number of fitted rivals. Chosen: others have negligible odds."""
 _CAUTIOUS = 0.25
 """Level of an arm below which odds are averaged with those at this level. Chosen: a standard deviation of the prior
-of a level below the level of a healthy arm.
-"""
+of a level below the level of a healthy arm."""
 _NEARLY = 0.5
 """Share of the smallest fault that the linear form of a rival must have to be fitted if only faults count. Chosen: a
-fit hardly doubles a size.
-"""
+fit hardly doubles a size."""
 _DOUBT = 5.0
 """Log evidence behind a name within which a rival is also fitted together with the name, to check whether it
-explains another part. Chosen: odds of 150 to 1.
-"""
+explains another part. Chosen: odds of 150 to 1."""
 
 
 @dataclass(frozen=True)
 class RivalOdds:
     """Odds of a name and of the rivals, the best first, each as the state with the rival in place of the name.
-    `healthy_odds` are the odds of a healthy arm showing the same.
-    """
+    `healthy_odds` are the odds of a healthy arm showing the same."""
 
     odds: float
     rivals: tuple[tuple[SelectionState, float], ...] = ()
@@ -133,8 +126,7 @@ def cautious_odds(selection: Selection, state: SelectionState, place: int, *, fa
 
 def rival_odds(selection: Selection, state: SelectionState, place: int, *, faults_only: bool = False) -> RivalOdds:
     """Return the odds of a name and of the rivals: effects that explain as much in place of the name and nothing in
-    addition to it; with `faults_only` only of rivals that would be faults.
-    """
+    addition to it; with `faults_only` only of rivals that would be faults."""
     forms, effect, build = selection.columns.forms, state.effects[place], selection.backgrounds.build
     without = selection.without(state, place)
     bare, whole = selection.evidence(without), selection.evidence(state)

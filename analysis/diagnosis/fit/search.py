@@ -1,6 +1,5 @@
 """Search: set-ups, noise and names in turn until convergence, and detection of readings taken before joints were at
-rest.
-"""
+rest."""
 
 from __future__ import annotations
 
@@ -46,24 +45,20 @@ from rigs.text import counted
 
 _PLACINGS = 8
 """Largest number of fits of instrument and target to poses before a search, each about the placement of the previous
-fit. Chosen: two or three mostly suffice.
-"""
+fit. Chosen: two or three mostly suffice."""
 _GIVEN_TURNS = 4
 """Largest number of fits of given effects, each about the set-ups of the previous fit. Chosen: they move less each
-time.
-"""
+time."""
 _STOPS, _ITERATIONS = 5, 8
 """Largest number of selections that stop at a fault, and of all. Chosen: few faults of an arm are large enough to
 change the columns of earlier faults, and of three complete selections the second mostly had the same end as the
-first.
-"""
+first."""
 
 
 @dataclass(frozen=True)
 class SearchResult:
     """Result of a search: the selection among runs about set-ups and reference effects, the state, and each name
-    with the rivals. N counts the whitened entries of all blocks.
-    """
+    with the rivals. N counts the whitened entries of all blocks."""
 
     selection: Selection
     state: SelectionState
@@ -156,8 +151,7 @@ class SearchResult:
     @cached_property
     def calibrated_posterior(self) -> Posterior:
         """The posterior excluding free forms and discrepancy. No model contains them, and a part shared between them
-        and the background would remain in it: 92 µm, compared with 19 for the names alone.
-        """
+        and the background would remain in it: 92 µm, compared with 19 for the names alone."""
         if not self.state.free_forms and not self.state.discrepancy:
             return self.posterior
         return self.selection.posterior(self.selection.without_free_forms(self.state))
@@ -170,8 +164,7 @@ class SearchResult:
 
 def search(runs: Sequence[ObservedRun], progress: Callable[[str], None]) -> SearchResult:
     """Return the names found in runs, about set-ups fitted with them; the readings of a run are (m, k) mm. Names
-    that change readings by no more than the scatter of a run have no rivals.
-    """
+    that change readings by no more than the scatter of a run have no rivals."""
     refitted: tuple[Effect, ...] = ()
     so_far: tuple[Effect, ...] = ()
     effort = Effort()
@@ -205,8 +198,7 @@ def fit_given(
     unlimited: frozenset[str] = frozenset(),
 ) -> SearchResult:
     """Return the fit of given effects to runs of (m, k) mm, together with a healthy arm's share of everything else;
-    nothing else is named, and there are no rivals. The sizes of effects of `unlimited` names have no limit.
-    """
+    nothing else is named, and there are no rivals. The sizes of effects of `unlimited` names have no limit."""
     so_far: tuple[Effect, ...] = ()
     setups, previous = _starting_setups(runs, progress)
     for turn in range(_GIVEN_TURNS):
@@ -231,8 +223,7 @@ def _selection(
     unlimited: frozenset[str] = frozenset(),
 ) -> Selection:
     """Return a selection among all possible causes in runs, about set-ups and together with the effects in the
-    model.
-    """
+    model."""
     linear = linearise(blocks_of(runs, setups, effects), setups, effects, unlimited)
     return Selection(linear, columns_for(linear, candidates_for(linear)))
 
@@ -275,12 +266,10 @@ _SURE_SIGMA = 5.0
 once in a million diagnoses."""
 _LEAST_SHARE = 0.2
 """Smallest share of the residual energy that must follow the direction of travel. Poses are visited in some order,
-and a small share always does: 8 % in a UR10 measured at rest (Landgraf et al. 2021).
-"""
+and a small share always does: 8 % in a UR10 measured at rest (Landgraf et al. 2021)."""
 _ALIKE, _UNABSORBED = 0.5, 0.2
 """Chosen: a contribution counts as an arrival error if at least 0.5 of the energy follows the direction of travel;
-and at least 0.2 of the energy must remain after the dependence on joint angle is removed.
-"""
+and at least 0.2 of the energy must remain after the dependence on joint angle is removed."""
 _STEPS = 19
 """Angles of a joint, equally spaced in poses, beyond which the link may be displaced. Chosen: 5 % each."""
 _ORDERS = np.array([1, 2, 3])
@@ -341,8 +330,7 @@ def _moves(block: Block) -> Array | None:
 
 def _by_angle(linear: Linearisation, shape: Callable[[Array], Array]) -> list[Array]:
     """Return the changes of pose readings by errors of a shape (n, c) of the angle (n, 1) of each joint, a list of
-    (N, c) arrays.
-    """
+    (N, c) arrays."""
 
     def errors(joint: int, block: Block) -> Array:
         return np.asarray(np.radians(shape(block.path.q[:, [joint]])) * block.table.kind.of_tracker, dtype=float)
@@ -357,8 +345,7 @@ def _smooth(q: Array) -> Array:
 def _step_share(linear: Linearisation, rows: Mask, free: Callable[[Array], Array], y: Array) -> float:
     """Return the share of the energy of readings y (N,) explained best by a link displaced beyond some angle of the
     joint, after a slipped tooth: a joint reaches large angles from below, and the error therefore also follows
-    the direction.
-    """
+    the direction."""
     steps = _by_angle(linear, lambda q: np.heaviside(q - np.quantile(q, np.linspace(0, 1, _STEPS + 2)[1:-1]), 0.0))
     columns = free(np.concatenate(steps, axis=1))[rows]
     gains = (columns.T @ y[rows]) ** 2 / np.maximum((columns**2).sum(axis=0), 1e-30)
@@ -367,8 +354,7 @@ def _step_share(linear: Linearisation, rows: Mask, free: Callable[[Array], Array
 
 def _with_alike(result: SearchResult, A: Array, free: Callable[[Array], Array]) -> Array:
     """Return the residual (N,) plus the contributions of names and of the healthy share with the shape of the
-    arrival errors A (N, axes), and the curves of joints.
-    """
+    arrival errors A (N, axes), and the curves of joints."""
     posterior = result.posterior
     columns = posterior.background.columns
     others = np.concatenate([columns.X[:, : columns.set_ups.start], columns.X[:, columns.set_ups.stop :]], axis=1)
@@ -385,8 +371,7 @@ def _with_alike(result: SearchResult, A: Array, free: Callable[[Array], Array]) 
 
 def _of_joint(off: Callable[[Array], Array], joint: int) -> Callable[[Block], Array]:
     """Return a function of a block with the error of a joint of poses, (n, 1) rad at the samples of the block's
-    path, and zero for other tests.
-    """
+    path, and zero for other tests."""
 
     def samples(block: Block) -> Array:
         path, moves = block.path, _moves(block)

@@ -53,17 +53,14 @@ from rigs.schema.effect import is_wave, name_of, size_of
 
 _FAULTS = 2.0
 """Expected number of faults of an arm sent for diagnosis, before anything is measured. Chosen: between a single
-fault and the 9 to 14 of an arm that was never calibrated.
-"""
+fault and the 9 to 14 of an arm that was never calibrated."""
 _OFF = 0.1
 """Share of the response of the faults by which the reference faults may differ from them. Chosen: columns computed
-with no faults missed up to 1 % of a large fault; they then miss 0.1 %.
-"""
+with no faults missed up to 1 % of a large fault; they then miss 0.1 %."""
 _FEW_SIGMA = 100.0
 """Norm of the difference between the responses of the faults and the reference faults, in standard deviations of the
 noise, up to which columns remain valid for any size of fault. Chosen: columns with an error of 1 % of it (6 % at
-worst) miss 1 (6) standard deviations.
-"""
+worst) miss 1 (6) standard deviations."""
 _DEPTH = 40
 """Largest number of fitted effects: real arms that were never calibrated have 9 to 14 faults, and as many visible
 healthy effects."""
@@ -75,8 +72,7 @@ _OFF_STATED = 3.0
 """Standard deviations from the stated value beyond which another cause is meant."""
 _SEEN = 4.0
 """Sigmas that the largest fault must have for the name to be testable. Chosen: below the 7 sigma at which an effect
-is detected, to avoid reporting names in between as hidden.
-"""
+is detected, to avoid reporting names in between as hidden."""
 _SURE_EVIDENCE = 5.0
 """Log evidence of the cavity above which an effect is not tested for removal. Chosen: odds of 150 to 1."""
 _MUCH = 50.0
@@ -86,27 +82,22 @@ _MARGIN = 1.2
 """Factor by which a free form must explain more than the best name, whose first fit is not at the optimum. Chosen."""
 _TRIED, _CLOSE = 3, 0.5
 """Largest number of names fitted before a name is added, and the share of the largest gain that the others must
-have. Chosen: each fit costs a fraction of a round.
-"""
+have. Chosen: each fit costs a fraction of a round."""
 _BENT, _PLAIN_TO_SEE = -5.0, 10.0
 """Log evidence of a form from which the name is fitted too if no name gains much, and sigmas of the readings in
 which the form must be visible: all stretched shapes may be too far from the true shape. The spike of an axis that
 fades in 0.93 s, 21 sigma, lost 2.5 with the shape of 1 s and gained 420 when fitted; when left out, it turned a
-lag of 0.6 ms into 33 ms.
-"""
+lag of 0.6 ms into 33 ms."""
 _OF_SET_UP = 0.01
 """Share of a column remaining with a free set-up, below which the column is a term of the set-up. Chosen: next to a
 soft joint the last length, which determines the torque, leaves 0.002, and was named as 24 mm for 36 µm; columns
-that are no term leave 0.6 and more.
-"""
+that are no term leave 0.6 and more."""
 _CURVE_ROUNDS, _ENOUGH_OF_CURVES = 3, 2.0
 """Largest number of fits of curves alternating with the weights of outliers, and the log evidence that a fit must
-gain for the next. Chosen: an outlier among 30 poses of a UR10 took three.
-"""
+gain for the next. Chosen: an outlier among 30 poses of a UR10 took three."""
 _FEW_ROUNDS = 3
 """Rounds of fits that are followed by others: fits from several starts, of which only the likeliest continues, and
-fits alternating with the noise. Chosen: in a development case the first two gained nearly all that a fit gained.
-"""
+fits alternating with the noise. Chosen: in a development case the first two gained nearly all that a fit gained."""
 
 
 @dataclass(frozen=True)
@@ -148,8 +139,7 @@ class Selection:
 
     def initial_state(self, effects: Sequence[Effect] = (), previous: SelectionState | None = None) -> SelectionState:
         """Return a state with the given effects fitted, in an arm at healthy level and with the estimated noise; the
-        search for the noise and the curves of joints shown by poses starts from those of the `previous` state.
-        """
+        search for the noise and the curves of joints shown by poses starts from those of the `previous` state."""
         strength, robust = np.ones(len(self.columns.count)), np.ones(len(self.linear.y))
         curves = JointCurves((1.0,) * max(self.linear.axes, self.columns.curves.count)) if self._shows_curves else None
         if curves is not None and previous is not None and previous.curves is not None:
@@ -207,8 +197,7 @@ class Selection:
 
     def _with_likeliest_curves(self, state: SelectionState, limits: Array) -> SelectionState:
         """Return the state with the likeliest sizes of the curves of joints, and the likeliest strengths of the
-        noise for them within `limits` (2, b).
-        """
+        noise for them within `limits` (2, b)."""
         assert state.curves is not None  # noqa: S101 - poses alone have them
         of_curves, terms, noise = self.columns.curves.columns, state.refined.fitted_terms, self._hyperparameters
 
@@ -249,8 +238,7 @@ class Selection:
         """Return the state with all effects that cover their penalty and no others. If a free form explained more
         than the best name, the search accepting it is tried too, and the state with more evidence is returned. If
         it `stops`, it ends at the first new fault that invalidates the columns, unless a free form explained more
-        before.
-        """
+        before."""
         named, with_free_form = self._stepwise(state, accept_free_forms=False, stops=stops)
         if with_free_form is None:
             return named
@@ -258,8 +246,7 @@ class Selection:
 
     def holds_for(self, state: SelectionState) -> bool:
         """Return whether the columns are valid for a state: the effects hardly move the set-ups, and the reference
-        faults of the columns have nearly the response of the faults of the state.
-        """
+        faults of the columns have nearly the response of the faults of the state."""
         linear = self.linear
         if not linear.is_straight(self.moves(state)):
             return False
@@ -301,8 +288,7 @@ class Selection:
         """Return the result of a stepwise search, and the first state in which a free form explained more than the
         best name, if any. `accept_free_forms` states whether such a form is then used, and `stops` whether the
         search ends at a new fault that invalidates the columns, unless there is such a form. The search also ends
-        at a series of waves.
-        """
+        at a series of waves."""
         with_free_form = None
         # Unnamed faults resemble an arm with a high level; names are therefore selected at level 1 first.
         for level_cap in (1.0, MOST_LEVEL):
@@ -348,8 +334,7 @@ class Selection:
 
     def not_testable(self, state: SelectionState, posterior: Posterior) -> tuple[str, ...]:
         """Return the names that these tests would not show at the size of a large fault, with all other possible
-        effects present.
-        """
+        effects present."""
         sigma = posterior.gains(self.columns.forms, state.level).sigma
         named = {name_of(effect) for effect in state.effects}
         seen = {self.columns.forms[k].name for k in np.flatnonzero(LARGEST_FAULT * sigma > _SEEN).tolist()}
@@ -362,8 +347,7 @@ class Selection:
 
     def _backward_step(self, state: SelectionState, posterior: Posterior, *, below: float) -> SelectionState | None:
         """Return the state with the effect of least evidence removed, if that does not cover the penalty, and None
-        otherwise. Only effects whose cavity gains log evidence below `below` are tested.
-        """
+        otherwise. Only effects whose cavity gains log evidence below `below` are tested."""
         doubtful = [k for k in range(len(state.effects)) if self.gain_of(state, posterior, k) < below]
         if not doubtful:
             return None
@@ -382,8 +366,7 @@ class Selection:
 
     def _without_free_form(self, state: SelectionState) -> SelectionState | None:
         """Return the state with a free form removed if the best name in the same role, or no effect, explains as
-        much, and None otherwise.
-        """
+        much, and None otherwise."""
         whole = self.evidence(state) if state.free_forms else 0.0
         for k in range(len(state.free_forms)):
             kept = (*state.free_forms[:k], *state.free_forms[k + 1 :])
@@ -397,8 +380,7 @@ class Selection:
 
     def gain_of(self, state: SelectionState, posterior: Posterior, place: int) -> float:
         """Return the approximate log evidence of an effect over the share of a healthy arm in the form, from the
-        cavity of the size.
-        """
+        cavity of the size."""
         refined, effect = state.refined, state.effects[place]
         row = next(k for k, u in enumerate(refined.unknowns) if u.effect == place)
         unit, variance = healthy_size(effect), posterior.term_covariance[row, row]
@@ -417,8 +399,7 @@ class Selection:
 
     def _nearest_form(self, effect: Effect) -> int | None:
         """Return the index of the form of an effect's name, for waves the form of the nearest order; None if the
-        name has no form.
-        """
+        name has no form."""
         forms, order = self.columns.forms, order_of(effect)
         of_name = [k for k, form in enumerate(forms) if form.name == name_of(effect)]
         apart = np.nan_to_num([abs(order_of(forms[k].effect) - order) for k in of_name])
@@ -461,8 +442,7 @@ class Selection:
 
     def _size_odds(self, size: Array | float, level: float, healthy: Array | float) -> Array:
         """Return the prior log odds (n,) of sizes (n,), in healthy sizes, over the wide prior of the fit: as faults,
-        or with the log odds `healthy` (n,) as effects present in every arm.
-        """
+        or with the log odds `healthy` (n,) as effects present in every arm."""
         sizes, each = fault_sizes(level), np.asarray(size, dtype=float)[..., None]
         fault = self._fault_price + np.log(np.mean(np.exp(-0.5 * (each / sizes) ** 2) / sizes, axis=-1) + 1e-300)
         wide = -0.5 * (np.asarray(size) / LARGEST_FAULT) ** 2 - np.log(LARGEST_FAULT)
@@ -470,8 +450,7 @@ class Selection:
 
     def _against_stated(self, effect: Effect) -> float:
         """Return the log evidence that readings must provide for shapes of an effect that differ from the rig file:
-        with no masses of links a soft joint and a heavy load look the same.
-        """
+        with no masses of links a soft joint and a heavy load look the same."""
         free = effect.free(self.linear.payload_kg)
         off = [abs(getattr(effect, one.field) - one.expected) > _OFF_STATED * one.spread for one in free if one.stated]
         return _HEALTHY_PRICE * float(sum(off))
@@ -502,8 +481,7 @@ class Selection:
 
     def gains(self, state: SelectionState, posterior: Posterior) -> Array:
         """Return the log odds (n,) of each form over an equal share, as a fault or as the healthy effect of the
-        name, whichever are larger.
-        """
+        name, whichever are larger."""
         gains = posterior.gains(self.columns.forms, state.level)
         curves, pieces = self.waves_of_curves
         is_usual = gains.size < FAULT * max(state.level, 1.0)  # of healthy arms or of arms of this level
@@ -515,8 +493,7 @@ class Selection:
     @cached_property
     def waves_of_curves(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Return the forms (n,) that are waves of a joint's curve, and the forms of such low order that the joint
-        was driven over few waves in any run.
-        """
+        was driven over few waves in any run."""
         effects = [form.effect for form in self.columns.forms]
         turned = np.max([np.ptp(block.table.q, axis=0) for block in self.linear.blocks], axis=0) / (2 * np.pi)
         driven = [
@@ -529,8 +506,7 @@ class Selection:
     def _against(self) -> Array:
         """The log evidence (n,) that a form must gain beyond the penalty: infinite if a set-up of poses or touches
         can do the same, as the last length is a length of the tool; less along directions that are hardly
-        visible.
-        """
+        visible."""
         against = np.array([self._against_stated(form.effect) for form in self.columns.forms], dtype=float)
         if self._shows_curves:
             columns = self.columns.X[:, : self.columns.set_ups.start]
@@ -543,8 +519,7 @@ class Selection:
         self, state: SelectionState, posterior: Posterior, *, try_free_forms: bool
     ) -> tuple[SelectionState | None, SelectionState | None]:
         """Return the state with the effect of largest gain, if an effect covers the penalty, and the state with a
-        free form instead, if those are tried and any explains much more.
-        """
+        free form instead, if those are tried and any explains much more."""
         gain = self.gains(state, posterior)
         gain[[k for k in state.refused if k >= 0]] = -np.inf
         most_gain, changed, best = 0.0, None, self._worth_trying(state, posterior, gain)
@@ -573,8 +548,7 @@ class Selection:
 
     def _worth_trying(self, state: SelectionState, posterior: Posterior, gain: Array) -> list[int]:
         """Return the best form of each of the few names that gain (n,) most, the best first; if none gains much,
-        also the form of a clearly visible name whose gain may be low only because of the stretched shape.
-        """
+        also the form of a clearly visible name whose gain may be low only because of the stretched shape."""
         forms, best_of = self.columns.forms, dict[str, int]()
         for k in np.argsort(-gain).tolist() if len(state.effects) < _DEPTH else ():
             if not gain[k] > max(_CLOSE * gain.max(), 0.0) or len(best_of) == _TRIED:

@@ -36,8 +36,7 @@ from rigs.schema.vocabulary import Build
 
 FAULT = 5.0
 """Size in healthy sizes above which an effect is a fault: faults of real arms are 5 to 100 healthy sizes. In an arm
-with a level below 1, smaller effects may be faults.
-"""
+with a level below 1, smaller effects may be faults."""
 
 
 def least_fault(effect: Effect, build: Build) -> float:
@@ -49,16 +48,13 @@ DRIVEN_WAVES = 2.0
 """Waves that a joint must drive before any of them is called a gear: fewer are a piece of a smooth curve."""
 _NEAR_ORDER = 1.15
 """Ratio of orders of a gear below which they count as the same wave. Chosen: a lap does not separate closer orders
-of a slow joint.
-"""
+of a slow joint."""
 _SAME_ORDER = 0.5
 """Difference of the orders of a gear below which they are the same wave. Chosen: most orders are integers, like
-numbers of teeth.
-"""
+numbers of teeth."""
 _MOST_WAVES = 6
 """Largest number of waves of a joint that are gears. A sum of waves describes any error following the angle of a
-joint: a slipping joint was named as 22. Of 240 other generated cases none had more than three of a joint.
-"""
+joint: a slipping joint was named as 22. Of 240 other generated cases none had more than three of a joint."""
 
 
 @dataclass(frozen=True)
@@ -96,8 +92,7 @@ class SelectionState:
 
     def possible_faults(self, effects: Sequence[Effect]) -> tuple[Effect, ...]:
         """Return the effects that are larger than in healthy arms, or than in arms of this level: a search computes
-        everything else again with them, and compares them with rivals. The verdict decides about faults.
-        """
+        everything else again with them, and compares them with rivals. The verdict decides about faults."""
         return tuple(effect for effect in effects if abs(size_of(effect)) > FAULT * min(self.level, 1.0))
 
 
@@ -121,8 +116,7 @@ def is_alike(effect: Effect, other_effect: Effect) -> bool:
 
 def is_one(effect: Effect, other_effect: Effect) -> bool:
     """Return whether two effects, of any size and shape, are the same: of the same name and, for waves, the same
-    order.
-    """
+    order."""
     apart = abs(order_of(effect) - order_of(other_effect))
     return name_of(effect) == name_of(other_effect) and not apart >= _SAME_ORDER
 
@@ -167,8 +161,7 @@ _GRAMS = 4
 class Backgrounds:
     """Backgrounds of states about some columns, of an arm of a build. States that differ only in the fitted sizes
     and shapes of the same names share a background; states that differ only in names and level share the weighted
-    products of the columns.
-    """
+    products of the columns."""
 
     columns: Columns
     build: Build
@@ -230,20 +223,17 @@ _LEVELS = np.geomspace(LEAST_LEVEL, MOST_LEVEL, 80)
 """Levels of a background that are tried; consecutive levels differ by a tenth."""
 _LEVEL_ROUNDS, _SAME_LEVEL = 12, 0.15
 """Largest number of estimates of the level in a row, and the logarithm of their ratio at which they agree. An
-estimate moves a third of the distance; twelve rounds lead from a healthy arm to a hundred times quieter arm.
-"""
+estimate moves a third of the distance; twelve rounds lead from a healthy arm to a hundred times quieter arm."""
 _QUIETER = 1.4
 """Factor between levels that are compared by evidence. Chosen: a tenth of the width of the prior."""
 _QUIETEST = 0.03
 """Level below which no quieter level is tried by evidence: the right names of cells with a single effect win from
-0.1 on, and below it a search continues to ever smaller names.
-"""
+0.1 on, and below it a search continues to ever smaller names."""
 _SAME_STRENGTH = 0.01
 """Largest logarithm of the ratio of strengths that are taken as the same: half a percent of an uncertainty."""
 _LEVEL_TAIL = 4.0
 """Degrees of freedom of Student's distribution of the effects of an arm, which limits the weight of a fault in the
-level. Chosen.
-"""
+level. Chosen."""
 _LEVEL_SPREAD = 1.4
 """Prior standard deviation of the logarithm of a level about that of a healthy arm: a factor of four either way.
 Chosen."""
@@ -269,8 +259,7 @@ class Hyperparameters:
     @cached_property
     def _band_price(self) -> Array:
         """The log evidence (b,) that the strength of each band must gain; known distances have their stated
-        uncertainty.
-        """
+        uncertainty."""
         price = np.where(np.bincount(self.columns.band, self._targets) > 0, _TARGET_PRICE, _BAND_PRICE)
         price[self.columns.band[self.linear.of_distances]] = np.inf
         return price
@@ -316,8 +305,7 @@ class Hyperparameters:
 
     def strength(self, state: SelectionState, posterior: Posterior) -> Array:
         """Return the strength (b,) of each band: that of the residual if it exceeds the noise by more than the
-        penalty. Assumed noise, which is wide, may also be reduced.
-        """
+        penalty. Assumed noise, which is wide, may also be reduced."""
         count = self.columns.count
         free: Array = np.maximum(count - posterior.spent / state.strength, 0.25 * count)
         ratio: Array = np.maximum(self._energy(state, posterior) / free, 1e-9)
@@ -327,8 +315,7 @@ class Hyperparameters:
     @cached_property
     def strength_limits(self) -> Array:
         """Return the smallest and the largest strength (2, b) of each band, relative to the noise: at least 1 if
-        repeats show it, less if it is assumed; known distances have their stated uncertainty.
-        """
+        repeats show it, less if it is assumed; known distances have their stated uncertainty."""
         assumed = self.linear.at_entries([np.full(len(b.y_mm), not b.measured) for b in self.linear.blocks])
         least = np.where(np.bincount(self.columns.band, assumed) > 0, LEAST_ASSUMED, 1.0)
         return np.stack([least, np.where(np.isfinite(self._band_price), _MOST_STRENGTH, 1.0)])
@@ -472,8 +459,7 @@ def settled(
 
 _BETWEEN = np.linspace(-0.6, 0.6, 9)
 """Orders tried about the order of a form, as multiples of the distance to the neighbour. They cover a little more
-than half of the distance to either side.
-"""
+than half of the distance to either side."""
 _PARTS = 3
 """Parts into which the distances between the orders of forms are divided for a large wave. Chosen: at the ends of a
 joint's range the phases of neighbours differ by 48 degrees then."""

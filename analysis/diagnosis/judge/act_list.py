@@ -38,8 +38,7 @@ _REPEATS = 2
 """Runs per direction needed to show changes with time."""
 _RARE = 3.0
 """Ratio to the usual size above which an effect causing much of the error is repaired: three arms in a thousand show as
-much without a fault.
-"""
+much without a fault."""
 
 
 @dataclass(frozen=True)
@@ -67,8 +66,7 @@ class JudgedPlace:
 EARLY_COMMANDED = Act("convert", "early", command=("import", "TABLE", "--test", "pose", "--joints", "commanded"))
 EARLY = Act("wait", "early")
 """First action if joints were read before standstill: use the commanded angles of the file if present, or repeat the
-measurement.
-"""
+measurement."""
 
 
 def acts_of(
@@ -157,8 +155,7 @@ def one_after_the_other(acts: Sequence[Act], judged: JudgedPlace) -> list[Act]:
 
 def _approaches(diagnosis: Diagnosis) -> list[Act]:
     """Return the interim action for direction-dependent effects, which targets cannot represent: a one-sided approach
-    to every target.
-    """
+    to every target."""
     acts = []
     for k, part in enumerate(diagnosis.budget):
         if part.index is None or part.share <= LEAST_SHARE or not is_sure(diagnosis, part):
@@ -242,8 +239,7 @@ def _of_the_place(diagnosis: Diagnosis, judged: JudgedPlace) -> list[Against]:
 
 def _corrections(diagnosis: Diagnosis, judged: JudgedPlace) -> list[Act]:
     """Return the interim correction: programs and entries with all effects of the arm in the model, if the gain is
-    certain and worthwhile.
-    """
+    certain and worthwhile."""
     if diagnosis.calibrated is None or verdict_of(diagnosis.calibrated) == "nothing":
         return []
     effects = [effect for effect in judged.stages.calibrated.effects if effect.compensation().use != "none"]

@@ -18,8 +18,7 @@ ActKind = Literal[
 ]
 """Action of the operator: repair a cause; re-master a joint; enter a constant; load corrected programs or entries;
 approach targets from the same side; measure to decide; mount ball, gauges or base again; wait until the arm is
-warm; convert readings of another convention; check the rig file and the variant of the arm; or nothing.
-"""
+warm; convert readings of another convention; check the rig file and the variant of the arm; or nothing."""
 JudgedOn = Literal["unseen", "held_out", "used"]
 """Basis of a figure: a different place, held-out runs, or the runs used."""
 Doubt = Literal[
@@ -30,13 +29,11 @@ Doubt = Literal[
 lap each way shows no time; a healthy arm may show it by chance; a rival is likelier; it makes held-out runs
 worse; the contribution is uncertain by more than half; set-ups show different shares; it is part of a series of
 more waves than a joint has; the model explains the runs no better with it; or it may imitate an unexplained error
-of similar size.
-"""
+of similar size."""
 Objection = Literal["rivals", "doubt", "not_judged_elsewhere", "few_runs", "unexplained", "no_place"]
 """Objection to an action: a different cause is possible (`names`); the effect is doubted (`doubt`); no run of a
 different place validated it; too few runs (`runs` of each kind would decide); a large unexplained error; or no further
-test in the rig file.
-"""
+test in the rig file."""
 Reason = Literal[
     "fault", "sure_and_large", "not_enough", "correction", "rivals", "group", "few_runs", "one_lap", "unexplained",
     "not_visible", "elsewhere", "scatter", "too_small", "history", "gauges", "sound", "early", "out_of_range",
@@ -64,8 +61,7 @@ class Against:
 @dataclass(frozen=True)
 class Cost:
     """Cost of an action: `minutes` of driving, None if unknown (a repair); programs to drive or load, and set-ups of
-    ball and gauges.
-    """
+    ball and gauges."""
 
     minutes: float | None = None
     programs: int = 0
@@ -79,8 +75,7 @@ FOUND = "FOUND/"
 @dataclass(frozen=True)
 class NamingTest:
     """Decisive test: description as arguments of `rig plan`, reason, expected odds of the likeliest cause after it, and
-    the causes it separates.
-    """
+    the causes it separates."""
 
     test: str
     why: str
@@ -140,8 +135,7 @@ class Act:
 
 def acts_with(acts: Sequence[Act], model: str, again: tuple[str, ...] = ()) -> tuple[Act, ...]:
     """Return the actions with commands for the user's `model`, or if there is no model, with the arguments `again`
-    of the command that writes the model.
-    """
+    of the command that writes the model."""
     named = [tuple(model if word.startswith(FOUND) else word for word in act.command) for act in acts]
     return tuple(
         replace(act, command=again if not model and words != act.command else words)

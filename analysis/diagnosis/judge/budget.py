@@ -100,8 +100,7 @@ class Measure:
 
     def scatter_mm(self) -> list[Array]:
         """Return the responses (N, c) mm of each block to one standard deviation of all scatter between runs (joints,
-        ball, stamps), without the part absorbed by set-ups.
-        """
+        ball, stamps), without the part absorbed by set-ups."""
         return self.linear.in_mm(self.without_set_up(np.concatenate([self.linear.Z, self.linear.stamps], axis=1)))
 
     def um(self, changes: Array) -> float:
@@ -113,8 +112,7 @@ class Measure:
 class EffectChange:
     """Contribution of a fitted effect: `change` (N,) of the whitened readings, its rms and standard uncertainty in µm,
     and its ratio to a healthy one. `apart`: differences between single runs beyond noise and scatter, as a relative
-    standard uncertainty of their mean.
-    """
+    standard uncertainty of their mean."""
 
     change: Array
     um: float
@@ -175,8 +173,7 @@ class Budget:
     @cached_property
     def whole_um2(self) -> float:
         """Mean square of the gap in µm²: that of the mean of repeated runs, plus the differences of single runs from
-        it.
-        """
+        it."""
         return max(float(self.whole @ self.whole) + self._apart_um2, 1e-12)
 
     @cached_property
@@ -276,15 +273,13 @@ class Budget:
 
     def _u_um(self, moved: Array, indices: Integers) -> float:
         """Return the standard uncertainty in µm of the combined contribution of columns `indices` to readings (N,
-        n).
-        """
+        n)."""
         return float(np.sqrt(max(np.sum(moved.T @ moved * self.result.posterior.covariance_among(indices)), 0.0)))
 
     @cached_property
     def _not_shown(self) -> set[tuple[int, ...]]:
         """Return the columns of forms not testable in these runs: invisible names, and waves of which a joint covered
-        few cycles, indistinguishable from a zero.
-        """
+        few cycles, indistinguishable from a zero."""
         hidden = self.result.selection.not_testable(self.result.state, self.result.posterior)
         of_curves = zip(self.result.columns.forms, *self.result.selection.waves_of_curves, strict=True)
         return {form.columns for form, wave, piece in of_curves if (wave and piece) or form.name in hidden}
@@ -339,8 +334,7 @@ class Budget:
 
 _WIDE = 100.0
 """Prior standard deviation of a share, relevant only for set-ups with hardly any information. Chosen: far beyond any
-share of interest.
-"""
+share of interest."""
 _CHANCE = 0.05
 """False alarm probability of a disagreement between set-ups. Chosen: the usual significance level."""
 _NOTHING = 1e-300

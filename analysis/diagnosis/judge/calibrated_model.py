@@ -28,14 +28,12 @@ from rigs.distribution import version
 
 _LEAST = 1e-9
 """Added to the diagonal of the correlation matrix before taking the root: twins have a correlation of one within
-rounding.
-"""
+rounding."""
 
 
 def covariance_of(posterior: Posterior, unknowns: Sequence[Unknown]) -> Array:
     """Return the covariance (P, P) of the fitted unknowns, each in the unit of its name, followed by the multiples
-    of the forms.
-    """
+    of the forms."""
     columns = posterior.background.columns
     forms, fitted = columns.set_ups.start, len(unknowns)
     covariance = posterior.joint_covariance(forms, fitted)
@@ -97,8 +95,7 @@ def calibrated_model(
 
 def _beside(before: CalibratedModel, new: CalibratedModel) -> CalibratedModel:
     """Combine a calibration with an earlier one. Multiples of a term add up, and so do their variances, as if
-    independent.
-    """
+    independent."""
     terms, parameters = list(before.terms), list(before.parameters)
     times_row = {
         terms[parameter.term].effect: row for row, parameter in enumerate(parameters) if parameter.field == TIMES

@@ -102,8 +102,7 @@ def _comparison(run: Measured, model: Model, setup: SetUp, rows: Integers, resid
 
 def curve(result: Evaluated, table: Table) -> tuple[Array, Array, str]:
     """Return the compared curve of a result, the readings of its table for tests of other packages: positions (n,),
-    values (n,), unit.
-    """
+    values (n,), unit."""
     match result:
         case CircleResult():
             return np.degrees(PHI), np.degrees(result.residual), "deg"

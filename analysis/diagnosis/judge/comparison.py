@@ -65,8 +65,7 @@ class Comparison(Tabular):
 
     def to_table(self) -> pa.Table:
         """Return the curves side by side: phi_deg, target or place, then measured, simulated and difference in their
-        unit.
-        """
+        unit."""
         where = self.result.measured.table.kind.along
         curves = {"measured": self.measured_curve, "simulated": self.simulated_curve}
         curves["difference"] = self.measured_curve - self.simulated_curve
@@ -104,8 +103,7 @@ class PoseComparison:
 @dataclass(frozen=True)
 class Compared(Tabular):
     """All runs, their fitted set-ups, and doubts as text; `poses`: runs without gauges; `disagreement`: between model
-    and readings, None if not requested.
-    """
+    and readings, None if not requested."""
 
     runs: tuple[Comparison, ...]
     setups: dict[str, SetUp]

@@ -37,8 +37,7 @@ _MOST_STEPS = 6
 """Number of parts with a separate step. Chosen: a readable number; the budget lists all."""
 _LEAST = 0.05
 """Minimum rms contribution of a part with a separate step, relative to the gap. Chosen: less is hardly visible in a
-chart.
-"""
+chart."""
 _ROWS = 256
 """Readings of a circle used for intermediate steps. Chosen: they give its rms to some percent."""
 

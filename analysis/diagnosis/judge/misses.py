@@ -38,8 +38,7 @@ from analysis.robot.model.predict import SetUp
 @dataclass(frozen=True)
 class Misses:
     """Entries (n,) of held-out places: neighbourhood, squared error in mm², its noise part, and the stated variance.
-    Outliers have reduced weight as in the fit, `robust`.
-    """
+    Outliers have reduced weight as in the fit, `robust`."""
 
     group: Integers
     missed_mm2: Array
@@ -57,8 +56,7 @@ class Misses:
 @dataclass(frozen=True)
 class LeftOut(Misses):
     """Places used, each neighbourhood or placement held out in turn and predicted by the others: whitened rows (n,) of
-    the readings, and their errors in noise standard deviations.
-    """
+    the readings, and their errors in noise standard deviations."""
 
     rows: Integers
     missed_sigma: Array
@@ -79,8 +77,7 @@ def places_left_out(result: SearchResult) -> LeftOut | None:
 
 def _left_out(result: SearchResult, rows: Integers, group: Integers, placed: Array | None = None) -> LeftOut:
     """Return whitened rows (n,) held out together, without the part absorbed by `placed`, orthonormal set-up columns
-    (n, s).
-    """
+    (n, s)."""
     posterior = result.calibrated_posterior
     noise = np.minimum(result.strength[rows], 1.0)
     variance_mm2 = np.concatenate([block.sd_mm for block in result.linear.blocks])[rows] ** 2
@@ -106,8 +103,7 @@ def _neighbourhoods(run: ObservedRun) -> Integers:
 
 _FAR, _ROUNDS = 4.0, 8
 """Mean square relative to its expectation above which a neighbourhood has reduced weight: for three normal coordinates
-fewer than one in a hundred; and the rounds to convergence.
-"""
+fewer than one in a hundred; and the rounds to convergence."""
 _FREEDOM = 3.0
 """Degrees of freedom of the error of a neighbourhood: one vector, common to its poses."""
 _LONGEST = 1500
@@ -130,8 +126,7 @@ class Widening:
 @dataclass(frozen=True)
 class _Neighbourhoods:
     """Errors of neighbourhoods (g,): mean square of a coordinate in mm², its noise part, and the variance stated by the
-    model; and the weight of the entries in each.
-    """
+    model; and the weight of the entries in each."""
 
     missed_mm2: Array
     noise_mm2: Array
@@ -241,8 +236,7 @@ def _misses_of(
     runs: Sequence[ObservedRun], setups: Mapping[str, SetUp], stages: Stages, result: SearchResult
 ) -> Misses:
     """Return the prediction errors of the calibrated model for held-out runs, in the set-ups of the runs used, or in
-    their own.
-    """
+    their own."""
     parts, first, shown = list[Misses](), 0, noise_shown(result)
     for run, calibrated in zip(runs, with_effects(runs, stages.calibrated.effects), strict=True):
         residual = residual_of(calibrated, setups)
@@ -257,8 +251,7 @@ def _misses_of(
 
 def _stated_variances(run: ObservedRun, setups: Mapping[str, SetUp], result: SearchResult) -> tuple[Array, Array]:
     """Return the variances (N,) mm² of the noise of a pose run, and of the calibrated model's prediction: in the set-up
-    of the runs used, or in a separate fitted one.
-    """
+    of the runs used, or in a separate fitted one."""
     effects, columns, unknowns = result.effects, result.columns, result.fit.unknowns
     of_run = linearise(blocks_of([run], setups, effects), setups, effects)
     of_effect = [[unknown for unknown in unknowns if unknown.effect == k] for k in range(len(effects))]

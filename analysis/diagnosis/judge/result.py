@@ -35,8 +35,7 @@ Condition = Literal[
 ]  # fmt: skip
 """Condition of the arm: effects are named; effects are named, but a rival is possible; one parameter exceeds the
 range that rig corrects, and is the only name; the cause is in no library; the runs are too few; many usual errors
-that a calibration was shown to remove; nothing unusual; or the runs cannot show effects.
-"""
+that a calibration was shown to remove; nothing unusual; or the runs cannot show effects."""
 Rank = Literal["unusual", "usual", "undecided"]
 """Whether an effect is larger than in healthy arms and elsewhere in this arm."""
 
@@ -44,8 +43,7 @@ Rank = Literal["unusual", "usual", "undecided"]
 @dataclass(frozen=True)
 class Member:
     """A candidate effect for a group of small terms: fitted size in the unit of the effect with all other effects
-    fitted, rms in µm within the group with standard uncertainty, and odds of being the dominant effect.
-    """
+    fitted, rms in µm within the group with standard uncertainty, and odds of being the dominant effect."""
 
     effect: Effect
     um: float
@@ -156,8 +154,7 @@ class Accuracy:
 
 _DIFFERS, _DIFFERS_SIGMA = 0.5, 3.0
 """Difference of the shares of two set-ups above which they contradict a name, and the minimum difference in standard
-uncertainties. Chosen: several times the differences of true faults in development cases, and odds of 400 to 1.
-"""
+uncertainties. Chosen: several times the differences of true faults in development cases, and odds of 400 to 1."""
 ODDS = 20.0
 """Odds at which a rival is dismissed, 20 to 1: the usual 5 % level. A name with a closer rival is ambiguous."""
 
@@ -168,12 +165,10 @@ CERTAIN_ODDS = ODDS / (1 + ODDS)
 """Share of the evidence from which a name has no rival."""
 LARGE_SHARE = 1 / 3
 """Share of the error from which a part of any size is mentioned in the first sentence, and a group lists candidate
-effects.
-"""
+effects."""
 CERTAIN_SIGMA = 7.0
 """Standard uncertainties from which the contribution of an effect of any size is certain: the detection limit of the
-plan.
-"""
+plan."""
 
 
 @dataclass(frozen=True)
@@ -188,8 +183,7 @@ class Share:
 @dataclass(frozen=True)
 class Rival:
     """Another effect that could replace a name, with the standard uncertainties of the parameters and the share of
-    the evidence.
-    """
+    the evidence."""
 
     effect: Effect
     sd: dict[str, float]
@@ -233,8 +227,7 @@ class Named:
     """Whether the cause was shown: a wave over fewer than two periods driven by the joint does not identify a gear."""
     directions: int = 1
     """Number of independent directions showing the effect: set-ups that each show the size, and runs not used in the
-    fit.
-    """
+    fit."""
 
     @property
     def stands(self) -> bool:
@@ -249,8 +242,7 @@ class Named:
     @property
     def contradicted(self) -> bool:
         """Whether the effect imitates another cause: two set-ups show clearly different shares, or it is part of a
-        series of waves.
-        """
+        series of waves."""
         if self.is_term or not self.shares:
             return self.is_term
         least, most = (of(self.shares, key=lambda share: share.value) for of in (min, max))
@@ -278,8 +270,7 @@ class Named:
 
 def _of_effect(effect: Effect, sd: Mapping[str, float], posterior: float) -> dict[str, Any]:
     """Return an effect in plain types, with the parameters and their standard uncertainties sd, each in the
-    parameter's unit.
-    """
+    parameter's unit."""
     return {
         "effect": effect.effect,
         **{key: getattr(effect, key) for key in SEATS if hasattr(effect, key)},
@@ -293,8 +284,7 @@ def _of_effect(effect: Effect, sd: Mapping[str, float], posterior: float) -> dic
 class Remainder:
     """Remainder beyond the noise after the names and a healthy arm's share of every effect, including the
     contribution of contradicted names: rms in µm, at most the gap; share of the energy of the gap, with every
-    test weighted equally; and a description of the pattern. `healthy_um` is the rms of the healthy share.
-    """
+    test weighted equally; and a description of the pattern. `healthy_um` is the rms of the healthy share."""
 
     um: float
     share: float
@@ -320,8 +310,7 @@ class TestGap:
 _SHAPES = 2.0
 """Independent shapes of the residual at a place: half of the residual is then the standard uncertainty of the
 residual at the next place, 1 / √(2 · 2). Chosen: the smallest number for which an rms has a standard uncertainty
-at all.
-"""
+at all."""
 
 
 @dataclass(frozen=True)
@@ -349,8 +338,7 @@ class Gap:
     @property
     def left_u_um(self) -> float:
         """Standard uncertainty in µm of the residual of a model: that of the gap, and half of the residual of the
-        calibrated model beyond the noise, which may differ next time.
-        """
+        calibrated model beyond the noise, which may differ next time."""
         missed_um = math.sqrt(max(self.calibrated_um**2 - self.noise_floor_um**2, 0.0))
         return math.hypot(self.u_um, missed_um / math.sqrt(2 * _SHAPES))
 
@@ -421,8 +409,7 @@ class Diagnosis(Tabular):
     """Residual of places after the calibrated model, and the subjects compared with it; None if there are no places."""
     only_commanded: bool = False
     """Whether measured joint angles are missing in some run, which means that a name may be an angle that was not
-    reached.
-    """
+    reached."""
     unexplained: Unexplained | None = None
     """The unexplained part, and the subjects it follows if it is large."""
     acts: tuple[Act, ...] = ()
@@ -438,8 +425,7 @@ class Diagnosis(Tabular):
     @property
     def is_modelled(self) -> bool:
         """Whether a calibrated model is written and reported: not if the runs cannot show effects, nor if a
-        parameter is out of range.
-        """
+        parameter is out of range."""
         return self.is_testable and self.condition != "out_of_range"
 
     @property
@@ -450,8 +436,7 @@ class Diagnosis(Tabular):
     @property
     def written(self) -> tuple[Named, ...]:
         """Effects written to a rig file: the faults, or all effects if they were given to be fitted; none that is
-        out of range.
-        """
+        out of range."""
         if self.condition == "out_of_range":
             return ()
         return self.effects if self.given else self.standing
@@ -540,8 +525,7 @@ def fault_rivals(named: Named) -> list[Rival]:
 
 def is_open(part: BudgetPart, named: Named) -> bool:
     """Return whether an effect with a large share of the error is open: it is no fault, or usual errors may show the
-    same, and its odds are below the odds of a certain name.
-    """
+    same, and its odds are below the odds of a certain name."""
     return part.share > LARGE_SHARE and named.doubt in ("usual", "healthy_shows_it") and named.posterior < CERTAIN_ODDS
 
 

@@ -22,16 +22,14 @@ from rigs.effects import Effect
 @dataclass(frozen=True)
 class FrozenModel:
     """A frozen model for comparison with runs: the effects added to the rig file, and the set-ups fitted with them
-    to the runs used.
-    """
+    to the runs used."""
 
     effects: tuple[Effect, ...]
     setups: Mapping[str, SetUp]
 
     def residuals(self, runs: Sequence[ObservedRun]) -> list[Array]:
         """Return the residuals (m, k) mm of each run. Runs in a set-up used before keep it; a set-up is fitted to
-        each other run.
-        """
+        each other run."""
         modelled = with_effects(runs, self.effects)
         setups = self.setups_with(modelled)
         return [residual_of(run.on_lap, setups) for run in modelled]
@@ -62,8 +60,7 @@ class Stages:
 
 def stages_of(fitted: FittedRuns, result: SearchResult) -> Stages:
     """Return the models of a search, with set-ups fitted to the runs used, (m, k) mm. If the complete model explains
-    these runs worse than the names alone, the calibrated model contains only the names.
-    """
+    these runs worse than the names alone, the calibrated model contains only the names."""
     names = result.effects
     whole = (*names, *background_effects(result.calibrated_posterior))
     bare, named, calibrated = (FrozenModel(effects, fitted.beside(effects)[0]) for effects in ((), names, whole))
@@ -100,8 +97,7 @@ def gap(runs: Sequence[ObservedRun], stages: Stages, result: SearchResult, run_n
 
 _SHOW_NOISE = 20
 """Poses from which the residuals show the noise, partly absorbed by a set-up and an arm. Source: 24 poses of an
-independent generator with noise of 21.5 µm show 17.5, 50 with 51 show 44, 47 with 39 show 36; assumed were 71.
-"""
+independent generator with noise of 21.5 µm show 17.5, 50 with 51 show 44, 47 with 39 show 36; assumed were 71."""
 
 
 def shows_noise(block: Block) -> bool:
@@ -163,15 +159,13 @@ class _JudgedRun:
 
     def shows(self, change: Array) -> bool:
         """Return whether a change of the readings (N,) is material compared with the scatter of a run, with the
-        set-up fitted.
-        """
+        set-up fitted."""
         return rms_um(self.block, self.without_set_up(change) * self.block.sd_mm) > self.limit_um
 
 
 def _at_places_used(result: SearchResult, run: ObservedRun) -> _JudgedRun | None:
     """Return a run at places used by runs of the same kind, or None if there are none or the standstill periods
-    differ.
-    """
+    differ."""
     linear = result.linear
     kinds = [(block.name, block.targets_key) for block in linear.blocks]
     kind = (run.name, run.targets_key)
@@ -201,8 +195,7 @@ def _at_places_used(result: SearchResult, run: ObservedRun) -> _JudgedRun | None
 
 def _at_other_places(result: SearchResult, run: ObservedRun, setups: Mapping[str, SetUp]) -> _JudgedRun:
     """Return a run at places or under conditions absent from the runs used: other poses, another radius, another
-    speed.
-    """
+    speed."""
     effects = result.effects
     placed = setups if run.setup in setups else fit_run_setups(with_effects([run], effects))[0]
     of_run = linearise(blocks_of([run], placed, effects), placed, effects)
@@ -215,6 +208,5 @@ def _at_other_places(result: SearchResult, run: ObservedRun, setups: Mapping[str
 
 def residual_um(runs: Sequence[ObservedRun], used: FittedRuns, effects: Sequence[Effect]) -> float:
     """Return the rms residual (m, k) of runs with some effects only, in µm: the error remaining after their remedy.
-    As in the gap, runs in a set-up of the runs used keep it, and a set-up is fitted to each other run.
-    """
+    As in the gap, runs in a set-up of the runs used keep it, and a set-up is fitted to each other run."""
     return 1e3 * rms(FrozenModel(tuple(effects), used.beside(effects)[0]).residuals(runs))

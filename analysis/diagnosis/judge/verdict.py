@@ -60,8 +60,7 @@ _WORST: tuple[Standing, ...] = ("fail", "watch", "pass")
 @dataclass(frozen=True)
 class JudgedFigure:
     """A figure of a column of a test with its limit. `straddled` states whether the uncertainty crosses a bound of
-    the limit, and `of_data_sheet` whether the limit is from the data sheet.
-    """
+    the limit, and `of_data_sheet` whether the limit is from the data sheet."""
 
     test: TestName
     column: FigureColumn
@@ -103,8 +102,7 @@ def judged_figures(results: Sequence[Result], limits: Limits) -> tuple[JudgedFig
 def standing_of(rig: Rig, runs: Sequence[Measured]) -> tuple[Standing | None, Literal["rig_file", "data_sheet"] | None]:
     """Return the worst standing of the figures of runs that have a limit, and the origin of the limit; None and None
     if no figure has a limit. Runs that cannot be evaluated have no figures. Limits apply to the arm as it drives,
-    not to the residual of a calibrated model.
-    """
+    not to the residual of a calibrated model."""
     results = []
     for run in runs:
         if rig.limits.judge(run.run.manifest.test):
@@ -126,16 +124,13 @@ def standing_of(rig: Rig, runs: Sequence[Measured]) -> tuple[Standing | None, Li
 
 _CRUMBS = 0.05
 """Share of the energy of the gap up to which a remainder is negligible: false verdicts of generated cells had 0.03
-to 0.5 %, and a UR10 predicted by the calibrated model within a tenth of the error 1 to 5 %.
-"""
+to 0.5 %, and a UR10 predicted by the calibrated model within a tenth of the error 1 to 5 %."""
 _SURE_ODDS = 0.999
 """Odds from which a name is confirmed even if it alone does not reduce the gap. A gear of 97 % replaced a twist of
-96 %.
-"""
+96 %."""
 _SAME_SIGMA = 0.5
 """Change of the readings in standard deviations of the noise up to which an effect and a rival are twins. Chosen: at
-1.0, both would be confused in a third of all repeats.
-"""
+1.0, both would be confused in a third of all repeats."""
 _NEGLIGIBLE = 1e-4
 """Odds of rivals that are not listed."""
 _NO_WORSE = 0.97
@@ -143,8 +138,7 @@ _NO_WORSE = 0.97
 _FAR, _WORSE, _LEAST_GAIN = 1.5, 1.1, 0.3
 """Limits at another place: multiple of the noise floor from which a gap is real, factor by which the calibrated
 model must be worse than the names alone, and smallest share of the energy that a correct model gains. Source: a
-rule tried on the answers of generated cells; foreign cells found 4 of 5, false ones 5 to 2.
-"""
+rule tried on the answers of generated cells; foreign cells found 4 of 5, false ones 5 to 2."""
 _MUCH_MORE = 4.0
 """Smallest ratio of an error visible in one independent direction to the unexplained error. Source: of 24 cells with
 causes outside the library wrong names stood in 15; of names that do three (four) times as much in 5 (2)."""
@@ -157,12 +151,10 @@ _HEALTHY = 0.05
 """Odds of a healthy arm showing the same, above which an effect is not reported as a fault: 5 % of the cases."""
 _LIKELY = 0.2
 """Odds among rivals below which a name is not confirmed: three names with the same response have a third each, and
-each of them remains above this limit.
-"""
+each of them remains above this limit."""
 _SIGMA = 2.0
 """Uncertainties of the contribution up to which a name is not confirmed. With gauges exchanged in all runs a length
-of -23 ± 23 mm had odds above 99.9 %.
-"""
+of -23 ± 23 mm had odds above 99.9 %."""
 
 
 @dataclass(frozen=True)
@@ -181,8 +173,7 @@ class Gaps:
     @property
     def names_do_better(self) -> bool:
         """Whether the names alone leave less than the complete model on runs not used in the fit, by more than the
-        noise of a gap.
-        """
+        noise of a gap."""
         return self.judged is not self.train and self.judged.after_um < _NO_WORSE * self.judged.calibrated_um
 
     @property
@@ -196,8 +187,7 @@ class Gaps:
     @property
     def is_foreign(self) -> bool:
         """Whether another place contradicts the model: there the complete model is no better than the names alone,
-        or hardly better than no names, although it explained the runs used.
-        """
+        or hardly better than no names, although it explained the runs used."""
         unseen = self.unseen
         if unseen is None or unseen.before_um <= _FAR * unseen.noise_floor_um:
             return False
@@ -217,8 +207,7 @@ def named_effects(
     result: SearchResult, fitted: FittedRuns, gains: Sequence[float | None], changes: Sequence[EffectChange]
 ) -> list[Named]:
     """Return the fitted effects of a search result, each with the change of the readings (N,) and the reason for not
-    confirming it, if any. `gains` contains the gain of each effect on held-out runs.
-    """
+    confirming it, if any. `gains` contains the gain of each effect on held-out runs."""
     effects = result.effects
     named = [
         _named(result, k, gain, change, fitted.residual_um([*effects[:k], *effects[k + 1 :]]))
@@ -318,8 +307,7 @@ def shows_time(blocks: Sequence[Block]) -> bool:
 def named_vibration(swing: FoundVibration, limits: Array, gap_um: float) -> list[Named]:
     """Return a vibration of the link as a name, if its worth exceeds a limit (b,) µm and the odds of any vibration
     are at least 20 to 1. The phase is new in each run; therefore no model removes the vibration from the
-    readings.
-    """
+    readings."""
     if swing.gain < np.log(ODDS):
         return []
     moves = Worth(np.full(len(limits), 1e3 * swing.amplitude_mm / np.sqrt(2)))
@@ -331,8 +319,7 @@ def named_vibration(swing: FoundVibration, limits: Array, gap_um: float) -> list
 
 def doubts_of_phases(vibrations: Sequence[Named], left: FoundVibration) -> tuple[str, ...]:
     """Return a doubt about each vibration that was fitted with a common phase and frequency in all runs, if the
-    residual `left` after removing it swings by more than the uncertainty of the fit.
-    """
+    residual `left` after removing it swings by more than the uncertainty of the fit."""
     size = size_field(left.effect)
     return tuple(
         f"once the fitted vibration is taken off, the runs still show a {left.effect.plain('')} of "
@@ -346,8 +333,7 @@ def doubts_of_phases(vibrations: Sequence[Named], left: FoundVibration) -> tuple
 def remainder_of(result: SearchResult, named: Sequence[Named], limits: Array, train: Gap) -> tuple[Remainder, bool]:
     """Return the remainder beyond the noise, at most the gap of the runs used, and whether it exceeds the limits
     (b,) µm. The remainder includes the contributions of contradicted effects and the residual of the calibrated
-    model beyond the noise: a non-repeating error looks like scatter about the mean of the runs.
-    """
+    model beyond the noise: a non-repeating error looks like scatter about the mean of the runs."""
     imitating = [name for name in named if name.contradicted]
     effects = result.effects
     imitated = sum(
@@ -390,8 +376,7 @@ def condition_of(
     result: SearchResult, named: Sequence[Named], remainder: Remainder, gaps: Gaps, *, is_material: bool, early: bool
 ) -> Condition:
     """Return the condition of the arm. `is_material` states whether the remainder exceeds the scatter of a run, and
-    `early` whether poses were read before the joints came to rest.
-    """
+    `early` whether poses were read before the joints came to rest."""
     if not _is_testable(result, early=early):
         return "not_testable_here"
     outside = gaps.is_foreign
@@ -415,8 +400,7 @@ def condition_of(
 
 def as_scatter(diagnosis: Diagnosis) -> Diagnosis:
     """Return a diagnosis of an unknown cause as scatter: the unexplained part does not repeat, as far as places
-    visited a single time can show.
-    """
+    visited a single time can show."""
     merged = [part for part in diagnosis.budget if part.kind in ("unexplained", "scatter")]
     um = float(np.sqrt(sum(part.um**2 for part in merged)))
     scatter = BudgetPart("scatter", um, 0.0, sum(part.share for part in merged))
@@ -428,8 +412,7 @@ def as_scatter(diagnosis: Diagnosis) -> Diagnosis:
 
 def _is_testable(result: SearchResult, *, early: bool) -> bool:
     """Return whether the runs can show effects at all: enough readings, and joints at rest. A posture of poses
-    counts three, also if visited again: the cube of ISO 9283 has 450 numbers, of which 15 differ.
-    """
+    counts three, also if visited again: the cube of ISO 9283 has 450 numbers, of which 15 differ."""
     readings = sum(
         3 * int(groups(block.table.q, SAME_RAD).max() + 1) if block.table.kind.of_places else len(block.y_mm)
         for block in result.linear.blocks
@@ -454,8 +437,7 @@ def needs_runs(named: Sequence[Named]) -> bool:
 def within_unexplained(named: Sequence[Named], unexplained_um: float) -> list[Named]:
     """Return the names with the ones that an unexplained error may imitate no longer confirmed: a name shown by a
     single direction that is not much larger than the unexplained error; with several directions, a name smaller
-    than it.
-    """
+    than it."""
     return [
         replace(name, doubt="unexplained")
         if name.stands and name.worth_um < (_MUCH_MORE if name.directions < 2 else 1.0) * unexplained_um
@@ -466,8 +448,7 @@ def within_unexplained(named: Sequence[Named], unexplained_um: float) -> list[Na
 
 def runs_to_decide(result: SearchResult, named: Sequence[Named]) -> int:
     """Return the number of runs of each kind that would decide an undecided condition: at least two, to show the
-    noise, and enough to make the change of the most doubtful effect certain.
-    """
+    noise, and enough to make the change of the most doubtful effect certain."""
     most = max((block.count for block in result.linear.blocks), default=1)
     sigmas = [name.worth_um / name.u_um for name in named if not name.stands and name.u_um > 0 and name.worth_um > 0]
     factor = max((CERTAIN_SIGMA / min(max(sigmas), CERTAIN_SIGMA)) ** 2, 1.0) if sigmas else 1.0
@@ -476,8 +457,7 @@ def runs_to_decide(result: SearchResult, named: Sequence[Named]) -> int:
 
 def judged_of(diagnosis: Diagnosis, whole: Gaps, gaps: Gaps, unexplained_mm: float | None) -> Judged:
     """Return the judgement of the model for the file that is handed over: of the `whole` model and of the part
-    handed over. unexplained_mm: per coordinate; if no places show it, the residual at the judged runs is used.
-    """
+    handed over. unexplained_mm: per coordinate; if no places show it, the residual at the judged runs is used."""
     judged = gaps.judged
     excess_um2 = max(judged.calibrated_um**2 - judged.noise_floor_um**2, 0.0)
     if unexplained_mm is None or any(not kind_named(tested.test).of_places for tested in judged.tests):
@@ -492,8 +472,7 @@ def judged_of(diagnosis: Diagnosis, whole: Gaps, gaps: Gaps, unexplained_mm: flo
 
 def standing_within(tolerance_um: float, used: FittedRuns) -> tuple[Standing, Literal["tolerance"]]:
     """Return the standing of the arm as it drives, excluding the model of its rig file, against a tolerance of the
-    residuals (m, k), rms.
-    """
+    residuals (m, k), rms."""
     bare = [replace(run, model=replace(run.model, effects=())) for run in used.runs]
     return "pass" if FittedRuns(bare).residual_um(()) <= tolerance_um else "fail", "tolerance"
 
@@ -502,8 +481,7 @@ def accuracy_of(
     gaps: Gaps, standing: Standing | None, limit: Literal["tolerance", "rig_file", "data_sheet"] | None
 ) -> Accuracy:
     """Return the error now and after the calibration, on runs not used in the fit if runs of such a place were
-    given.
-    """
+    given."""
     place: JudgedOn = "unseen" if gaps.unseen else "held_out" if gaps.held_out else "used"
     judged = gaps.unseen or gaps.held_out or gaps.train
     largest = max((tested.before_largest_um for tested in gaps.train.tests), default=gaps.train.before_um)

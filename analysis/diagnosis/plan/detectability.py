@@ -43,8 +43,7 @@ _NEAR = 0.2
 """Difference of the logarithms of two radii that count as equal. Chosen."""
 _ASIDE_MM = 100.0
 """Displacement of the centre of a further circle. Chosen: enough to change the posture by several degrees on a
-one-metre arm.
-"""
+one-metre arm."""
 FASTER = 4
 """Speed factor of a further circle. Chosen: time effects grow by the same factor."""
 OFF_AXIS_MM = 40.0
@@ -58,8 +57,7 @@ _APART_MM = 100.0
 @dataclass(frozen=True)
 class FurtherTest:
     """Further test. `choices`: rigs set up for it, each with a description; the first one possible for the arm is
-    used.
-    """
+    used."""
 
     tests: tuple[TestName, ...]
     why: str
@@ -136,8 +134,7 @@ def with_circle(rig: Rig, circle: Circle, **changed: Any) -> Rig:
 
 def places(rig: Rig, circle: Circle) -> list[tuple[str, tuple[float, ...]]]:
     """Return displaced circle centres, each with a description: towards axis 1 and away from it, along it down and
-    up.
-    """
+    up."""
     T, centre = transform(rig.robot.base), np.array(circle.centre_mm)
     up, out = T[:3, 2], centre - T[:3, 3]
     out = out - (out @ up) * up
@@ -166,8 +163,7 @@ class SeparatingTest:
 @dataclass(frozen=True)
 class PossibleTest:
     """Further test, reason, expected posterior together with the existing runs, and cost: minutes of driving, programs,
-    and set-ups of ball and gauges.
-    """
+    and set-ups of ball and gauges."""
 
     test: str
     why: str
@@ -250,14 +246,12 @@ def possible_tests(
 
 _ON_AXIS = 0.02
 """Share of the largest response of a joint's zero below which the axis passes through the ball. Chosen: a ball within 2
-% of the reach.
-"""
+% of the reach."""
 _NUDGE_DEG = 0.02
 """Joint rotation for comparing responses; only ratios matter."""
 _OWN_SHARE = 0.02
 """Share of an effect's response outside any set-up, below which the set-up is reported as the reason. Smaller shares
-are within the linearisation error of curved responses.
-"""
+are within the linearisation error of curved responses."""
 _NOTHING = 1e-3
 """Sigmas below which a response counts as zero: far below any detection, and above rounding errors."""
 
@@ -284,8 +278,7 @@ class Detectability:
 
 def detectabilities_of(expected: ExpectedPosterior) -> tuple[list[Candidate], list[Detectability]]:
     """Return the candidates representing each name (for a gear by order, in the median form), and their
-    detectabilities.
-    """
+    detectabilities."""
     forms: dict[str, list[Candidate]] = {}
     for candidate in expected.candidates:
         forms.setdefault(label_of(candidate.effect), []).append(candidate)
@@ -347,8 +340,7 @@ class Detected:
 @dataclass(frozen=True)
 class ClosePair:
     """Closest forms of two names at a detectable fault size, in healthy sizes, their separation in sigmas, and the
-    number of other close forms of these names.
-    """
+    number of other close forms of these names."""
 
     candidates: tuple[Candidate, Candidate]
     sizes: tuple[float, float]
@@ -414,8 +406,7 @@ def _at_size(candidate: Candidate, size: float) -> tuple[Effect, ...]:
 @dataclass(frozen=True)
 class Pair:
     """Two names that look alike, for a gear with the closest order. `sigma`: separation of one, as a detectable fault,
-    from the other at any size. `others`: number of other orders that look alike.
-    """
+    from the other at any size. `others`: number of other orders that look alike."""
 
     names: tuple[str, str]
     sigma: float
@@ -518,8 +509,7 @@ def _further_tests(
     possible: Sequence[PossibleTest], judgement: Judgement
 ) -> tuple[dict[str | tuple[str, str], tuple[SeparatingTest, ...]], tuple[Gain, ...]]:
     """Return the further tests for each pair of names and each undetectable name, the best first, and the benefit of
-    each test, the largest first.
-    """
+    each test, the largest first."""
     hidden, near = judgement.undetectable, judgement.pairs
     asked: list[str | tuple[str, str]] = [*hidden, *(pair.names for pair in near)]
     further: dict[str | tuple[str, str], list[SeparatingTest]] = {key: [] for key in asked}

@@ -48,12 +48,10 @@ from rigs.schema.vocabulary import CIRCLES, WITHOUT_GAUGES, TestName
 
 DETECTABLE = 7.0
 """Significance in sigmas of a detected effect. Chosen: 7 sigma are a log evidence of 24.5, well above the price of a
-choice among some hundred forms.
-"""
+choice among some hundred forms."""
 SEPARABLE = float(np.sqrt(2 * np.log(ODDS)))
 """Separation in sigmas below which the odds between two names are within ODDS, at which a diagnosis dismisses a rival:
-odds of o need a log evidence of ln o = sigma² / 2.
-"""
+odds of o need a log evidence of ln o = sigma² / 2."""
 
 
 def is_separable(sigma: float) -> bool:
@@ -69,8 +67,7 @@ def is_detectable(sd: float) -> bool:
 @dataclass(frozen=True)
 class FormPosterior:
     """Posterior covariance A (p, p) of the coefficients of `forms` together with everything else, and prior variances
-    (p,), in healthy sizes.
-    """
+    (p,), in healthy sizes."""
 
     forms: tuple[Form, ...]
     A: Array
@@ -83,8 +80,7 @@ class FormPosterior:
 
     def sd(self, candidate: Candidate) -> float:
         """Return the standard uncertainty of a candidate's size, in healthy sizes, for a known shape, averaged over
-        free phases.
-        """
+        free phases."""
         k = self._number.get(candidate.effects)
         if k is None:
             return float("inf")
@@ -140,8 +136,7 @@ def _sigmas_beside(precision: Array, across: Array, other_precision: Array, widt
 
 def without_bands(blocks: Sequence[Block]) -> list[Block]:
     """Return blocks with all entries in one band: without readings there is no residual, so bands have no separate
-    strength.
-    """
+    strength."""
     return [replace(block, band=np.zeros_like(block.band)) for block in blocks]
 
 
@@ -191,8 +186,7 @@ class FormInformation:
 _SET_BY_HAND_MM = (0.6, -0.4, 0.1)
 """Displacement of the ball from the circle's centre, unless given in the rig file. Chosen: a ball placed by hand is off
 by about
-0.7 mm, and effects that scale the readings are visible only if these vary.
-"""
+0.7 mm, and effects that scale the readings are visible only if these vary."""
 _ASSUMED_UM = {
     "gauges, white": 1e3 * WHITE_MM.rms,
     "along a lap, slow": 1e3 * SLOW_MM.rms,
@@ -200,16 +194,14 @@ _ASSUMED_UM = {
     "a target, from stop to stop": 1e3 * TARGET_MM.rms,
 }
 """Assumed noise of planned runs, rms in µm of one run, from the ranges of real cells
-(`analysis.runs.noise.cell_noise`).
-"""
+(`analysis.runs.noise.cell_noise`)."""
 ASSUMED_JOINT_DEG = JOINT_DEG.rms
 """Assumed scatter of each joint between planned runs, from the range of real cells."""
 
 
 def assumed_um(tests: Sequence[TestName]) -> dict[str, float]:
     """Return the assumed noise of planned tests, rms in µm of one run; a ball seated by hand scatters as much as a
-    robot stop.
-    """
+    robot stop."""
     if set(tests) <= set(WITHOUT_GAUGES):
         return {"a touch, each coordinate": 1e3 * TARGET_MM.rms}
     return _ASSUMED_UM
@@ -263,8 +255,7 @@ def planned_blocks(
 @dataclass(frozen=True)
 class ExpectedPosterior:
     """Posterior of runs of a linearisation about their set-ups, at a level of the healthy background, with unknown
-    readings.
-    """
+    readings."""
 
     linear: Linearisation
     level: float = 1.0
@@ -315,8 +306,7 @@ class ExpectedPosterior:
 
     def separation_sigma(self, ones: Sequence[Effect], others: Sequence[Effect]) -> float:
         """Return the separation in sigmas of a name at its size from a second name of any size; each is given as one
-        effect, or two for a free phase.
-        """
+        effect, or two for a free phase."""
         # Extrapolated from a small size; backlash is not proportional to its width and not scaled.
         effects = [*ones, *others]
         small = [

@@ -42,8 +42,7 @@ class NamingTests:
 
     def for_member(self, effect: Effect, among: int) -> tuple[NamingTest, Cost] | None:
         """Return the test that determines an effect, among `among` candidates, best at the fitted size; None if none
-        identifies it.
-        """
+        identifies it."""
 
         def sigma(test: PossibleTest) -> float:
             alike = [form for form in test.expected.candidates if form.name == name_of(effect)]

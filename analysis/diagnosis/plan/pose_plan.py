@@ -38,15 +38,13 @@ _LEVEL = 5.0
 (docs/trials.md)."""
 _SET_UP_SIGMA = 30.0
 """Prior of instrument and target: their influence on a reading, in noise standard deviations. Practically unknown; a
-larger value would only add rounding errors to the covariance of all positions.
-"""
+larger value would only add rounding errors to the covariance of all positions."""
 
 
 @dataclass(frozen=True)
 class Pool:
     """Candidate poses with their prior: joints q (n, 6) rad; covariance (3 n, 3 n) of their positions in noise standard
-    deviations sd_mm (3 n,).
-    """
+    deviations sd_mm (3 n,)."""
 
     q: Array
     covariance: Array

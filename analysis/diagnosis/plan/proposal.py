@@ -39,8 +39,7 @@ _TILT_DEG = 30.0
 """Tilt of a further circle's plane. Chosen: enough to change the wrist posture, and possible for most arms."""
 SET_UP_MIN = 10.0
 """Minutes to move the ball, adjust the link and load the program for a different circle. Chosen: for an experienced
-operator.
-"""
+operator."""
 
 _REASONS: dict[Undrivable, str] = {
     "limits": "beyond the limits of a joint",
@@ -91,8 +90,7 @@ def circle_candidates(rig: Rig, tests: Sequence[TestName], runs: int) -> CircleC
 
 def _circles(rig: Rig, circle: Circle) -> Iterator[tuple[str, Rig]]:
     """Yield every further circle with a description and its rig: each radius at each place; and the rig's circle
-    tilted, faster, and with the ball away from axis 6.
-    """
+    tilted, faster, and with the ball away from axis 6."""
     aside = [(words, tuple(np.round(centre, 3).tolist())) for words, centre in places(rig, circle)]
     for where, centre in [("", circle.centre_mm), *aside]:
         for radius in (circle.radius_mm, *other_radii(circle)):
@@ -116,8 +114,7 @@ def _circles(rig: Rig, circle: Circle) -> Iterator[tuple[str, Rig]]:
 
 _FAINT = 0.1
 """Share of a goal below which additional information does not count: an undetectable name must not outweigh all
-others. Chosen.
-"""
+others. Chosen."""
 
 
 @dataclass(frozen=True)

@@ -56,8 +56,7 @@ def check_runs(runs: Runs) -> list[Checked]:
 
 def findings_of(runs: Runs) -> list[Finding]:
     """Return the findings against conventions in runs of a robot; for paths, which have neither joints nor gauges,
-    only of their places.
-    """
+    only of their places."""
     with_joints, paths = _with_joints(runs), [run for run in runs if run.table.kind.without_joints]
     findings = [finding for find in _FINDERS for finding in find(with_joints)] if with_joints else []
     return [*findings, *(finding for find in _OF_PATHS for finding in find(paths))]
@@ -108,8 +107,7 @@ def _of_joints(run: Measured) -> Iterator[Finding]:
 
 def _gauges(runs: Runs) -> Iterator[Finding]:
     """Yield the findings about order and sign of gauges, from repeats, from changes no joint causes, and from the
-    place of the ball; the most certain of each run.
-    """
+    place of the ball; the most certain of each run."""
     named: set[str] = set()
     for find in (repeat_findings, sign_findings, _by_kind(ORDER)):
         findings = list(find([run for run in runs if run.run.manifest.name not in named]))
@@ -183,6 +181,5 @@ _FINDERS: tuple[Callable[[Runs], Iterable[Finding]], ...] = (
 
 def why_no_measurement(run: Measured) -> str:
     """Return the reason why a run just recorded is not a valid measurement as labelled, in words; empty if it is
-    valid.
-    """
+    valid."""
     return next((finding.words for finding in findings_of([run]) if finding.strength != "likely"), "")

@@ -27,8 +27,7 @@ _FEWEST = 6
 @dataclass(frozen=True)
 class CommandError:
     """Following error of an axis: measured minus commanded, in degrees, and the correlation with the torque of
-    gravity and with the speed; None if either hardly changes.
-    """
+    gravity and with the speed; None if either hardly changes."""
 
     axis: int
     mean_deg: float

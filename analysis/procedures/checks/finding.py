@@ -12,15 +12,13 @@ from analysis.runs.tabular import for_json
 Strength = Literal["impossible", "decisive", "likely"]
 """impossible: no robot produces such data as labelled, and import refuses them. decisive: another meaning fits and
 the labelled meaning does not; the figures are reported with a doubt, and no fault is named from them. likely: a
-doubt.
-"""
+doubt."""
 
 
 @dataclass(frozen=True)
 class Misfit:
     """Residual of the readings, rms in mm, as labelled and as possibly meant, and the difference of the
-    log-likelihoods in nats.
-    """
+    log-likelihoods in nats."""
 
     as_labelled_mm: float
     as_meant_mm: float

@@ -50,18 +50,15 @@ _CLOSER = 0.5
 """The two eccentricities lie closer by this factor with the gauges exchanged."""
 _BEYOND = 2.0
 """Minimum distance between them as a multiple of the rms of all other orders. Both factors are chosen: `scripts/dev
-exchanged` counts wrong doubts and missed exchanges.
-"""
+exchanged` counts wrong doubts and missed exchanges."""
 _SEEN_MM, _NEGATED = 0.2, 0.25
 """With a single gauge negated the two eccentricities agree within this share, and are visible above this size.
-Chosen: an error of the arm imitates this only by chance, in size and in direction.
-"""
+Chosen: an error of the arm imitates this only by chance, in size and in direction."""
 
 
 def order_findings(table: CircleTable, rig: Rig) -> Iterator[Finding]:
     """Yield a finding if g1 and g2 of a yaw run appear exchanged, or either of them inverted, by the two
-    eccentricities for each meaning of the columns.
-    """
+    eccentricities for each meaning of the columns."""
     circle = rig.tests.circle
     if circle is None or rig.gauges.g2 is None:
         return
@@ -106,8 +103,7 @@ def order_findings(table: CircleTable, rig: Rig) -> Iterator[Finding]:
 @dataclass(frozen=True)
 class _Eccentricities:
     """Eccentricity of the ball, (2,) mm along phi = 0° and 90°, by the mean of two gauges and by the angle between
-    them; rest_mm: rms of the remaining readings.
-    """
+    them; rest_mm: rms of the remaining readings."""
 
     by_distance: Array
     by_angle: Array
@@ -126,8 +122,7 @@ class _Eccentricities:
     @classmethod
     def of(cls, phi: Array, g_mm: Array, radius_mm: float, baseline_mm: float) -> _Eccentricities:
         """Return the eccentricities from circle angles phi (n,) rad and readings g_mm (n, 2); angles times the
-        radius, both in mm.
-        """
+        radius, both in mm."""
         by_gauges = link_angle(g_mm[:, 0], g_mm[:, 1], baseline_mm)
         seen = np.stack([g_mm.mean(axis=1), radius_mm * by_gauges], axis=1)
         waves = np.stack([np.ones_like(phi), np.cos(phi), np.sin(phi)], axis=1)
@@ -148,8 +143,7 @@ _LEAST_MM = 0.05
 mm apart by 0.01 mm, and the limit is five times that."""
 _CLEAR = 4.0
 """Factor by which the difference must fit better with the sign reversed, and by which the mean must fit better
-unchanged. Chosen: far from the factor of 1 caused by noise.
-"""
+unchanged. Chosen: far from the factor of 1 caused by noise."""
 
 
 @dataclass(frozen=True)
@@ -182,8 +176,7 @@ def laps_on_grid(runs: Iterable[Measured]) -> list[Lap]:
 
 def gridded(phi: Array, values: Array) -> Array:
     """Return values (n, k) at circle angles phi (n,) rad as means (GRID, k) about the angles of the grid,
-    interpolated between neighbours in gaps.
-    """
+    interpolated between neighbours in gaps."""
     place = np.round(phi * GRID / (2 * np.pi)).astype(int) % GRID
     count = np.bincount(place, minlength=GRID)
     filled = np.flatnonzero(count)
@@ -193,8 +186,7 @@ def gridded(phi: Array, values: Array) -> Array:
 
 def repeat_findings(runs: Sequence[Measured]) -> Iterator[Finding]:
     """Yield findings about runs that contradict their repeats. If two equal halves of the repeats contradict each
-    other, the half contradicting the circles of the other direction is reported.
-    """
+    other, the half contradicting the circles of the other direction is reported."""
     laps = laps_on_grid(runs)
     groups: dict[tuple[object, ...], list[Lap]] = {}
     for lap in laps:
@@ -254,15 +246,13 @@ def _finding(lap: Lap, as_labelled: float, as_meant: float, *, negated: bool) ->
 
 _ALIKE = 8.0
 """Steps of the grid, of 1.4° each, over which the remaining curves of two laps agree: they count as a single
-reading.
-"""
+reading."""
 _DECISIVE = 12.0
 """Log-likelihood from which the sign of a play is proof, odds of 160 000 to 1: drift and waves are no white noise."""
 _FITS, _FITS_WELL = 4.0, 6.0
 """… and minimum ratio of the energies remaining after backlash. Meanings within the first factor are equivalent;
 below the second, which leaves two fifths of the readings, the other meaning does not fit either, and causes a
-doubt only.
-"""
+doubt only."""
 _RESOLVED_MM = 0.003
 """Lower limit of the rms remaining after backlash as labelled: the resolution of gauges of 1 µm."""
 _PLAY_RAD = float(np.radians(0.01))
@@ -345,8 +335,7 @@ def _left_mm(model: Model, table: Table, sign: float) -> float:
 class _Way:
     """Laps of a direction on the grid: readings (GRID, 2) mm, angles as unit vectors, cosine and sine (GRID, 12),
     for a mean modulo a turn, speeds (GRID, 6) rad/s, flank of each joint (GRID, 6) and of each gauge (GRID, 2),
-    -1 to 1, and the time (GRID,) since the start, 0 to 1.
-    """
+    -1 to 1, and the time (GRID,) since the start, 0 to 1."""
 
     g_mm: Array
     heading: Array
@@ -358,8 +347,7 @@ class _Way:
 
 def _leading_play(runs: Sequence[Measured]) -> Iterator[Finding]:
     """Yield circles driven both ways in which joints lead at reversals as the gauges are labelled, and lag with
-    another meaning: all runs of these gauges are doubtful.
-    """
+    another meaning: all runs of these gauges are doubtful."""
     if {run.run.manifest.direction for run in runs} < {"acw", "cw"}:
         return
     energies, values = np.zeros(len(_MEANT)), 0.0
@@ -424,8 +412,7 @@ def _as(way: _Way, meant: _Meant) -> _Way:
 
 def _pairs(runs: Sequence[Measured]) -> Iterator[tuple[Rig, TestName, dict[str, list[_Way]]]]:
     """Yield the circles of each test and placement that were driven both ways, with their rig, on the grid. Runs
-    with no lap are reported by the analysis.
-    """
+    with no lap are reported by the analysis."""
     pairs: dict[tuple[object, ...], tuple[Rig, TestName, dict[str, list[_Way]]]] = {}
     for run in runs:
         table = run.table
@@ -454,8 +441,7 @@ def _mean(ways: Sequence[_Way]) -> _Way:
 def _left_of_plays(slopes: Array, acw: _Way, cw: _Way) -> float:
     """Return the energy in mm² of the difference of both directions remaining after lagging backlash, given the
     slopes of the gauges by each joint (GRID, 2, 6) mm/rad. Dependence on the angles is the same both ways; drift,
-    late times and a sticking gauge are removed.
-    """
+    late times and a sticking gauge are removed."""
     from scipy.optimize import nnls  # noqa: PLC0415 - slow to import, needed here only
 
     plays = (slopes * (acw.flank - cw.flank)[:, None, :]).reshape(-1, 6)
@@ -475,8 +461,7 @@ def _left_of_plays(slopes: Array, acw: _Way, cw: _Way) -> float:
 
 def _slopes(rig: Rig, test: TestName, acw: _Way, cw: _Way) -> Array:
     """Return the slopes (GRID, 2, 6) in mm/rad of both gauges by each joint of the nominal arm, at the positions of
-    both directions.
-    """
+    both directions."""
     circle = circle_of(rig)
     # A robot that drives on is turns apart between the directions, and from lap to lap: only the posture counts.
     cosine, sine = np.split(acw.heading + cw.heading, 2, axis=1)

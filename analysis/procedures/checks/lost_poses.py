@@ -33,20 +33,17 @@ from rigs.text import listed
 
 _STRIDES, _SMOOTH_S = (1, 2, 3, 5, 8), 0.016
 """Distances between compared places: spikes of up to eight are visible if the path is smooth over that time. On a
-circle of 20 mm at 250 mm/s it turns by a fifth of a radian.
-"""
+circle of 20 mm at 250 mm/s it turns by a fifth of a radian."""
 _SPREADS, _AGREE = 10.0, 2.0
 """Minimum distance of a spike from both predictions in robust standard deviations, and in multiples of the
-difference between the predictions.
-"""
+difference between the predictions."""
 _LEAST_MM = 0.1
 """Smallest spike: no tracker has a coarser resolution, and a smaller spike changes no figure."""
 _ALIKE = 5
 """Number of equal places in a row that exclude motion, …"""
 _CAUGHT_UP, _BEFORE, _AHEAD = 0.75, 20, 0.5
 """… if the tool has then moved by this share of the distance expected from the previous speed. It moved if this
-number of previous steps leads ahead by that share of their length, with no trembling about a place.
-"""
+number of previous steps leads ahead by that share of their length, with no trembling about a place."""
 
 
 @dataclass(frozen=True)
@@ -132,8 +129,7 @@ _KEPT = 6
 """Poses that fit base and tool; the nearest of fewer would fit anything."""
 Fit = Callable[[PoseTable, PoseTable], tuple[Array, Array | None]]
 """Errors of place (n, 3) mm and of rotation (n, 3) rad of the second table's poses, with base and tool fitted to the
-first table.
-"""
+first table."""
 
 
 @dataclass(frozen=True)
@@ -148,8 +144,7 @@ class Kept:
 @dataclass(frozen=True)
 class Far:
     """Poses (n,) far from the arm, their distances in mm (n,), and whether they are accidents of an instrument,
-    which are excluded, or errors of the arm or of the labels, which are not.
-    """
+    which are excluded, or errors of the arm or of the labels, which are not."""
 
     far: Mask
     far_mm: Array
@@ -174,8 +169,7 @@ class Far:
 
 def far_poses(table: PoseTable, bare: Arm, fit: Fit | None = None) -> Far:
     """Return the poses whose place is far from all others relative to an arm; fit: of places and rotations, of
-    places alone if absent. Rows of 0, 0, 0 are no places, and not far.
-    """
+    places alone if absent. Rows of 0, 0, 0 are no places, and not far."""
     lost = (table.xyz_mm == 0).all(axis=1)
     count = len(lost) - int(lost.sum())
     far, far_mm = np.zeros(len(lost), dtype=bool), np.zeros(len(lost))
@@ -208,8 +202,7 @@ def far_poses(table: PoseTable, bare: Arm, fit: Fit | None = None) -> Far:
 
 def _beside_fitted(seen: PoseTable, bare: Arm, mm: Array, far: Mask) -> tuple[Array, Mask]:
     """Return distances (n,) mm from an arm with all constants fitted to the near poses, and the distant poses (n,);
-    unchanged if the poses are too few.
-    """
+    unchanged if the poses are too few."""
     near = ~far
     for _ in range(STEPS):
         those = np.flatnonzero(near)
@@ -290,8 +283,7 @@ def wild_touches(table: TouchTable, rig: Rig) -> Iterator[Finding]:
 
 def wild_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
     """Yield findings about rows of poses recorded with a lost target, or far from the arm
-    (`analysis.procedures.checks.lost_poses`).
-    """
+    (`analysis.procedures.checks.lost_poses`)."""
     lost = (table.xyz_mm == 0).all(axis=1)
     if lost.any():
         rows = listed(table.rows[lost].tolist())

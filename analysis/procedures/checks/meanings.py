@@ -88,14 +88,12 @@ _KEPT = 0.8
 _ROUNDS = 3
 _NOTHING_MM = 1e-3
 """Residual below which the labels are right: below a micrometre it is rounded digits, which any meaning may fit
-better.
-"""
+better."""
 RIGHT_MM = 10.0
 """Largest residual of a right meaning: an arm with nominal constants errs by some mm."""
 RIGHT_SHARE = 0.02
 """Largest residual of a right meaning as a share of the spread of the places: an arm of a metre leaves some
-thousandths; places that hardly move would always leave few mm.
-"""
+thousandths; places that hardly move would always leave few mm."""
 CLEARLY = 4.0
 """Factor by which a meaning must fit better. The constants of a real arm, all free, gained 2.6 (UR10); a meaning has no
 unknown."""
@@ -118,8 +116,7 @@ class _Judged:
 
 Verdict = tuple[_Judged | None, float, list[_Judged]]
 """The meaning that fits although the labelled meaning does not, None if there is none; the residual of the labelled
-meaning, rms mm; and the meanings that fit as well as the best.
-"""
+meaning, rms mm; and the meanings that fit as well as the best."""
 
 
 def joint_findings(table: Table, rig: Rig) -> Iterator[Finding]:
@@ -150,8 +147,7 @@ def joint_findings(table: Table, rig: Rig) -> Iterator[Finding]:
 
 def _far_off(table: Table, left_mm: float) -> Iterator[Finding]:
     """Yield a finding if places of a tracker leave more, rms mm, than the nominal constants of an arm, in every
-    meaning.
-    """
+    meaning."""
     if not table.kind.of_tracker:
         return
     places = table.kind.readings(table)
@@ -224,15 +220,13 @@ def _decided(judged: Sequence[_Judged], as_labelled: float, right_mm: float) -> 
 
 def left_mm(bare: Arm, q: Array, xyz_mm: Array, steps: int, rpy: Array | None = None) -> float:
     """Return the residual of the nearest of places xyz_mm (n, 3), rms mm, with base and tool fitted to them, at
-    joints q (n, axes) rad; each rotation of rpy (n, 3) rad is included as a length.
-    """
+    joints q (n, axes) rad; each rotation of rpy (n, 3) rad is included as a length."""
     return fit_nearest(bare, q, xyz_mm, steps, rpy)[0]
 
 
 def fit_nearest(bare: Arm, q: Array, xyz_mm: Array, steps: int, rpy: Array | None = None) -> tuple[float, PoseSetUp]:
     """Return the residual of the nearest of places xyz_mm (n, 3), as `left_mm`, and the base and tool fitted to
-    them.
-    """
+    them."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
     T = forward(bare, q)

@@ -48,8 +48,7 @@ SPARE, FITTED = 30, 300
 _SHARE, _SHARE_OF_FEW = 0.6, 0.3
 """Largest share of the residual remaining after a second placement, and with fewer rows or redundant readings than
 these two. Of a UR10 and a UR5, measured over hours, the best of all splits leaves 0.86 and more of 30 to 1495
-poses in their order; of 272 sets of 20 to 40 poses, every split tried, 0.51 and more.
-"""
+poses in their order; of 272 sets of 20 to 40 poses, every split tried, 0.51 and more."""
 _MANY_ROWS, _MANY_SPARE = 8, 120
 _LEAST_MM = 0.05
 """Residual below which nothing was moved: below the noise of trackers."""
@@ -57,8 +56,7 @@ _LEAST_MM = 0.05
 
 def two_placings(table: PoseTable, bare: Arm) -> str:
     """Return the rows measured with target or instrument elsewhere than in the others, in words; empty if there are
-    none, or the poses are too few.
-    """
+    none, or the poses are too few."""
     count = len(table.q)
     chosen = np.unique(np.linspace(0, count - 1, min(FITTED, count)).astype(int))
     if count < 2 * _FEWEST_ROWS:
@@ -83,8 +81,7 @@ def two_placings(table: PoseTable, bare: Arm) -> str:
 
 def _parts(rows: Array, left_mm: Callable[[Mask], float]) -> Iterator[tuple[Mask, str]]:
     """Yield rows that may have a separate placement, with their description: rows from the split with the smallest
-    residual, from a few tried splits and then their neighbours, and every other row if there are enough.
-    """
+    residual, from a few tried splits and then their neighbours, and every other row if there are enough."""
     place, last = np.arange(len(rows)), len(rows) - _FEWEST_ROWS
     tried = np.unique(np.linspace(_FEWEST_ROWS, last, _SPLITS).astype(int)).tolist()
     near, step = min(tried, key=lambda first: left_mm(place >= first)), last // _SPLITS
@@ -97,8 +94,7 @@ def _parts(rows: Array, left_mm: Callable[[Mask], float]) -> Iterator[tuple[Mask
 
 def _left_mm(fitted: FittedArm, T: Array, part: Mask) -> float:
     """Return the residual, rms mm corrected for the unknowns, of a fit of the constants in which part of the tool
-    poses T (n, 4, 4) is shifted and rotated and has another target offset.
-    """
+    poses T (n, 4, 4) is shifted and rotated and has another target offset."""
     p = (T[:, :3, 3] - T[:, :3, 3].mean(axis=0)) / 1000.0
     (x, y, z), zero = p.T, np.zeros(len(p))
     turned = np.stack([zero, z, -y, -z, zero, x, y, -x, zero], axis=1).reshape(-1, 3, 3)
@@ -120,8 +116,7 @@ _OFF = 3.2
 
 def stamp_findings(table: CircleTable, rig: Rig) -> Iterator[Finding]:
     """Yield a finding if the mean speed along the circle is wrong by a unit. Decreasing timestamps are refused on
-    reading.
-    """
+    reading."""
     circle = rig.tests.circle
     if circle is None:
         return
@@ -186,8 +181,7 @@ NO_INSTRUMENT_MM = 0.008
 repeat to 0.01 mm."""
 _BASE_MM, _BASE_RAD, _FLANGE_MM = 3.0, float(np.radians(0.3)), 2.0
 """Uncertainty of frame and target with the nominal constants of an arm: calibrations of sound arms move them by
-these amounts. The smallest reflectors are balls of 12.7 mm on a nest.
-"""
+these amounts. The smallest reflectors are balls of 12.7 mm on a nest."""
 _POSES = 150
 
 
@@ -233,8 +227,7 @@ _ON_TRACK = 0.3
 """The rig file may not contain the target of the tracker; the places then fit roughly only."""
 _IN_SOCKET = 0.1
 """Uncalibrated arms leave up to 0.04 of the tool's travel (the Pandas of MUKCa); joints in another unit 0.3 and
-more, since no ball remains in place.
-"""
+more, since no ball remains in place."""
 _UPRIGHT = 0.3
 """Radians by which the tool may deviate from the orientation of the test; a misread joint causes more."""
 
@@ -242,8 +235,7 @@ _UPRIGHT = 0.3
 @dataclass(frozen=True)
 class Off:
     """off_mm: median distance from the path; off: the same as a share of the path size; on: whether this counts as
-    on the path, with the tool oriented as the test prescribes.
-    """
+    on the path, with the tool oriented as the test prescribes."""
 
     off_mm: float
     off: float
@@ -252,8 +244,7 @@ class Off:
 
 def off_sockets(T: Array, socket: NDArray[np.str_]) -> Off | None:
     """Return the distance of the ball from the sockets at tool poses T (n, 4, 4), for any position of sockets and
-    ball.
-    """
+    ball."""
     size = float(np.linalg.norm(T[:, :3, 3] - T[:, :3, 3].mean(axis=0), axis=1).mean())
     if size <= 0:
         return None
@@ -263,8 +254,7 @@ def off_sockets(T: Array, socket: NDArray[np.str_]) -> Off | None:
 
 def off_places(T: Array, xyz_mm: Array) -> Off | None:
     """Return the difference between the mutual distances of tool poses T (n, 4, 4) and of measured places xyz_mm (n,
-    3).
-    """
+    3)."""
     rows = far_rows(xyz_mm)
     size = float(np.median(steps(xyz_mm, rows)))
     if size <= 0:
@@ -275,8 +265,7 @@ def off_places(T: Array, xyz_mm: Array) -> Off | None:
 
 def off_circle(T: Array, circle: Circle) -> Off:
     """Return the distance of tool poses T (n, 4, 4) from a circle. The x axis of the tool points to the ball along
-    the normal of the circle; in another orientation the distance is an arc.
-    """
+    the normal of the circle; in another orientation the distance is an arc."""
     frame = frame_of(circle)
     from_centre = T[:, :3, 3] - frame.centre
     radial = np.abs(np.linalg.norm(from_centre, axis=1) - circle.radius_mm)
@@ -290,8 +279,7 @@ def off_circle(T: Array, circle: Circle) -> Off:
 
 def off_targets(T: Array, targets: Array | None, hemisphere: Hemisphere) -> Off:
     """Return the distance of tool poses T (n, 4, 4) from their targets (n, 3) mm, or from the sphere if these are
-    unknown.
-    """
+    unknown."""
     frame, places = hemisphere_frame(hemisphere), T[:, :3, 3]
     away = np.abs(np.linalg.norm(places - frame.centre, axis=1) - frame.radius)
     off_mm = float(np.median(away if targets is None else np.linalg.norm(places - targets, axis=1)))

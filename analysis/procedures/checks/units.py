@@ -94,8 +94,7 @@ _SAME_TURN_RAD = 0.01
 """Between poses, a tracker and the robot agree on the angle turned to this at the median; …"""
 _FARTHER = 8.0
 """… and an angle convention is wrong if the distance exceeds this limit, and that of another convention by this
-factor.
-"""
+factor."""
 
 
 def tracker(table: PoseTable, T: Array) -> Iterator[tuple[str, str]]:
@@ -204,8 +203,7 @@ UNITS = "units"
 _TURN_RAD = 2 * np.pi + 0.1
 _MUCH_MORE = 2.0
 """A joint convention is wrong if the distance from the path exceeds that of another by this factor, in any unit of
-the tracker's places: radians read as degrees move an arm so little that metres look like inches.
-"""
+the tracker's places: radians read as degrees move an arm so little that metres look like inches."""
 _UNLIKELY = 0.1
 """A robot stopping on a sphere of this share of the travel has shown the gauge more than the errors of the arm."""
 _ROWS = 20_000

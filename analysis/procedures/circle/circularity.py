@@ -91,8 +91,7 @@ def mean_of_gauges(g_mm: Array) -> Array:
 
 def fit_circle(distance: Array, radius_mm: float) -> Array:
     """Return least-squares e_u, e_v and constant c, (..., 3) mm, of |R r(phi) - e| + c for distances (..., NODES)
-    mm.
-    """
+    mm."""
     return circle_through(distance, radius_mm)[0]
 
 

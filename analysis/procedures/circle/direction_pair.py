@@ -88,8 +88,7 @@ _MOVED_MM = float(np.hypot(BALL_MM.middle, 1000.0 * np.radians(JOINT_DEG.middle)
 @dataclass(frozen=True)
 class _Evidence:
     """One kind of curve: harmonics (h,) of acw - cw, and of the response to a lag of one second; noise: variance (h,)
-    of real and imaginary part without backlash.
-    """
+    of real and imaginary part without backlash."""
 
     between: Complex
     of_lag: Complex
@@ -136,8 +135,7 @@ def lag_of(pairs: Sequence[tuple[LapCurve, LapCurve]], radii_mm: Sequence[float]
 
 def _harmonics(y: Array) -> Complex:
     """Return complex harmonics (..., h) of curves (..., NODES): y = sum of the real parts of each times exp(i h
-    phi).
-    """
+    phi)."""
     both: Complex = 2 * np.fft.rfft(y)[..., _HARMONICS] / NODES
     return both
 
@@ -147,15 +145,13 @@ _ALIKE = 0.5
 """Permitted relative difference between ball motions from angle and distance; the latter also contains backlash."""
 _ALONE, _MOSTLY = 0.9, 0.5
 """Share of the energy of acw - cw explained by a moved ball; backlash, changing sign at each reversal, has more energy
-in higher orders.
-"""
+in higher orders."""
 
 
 @dataclass(frozen=True)
 class DirectionPair:
     """Differences between the directions by name; lag: of the gauges behind the robot, ms, reported and not
-    corrected.
-    """
+    corrected."""
 
     figures: dict[str, Quantity]
     lag: Quantity

@@ -84,8 +84,7 @@ class Sine:
     @property
     def shift(self) -> float:
         """alpha of eq. (11), by atan2, because arctan(b/a) loses the quadrant. (The paper's last formula for it has b11
-        instead of b21.)
-        """
+        instead of b21.)"""
         return float(np.arctan2(self.b, self.a))
 
 
@@ -144,8 +143,7 @@ class CircleResult:
     @property
     def without_rows(self) -> CircleResult:
         """Return the result without the rows of all laps except the first, and without noise draws, recreated on
-        demand.
-        """
+        demand."""
         distance = replace(self.distance, curve=self.distance.curve.without_draws)
         return replace(self, laps=self.laps.without_rows, curve=self.curve.without_draws, distance=distance)
 
@@ -222,8 +220,7 @@ def _about_noise(curve: LapCurve) -> tuple[str, ...]:
 
 def eccentricities(result: CircleResult) -> tuple[Array, Array]:
     """Return the ball position relative to the centre along u and v, (2,) mm each: from the angle of a yaw, and from
-    the distance.
-    """
+    the distance."""
     radius = result.laps.frame.radius
     by_angle = radius * np.array([-result.sine.a, result.sine.b])
     return by_angle, result.distance.ball_mm
@@ -231,8 +228,7 @@ def eccentricities(result: CircleResult) -> tuple[Array, Array]:
 
 def sine_figures(y: Array, _radius_mm: float) -> dict[str, Array]:
     """Return band, amplitude, shift and offset (...,) in degrees of angles y (..., NODES) rad: the paper's section
-    2.1.
-    """
+    2.1."""
     A, a, b = sine_of(y)
     error = at_resolution(y - _sines(A, a, b))
     return {
@@ -248,8 +244,7 @@ SINE = Measure(sine_figures, frozenset({"band_deg"}))
 
 def error_of(y: Array) -> tuple[Array, Array]:
     """Return orientation errors (..., NODES) rad of angles y (..., NODES) rad, and these plus their sine, at the
-    stated resolution.
-    """
+    stated resolution."""
     sine = _sines(*sine_of(y))
     error = at_resolution(y - sine)
     return error, error + sine

@@ -27,8 +27,7 @@ _NEIGHBOURHOOD = np.radians(8.0)
 @dataclass(frozen=True)
 class Turn:
     """Reversal of a joint (1 … 6) at circle angle phi ± u_rad, 0 … 2 pi, in row `row` of the lap; upper: from rising to
-    falling with increasing phi.
-    """
+    falling with increasing phi."""
 
     axis: int
     phi: float

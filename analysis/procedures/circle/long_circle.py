@@ -124,8 +124,7 @@ class _Window:
 
     def time_after(self, begin_ns: float, rows: int) -> float:
         """Return the time of the row `rows` rows after the first from begin_ns on; inf if hardly half as many
-        remain.
-        """
+        remain."""
         most = rows + rows // 2
         while True:
             came_ns = [chunk["last_byte_ns"] for chunk in self._kept]
@@ -168,8 +167,7 @@ _SAMPLE = 20_000
 _HATS = ("before", "between", "beyond", "cubes", "fourths", "near1", "near2", "far1", "far2")
 _SUMS = (*_HATS, "count", "wild1", "wild2", "new1", "new2")
 """Sums over the rows of a stretch: without outliers, products of hat functions, third and fourth powers of the second,
-and readings by both; over all, rows, outliers, and changed readings.
-"""
+and readings by both; over all, rows, outliers, and changed readings."""
 
 
 @dataclass(frozen=True)

@@ -47,8 +47,7 @@ def _notes(result: CircleResult) -> tuple[str, ...]:
 
 def range_figures(y: Array, _radius_mm: float) -> dict[str, Array]:
     """Return the range (...,) of the total angle and the circle angles of all extremes in degrees, for angles y
-    (..., NODES) rad.
-    """
+    (..., NODES) rad."""
     error, whole = error_of(y)
     at = np.degrees(PHI)
     return {

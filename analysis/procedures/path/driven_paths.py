@@ -44,8 +44,7 @@ _NORMAL = 1.4826
 @dataclass(frozen=True)
 class Moved:
     """Move: rows of the table from `first` to before `last`, length length_mm by spans, and chord chord_mm; whole:
-    whether the tracker data is complete.
-    """
+    whether the tracker data is complete."""
 
     first: int
     last: int

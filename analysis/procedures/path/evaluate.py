@@ -169,8 +169,7 @@ def _corners(rectangle: Driven) -> dict[str, Quantity]:
 
 def corner_of(places: Array, command: Polygon, knot: int) -> tuple[float, float, float]:
     """Return CR and CO in mm of one pass, positions (n, 3) mm, at a corner of a polygon, and the spacing of the
-    positions there.
-    """
+    positions there."""
     corner, before, after = command.knots[knot], command.knots[knot - 1], command.knots[knot + 1]
     old, new = (corner - before) / np.linalg.norm(corner - before), (after - corner) / np.linalg.norm(after - corner)
     reach = _NEAR * float(np.linalg.norm(after - corner))

@@ -180,8 +180,7 @@ def evaluate(
 
 def _in_frame(arm: Arm, table: PoseTable, instrument: Instrument) -> tuple[Array, Array | None]:
     """Return errors (n, 3) mm and (n, 3) rad, or None, in the arm's base, with the tool of the rig file and the
-    measured instrument frame, without a fit.
-    """
+    measured instrument frame, without a fit."""
     T = np.linalg.inv(arm.T_world_base) @ forward(arm, table.q)
     to_base: Array = np.linalg.inv(arm.T_world_base) @ transform(instrument)
     place = table.xyz_mm @ to_base[:3, :3].T + to_base[:3, 3] - T[:, :3, 3]
@@ -226,8 +225,7 @@ def _of_visits(
 
 def _errors(bare: Arm, of_fit: PoseTable, table: PoseTable) -> tuple[Array, Array | None]:
     """Return errors (n, 3) mm and (n, 3) rad, or None, of the poses of a table, with base and tool fitted to a
-    second table.
-    """
+    second table."""
     setup = fit_setup(forward(bare, of_fit.q), of_fit.xyz_mm)
     T = forward(bare, table.q)
     position = position_error(T, table.xyz_mm, setup)
@@ -266,8 +264,7 @@ def _noise(
     stops: LogUniform | None = None,
 ) -> Array:
     """Return draws (m, n, 3) of the noise of all rows: from the scatter of their group, otherwise of any group; if
-    unknown, from the instrument's u and the usual scatter of robot stops.
-    """
+    unknown, from the instrument's u and the usual scatter of robot stops."""
     rng = np.random.default_rng(SEED)
     if scatter is None:
         robot = 0.0 if stops is None else stops.low * (stops.high / stops.low) ** rng.uniform(size=(DRAWS, 1, 1))
@@ -302,8 +299,7 @@ def _angles(vectors: Array) -> dict[str, Array]:
 
 def place_figures(x: Array) -> dict[str, Array]:
     """Return scatter, AP and RP (...,) in mm of position errors x (..., g, 3, n) mm of n visits in g groups, NaN if
-    missing.
-    """
+    missing."""
     x = np.swapaxes(x, -1, -2)
     mean = np.nanmean(x, axis=-2, keepdims=True)
     away = np.linalg.norm(mean[..., 0, :], axis=-1)
@@ -319,8 +315,7 @@ def place_figures(x: Array) -> dict[str, Array]:
 
 def turn_figures(x: Array) -> dict[str, Array]:
     """Return AP and RP (...,) in degrees about each axis, of orientation errors x (..., g, 3, n) in degrees, NaN if
-    missing.
-    """
+    missing."""
     x = np.swapaxes(x, -1, -2)
     figures = {}
     mean, thrice = np.abs(np.nanmean(x, axis=-2)), _thrice(x)
@@ -366,8 +361,7 @@ def _turns_seen(rpy: Array, setup: PoseSetUp) -> Rotation:
 
 def _turns_left(T: Array, seen: Rotation, R_tool: Array) -> Array:
     """Return rotation vectors (n, 3) rad from flanges T (n, 4, 4) with a tool rotation R_tool (3, 3) to the measured
-    ones.
-    """
+    ones."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
     return np.asarray((seen * (Rotation.from_matrix(T[:, :3, :3]) * Rotation.from_matrix(R_tool)).inv()).as_rotvec())

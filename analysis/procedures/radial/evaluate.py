@@ -97,8 +97,7 @@ def conditioned(points: Array) -> bool:
 
 def far_off(points: Array) -> NDArray[np.bool_]:
     """Return a mask (t,) of the targets left out by the rule above; points (t, o, 3) mm of o readings, NaN if
-    missing.
-    """
+    missing."""
     # Robust sphere: soft_l1 by reweighting.
     read = points[np.isfinite(points).all(axis=-1)]
     x = np.append(np.zeros(3), np.median(np.linalg.norm(read, axis=1)))
@@ -151,8 +150,7 @@ _APART = 0.2
 @dataclass(frozen=True)
 class Cells:
     """Readings by target and orientation. target (t,); direction (t, 3) unit vectors in the hemisphere's frame; g_mm
-    (t, o, r) mm of r visits and their times t_s, NaN if missing.
-    """
+    (t, o, r) mm of r visits and their times t_s, NaN if missing."""
 
     target: Integers
     direction: Array
@@ -182,8 +180,7 @@ class Cells:
 class RadialResult:
     """cells: of all targets. spread_mm (t,): per target. used (t,): False if left out. points (t, 3) mm from the ball.
     free: sphere
-    through the used points. scatter: of the visits, None for exact readings.
-    """
+    through the used points. scatter: of the visits, None for exact readings."""
 
     cells: Cells
     spread_mm: Array
@@ -352,8 +349,7 @@ def _notes(
     cells: Cells, expected: Collection[int], orientations: int, far: NDArray[np.bool_], off_mm: Array, free: Sphere
 ) -> tuple[str, ...]:
     """Return notes: unmeasured targets, targets left out with off_mm (t, o) mm from the sphere, and undetermined
-    parameters.
-    """
+    parameters."""
     notes = []
     targets, have = len(cells.target), cells.g_mm.shape[1]
     numbers = set(expected) or set(range(1, int(cells.target.max()) + 1))

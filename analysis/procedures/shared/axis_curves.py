@@ -25,8 +25,7 @@ from analysis.runs.noise.spectrum import DRAWS
 
 _FEWEST_ANGLES, _LEAST_RAD = 5, np.radians(10)
 """Minimum number of joint angles, and minimum range, for a circle: it has seven parameters, and each angle three
-coordinates.
-"""
+coordinates."""
 
 
 @dataclass(frozen=True)

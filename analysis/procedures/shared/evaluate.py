@@ -1,6 +1,5 @@
 """Evaluate a table of any test, measured or simulated; with the common checks, each with a one-line error and
-remedy.
-"""
+remedy."""
 
 from __future__ import annotations
 

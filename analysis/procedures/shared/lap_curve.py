@@ -29,8 +29,7 @@ SEED = 0
 """Fixed, so that a run always gives the same report."""
 UNDULATIONS = 80.0
 """Undulations per revolution with 50 % transmission: ISO 12181-2 has 15, 50, 150 and 500 for roundness; robot gears
-have orders up to about 60, and reversals take a degree and more.
-"""
+have orders up to about 60, and reversals take a degree and more."""
 _PASSES = 0.5 ** ((ORDERS / UNDULATIONS) ** 2)
 _COARSE = 0.5 ** ((ORDERS / 40.0) ** 2)
 """Smooths the steps of quantisation, so that different steps can be tried."""
@@ -40,8 +39,7 @@ _LOCAL, _SLOW = 19, 81
 """Widths for comparing laps in nodes: twice the stated resolution, relative to differences within 40°."""
 _ODD, _MOST = 2.0, 5.0
 """Laps differing by this multiple of the usual difference have a reason other than noise; and the limit for Student's
-distribution with one degree of freedom.
-"""
+distribution with one degree of freedom."""
 _FEWEST = 8.0
 """Minimum readings per lap of a gauge moving by hardly a step: it shows no jumps."""
 RANGE_U = 0.5
@@ -95,8 +93,7 @@ class LapCurve:
 
     def drawn(self, curve: Array, turned: NDArray[np.complex128], scale: Array) -> Array:
         """Return a curve (NODES,), this one or its calm version, with different noise, lag (`turned`) and relative
-        scale (DRAWS,): (DRAWS, NODES).
-        """
+        scale (DRAWS,): (DRAWS, NODES)."""
         return np.fft.irfft(np.fft.rfft(curve) * turned, NODES, axis=1) / scale[:, None] + self.errors
 
 

@@ -136,8 +136,7 @@ def timed(t_s: Array) -> dict[str, Array]:
 
 def came_from_of(rows: Rows) -> Array | None:
     """Return the previous joint positions (n, axes) rad from the columns of a file, None if absent; a rail defaults to
-    its present position.
-    """
+    its present position."""
     names = came_from_columns(rows.axes)
     if not rows.has(names):
         return None

@@ -21,8 +21,7 @@ _FINEST_MM = 4
 """Decimals of a displayed length: 0.1 um, the finest gauge step known to rig (docs/rig-file.md)."""
 _FINEST_DEG = 5
 """Decimals of a displayed angle, and digits above 1 degree: 0.00001 degrees are 0.2 um at 1 m, and positions on the
-circle are relevant to 0.01 degrees.
-"""
+circle are relevant to 0.01 degrees."""
 _WITHOUT_U = 4
 """Decimals of a figure with unknown uncertainty."""
 PLACE = "_at_deg"
@@ -45,8 +44,7 @@ class Quantity:
 
     def __str__(self) -> str:
         """Return the value rounded to two digits of the uncertainty: `0.33022 ± 0.00092 °`; fewer digits if irrelevant,
-        and no uncertainty if unknown.
-        """
+        and no uncertainty if unknown."""
         if not np.isfinite(self.u):
             return f"{self.rounded(self.value)} {self.sign}".rstrip()
         return f"{self.rounded(self.value)} ± {self.rounded_u} {self.sign}".rstrip()

@@ -159,8 +159,7 @@ def base_of(laps: Laps) -> Array:
 
 def slopes_of(base: Array) -> list[Array]:
     """Return the Taylor coefficients (NODES, k), up to the third order, of waves (5, k) behind each node, by
-    relative position.
-    """
+    relative position."""
     step, slopes = 2 * np.pi / NODES, [_waves(PHI) @ base]
     derived = np.zeros((5, 5))
     derived[1, 2], derived[2, 1], derived[3, 4], derived[4, 3] = -1, 1, -2, 2

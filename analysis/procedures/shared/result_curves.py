@@ -133,8 +133,7 @@ ResultCurve = CircleCurve | RadialCurve | RepeatabilityCurve | PoseCurve | PathC
 @dataclass(frozen=True)
 class JointReversal:
     """Joint reversal on the nominal circle: joint number (1 to 6), name in the rig file, and circle angle; upper: from
-    rising to falling with increasing circle angle.
-    """
+    rising to falling with increasing circle angle."""
 
     joint: int
     name: str

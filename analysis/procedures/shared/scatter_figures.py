@@ -32,8 +32,7 @@ Plain = Callable[[Array], dict[str, Array]]
 
 def half_width(off: Array) -> float:
     """Return the standard uncertainty with 2 u containing 95 % of errors (m,), in their unit, also for non-normal
-    tails.
-    """
+    tails."""
     return float(np.quantile(np.abs(off), _SHARE)) / 2
 
 
@@ -153,8 +152,7 @@ def by_pose(pose: Integers, plain: Callable[[Array], dict[str, Array]]) -> Calla
 
 def distance_figures(pose: Integers, xyz_mm: Array, cube: Cube | None) -> dict[str, Quantity]:
     """Return AD and RD from positions xyz_mm (n, 3) in order of time, pose (n,) of the cube; empty below three
-    cycles.
-    """
+    cycles."""
     second, fourth = np.flatnonzero(pose == 2), np.flatnonzero(pose == 4)
     if cube is None or not len(second) or len(fourth) < FEWEST_CYCLES:
         return {}

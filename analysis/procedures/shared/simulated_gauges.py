@@ -36,8 +36,7 @@ class Noise:
 @dataclass(frozen=True)
 class Simulation:
     """Options of a simulated run. seed: None for no noise. effects: in place of those of the rig file. noise: in
-    addition to that of the gauges.
-    """
+    addition to that of the gauges."""
 
     seed: int | None
     effects: Sequence[Effect] | None = None

@@ -53,8 +53,7 @@ def simulated_cube(rig: Rig, seed: int | None, effects: Sequence[Effect] | None 
 def simulated_path(rig: Rig, seed: int | None, effects: Sequence[Effect] | None = None) -> tuple[Array, Array]:
     """Return times (n,) s and positions (n, 3) mm recorded by a tracker while the program drives the paths at full
     speed; see
-    `simulated_cube`.
-    """
+    `simulated_cube`."""
     rng = np.random.default_rng(seed or 0)
     test, cube, arm = iso9283_of(rig), cube_of(rig), arm_of(rig.robot)
     where, legs = RigPlace.of(rig.name, "tests.iso9283"), dict[str, Array]()

@@ -42,8 +42,7 @@ def touch_of(rig: Rig) -> Touch:
 
 def planned_touches(rig: Rig, seed: int = 0) -> TouchTable:
     """Return touches of the nominal arm, distributed over the sockets of the rig file. Raises FileError without a touch
-    test, or without postures.
-    """
+    test, or without postures."""
     return _standing(rig, _planned(rig, np.random.default_rng(seed))[0])
 
 
@@ -106,8 +105,7 @@ def _somewhere(
     arm: Arm, count: int, rng: np.random.Generator, where: str, distances: Sequence[tuple[Array, float]]
 ) -> tuple[Array, Array]:
     """Return a socket position (3,) mm with these distances from others, and postures (count, axes) rad with the
-    ball there.
-    """
+    ball there."""
     low, high = arm.limits.T
     free = forward(arm, rng.uniform(low, high, (_POSTURES, arm.axes)))[:, :3, 3]
     base = arm.T_world_base[:3, 3]

@@ -1,6 +1,5 @@
 """A diagnosis on the page: its faults in sentences (what is wrong, where it shows, what it makes of the error), and
-tables with a bar in each row: the parts of the error, the largest first, and the staircase of the gap.
-"""
+tables with a bar in each row: the parts of the error, the largest first, and the staircase of the gap."""
 
 from __future__ import annotations
 

@@ -1,7 +1,6 @@
 """All that the page is made of, gathered once: results, measured beside simulated, the diagnosis, and what a correction
 did: what the error was, is, was expected to be, and over the work; and the verdict on accuracy: every figure that has a
-limit, decided with its uncertainty, and the worst of them.
-"""
+limit, decided with its uncertainty, and the worst of them."""
 
 from __future__ import annotations
 

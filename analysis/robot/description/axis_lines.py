@@ -17,8 +17,7 @@ from rigs.schema.robot import Rail
 
 _PARALLEL = 0.1
 """Sine of the angle between axes below which beta is used: 6 degrees. A common normal further than ten times the
-distance of two axes is not a length of a robot; nominal angles of 0 and 90 degrees are not affected.
-"""
+distance of two axes is not a length of a robot; nominal angles of 0 and 90 degrees are not affected."""
 _MEET_MM = 1e-6
 """Distance below which axes intersect; sources round to a micrometre or finer."""
 

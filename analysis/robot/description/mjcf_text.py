@@ -34,8 +34,7 @@ _LEAST_KG = 1e-3
 """MuJoCo does not simulate massless bodies. Chosen: a gram, if the rig file contains no mass."""
 _ARMATURE = 1e-3
 """kg m² required by additional hinges of an axis; without it their motion is undetermined. Chosen: a rotor behind a
-gear has some tenths (MuJoCo Menagerie, universal_robots_ur10e: 0.1).
-"""
+gear has some tenths (MuJoCo Menagerie, universal_robots_ur10e: 0.1)."""
 _HEAD = (
     "Lengths are in metres and angles in radians. The hinge with a joint's name turns by the angle that the controller "
     "reports. Moments of inertia are not known: each link is a ball of aluminium of its mass."
@@ -45,8 +44,7 @@ _HEAD = (
 @dataclass(frozen=True)
 class JointTraits:
     """Measured joint properties, by axis from 1: play_deg, full width; compliance_deg_per_nm; friction_nm, Coulomb
-    friction.
-    """
+    friction."""
 
     play_deg: Mapping[int, float] = field(default_factory=dict)
     compliance_deg_per_nm: Mapping[int, float] = field(default_factory=dict)

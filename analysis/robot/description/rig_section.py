@@ -33,8 +33,7 @@ _ZERO = 1e-11
 @dataclass(frozen=True)
 class Joint:
     """Properties of a joint in a source other than its axis: limits (degrees) in its own direction, degrees/s, kg, and
-    centre of mass (3,) mm in the base frame with all joints at zero.
-    """
+    centre of mass (3,) mm in the base frame with all joints at zero."""
 
     name: str
     limits_deg: tuple[float, float]
@@ -141,8 +140,7 @@ def parsed(text: str) -> Robot:
 
 def random_postures(robot: Robot) -> Array:
     """Return joint angles (200, axes) rad within the limits, equal in each call, with a rail position in m if
-    applicable.
-    """
+    applicable."""
     limits = np.radians([axis.limits_deg for axis in robot.axes])
     if robot.rail:
         limits = np.vstack([limits, np.array(robot.rail.limits_mm) / RAIL_MM])

@@ -85,8 +85,7 @@ class CircleFrame:
 
 def circle_frame(centre: Array, normal: Array, towards: Array, radius: float) -> CircleFrame:
     """Return a circle about centre (3,) mm with a normal (3,) of any length; phi = 0 is the projected direction
-    towards (3,).
-    """
+    towards (3,)."""
     n = normal / np.linalg.norm(normal)
     u = towards - (towards @ n) * n
     u = u / np.linalg.norm(u)
@@ -102,8 +101,7 @@ def frame_of(circle: Circle) -> CircleFrame:
 @dataclass(frozen=True)
 class Reversal:
     """Reversal of a joint (1 … 6) at circle angle phi (rad, 0 … 2 pi); upper: from rising to falling with increasing
-    phi.
-    """
+    phi."""
 
     axis: int
     phi: float

@@ -58,8 +58,7 @@ def hemisphere_of(rig: Rig) -> Hemisphere:
 @dataclass(frozen=True)
 class CircleProgram:
     """Laps with lead-in and lead-out, and the returns between them, at the controller's period. t_s (n,); phi (n,) rad;
-    q (n, 6) rad.
-    """
+    q (n, 6) rad."""
 
     t_s: Array
     phi: Array
@@ -104,8 +103,7 @@ class Laps:
 
 def circle_program(rig: Rig, direction: Direction) -> CircleProgram:
     """Return the circle program of a rig, all laps, from rest to rest. Raises FileError if the robot cannot drive
-    it.
-    """
+    it."""
     laps = circle_laps(rig, direction)
     t_s, back_s = laps.t_s, laps.t_s / laps.back
     times, rows = [t_s], [np.arange(len(t_s))]
@@ -206,8 +204,7 @@ def radial_program(rig: Rig) -> TargetProgram:
 
 def repeatability_program(rig: Rig) -> TargetProgram:
     """Return the rig's repeatability targets in their middle orientation, one row each. Raises FileError like
-    `radial_program`.
-    """
+    `radial_program`."""
     hemisphere, target = hemisphere_of(rig), repeatability_targets(rig)
     polar, azimuth = target_angles(hemisphere)
     polar, azimuth = polar[target - 1], azimuth[target - 1]
@@ -219,8 +216,7 @@ def repeatability_program(rig: Rig) -> TargetProgram:
 
 def repeatability_targets(rig: Rig) -> Integers:
     """Return the target numbers (n,) of the rig's repeatability test, from 1. Raises FileError for a target outside
-    the hemisphere.
-    """
+    the hemisphere."""
     target, count = np.array(repeatability_of(rig).targets, dtype=np.int64), len(target_angles(hemisphere_of(rig))[0])
     if (unknown := target[target > count]).size:
         problem = f"target {unknown[0]} is not one of the {count} targets of the hemisphere"
@@ -259,8 +255,7 @@ def radial_stops(rig: Rig) -> Array:
 
 def repeatability_stops(rig: Rig) -> Array:
     """Return the joint angles (m, 6) rad of a repeatability program: each target, then out and back, in and back, in
-    rounds.
-    """
+    rounds."""
     program, plan = repeatability_program(rig), repeatability_of(rig)
     radius = hemisphere_frame(hemisphere_of(rig)).direction(program.polar, program.azimuth)
     arm = arm_of(rig.robot)
@@ -273,8 +268,7 @@ def repeatability_stops(rig: Rig) -> Array:
 
 def beside(arm: Arm, q: Array, offset_mm: Array) -> Array:
     """Return joint angles (n, 6) rad with the tool displaced by offset_mm (n, 3) from its position at q (n, 6), same
-    orientation.
-    """
+    orientation."""
     from analysis.robot.kinematics.arm import forward  # noqa: PLC0415
 
     poses = forward(arm, q)

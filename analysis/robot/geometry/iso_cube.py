@@ -213,8 +213,7 @@ def _reach_mm(arm: Arm) -> float:
 
 def _reached(arm: Arm, starts: _Starts, rows: Integers, away: Array) -> tuple[Array, Mask]:
     """Return joints (m, k, 6) rad at offsets away (k, 3) mm from centres rows (m,), and a mask (m,) of completely
-    valid centres.
-    """
+    valid centres."""
     poses = np.tile(np.eye(4), (len(rows), len(away), 1, 1))
     poses[:, :, :3, :3] = starts.R[rows, None]
     poses[:, :, :3, 3] = starts.centre_mm[rows, None] + away
@@ -231,8 +230,7 @@ def _reached(arm: Arm, starts: _Starts, rows: Integers, away: Array) -> tuple[Ar
 
 def cycle_stops(rig: Rig) -> Array:
     """Return the joints (n, 6) rad of tracker measurements: P5 P4 P3 P2 P1 in each cycle. Raises FileError like
-    `cube_of`.
-    """
+    `cube_of`."""
     return np.asarray(cube_of(rig).q[np.tile(np.array(ORDER) - 1, iso9283_of(rig).cycles)])
 
 
@@ -317,8 +315,7 @@ CommandPath = Polygon | Ring
 
 def paths_of(cube: Cube) -> dict[PathName, CommandPath]:
     """Return the paths of a cube in the order of each cycle; `back`, from the end of the line to its start over P3, is
-    not evaluated.
-    """
+    not evaluated."""
     _, p2, p3, p4, p5 = cube.places_mm
     radius, level, rising = FROM_CENTRE * cube.side_mm, cube.level, cube.rising
     paths: tuple[CommandPath, ...] = (
@@ -334,8 +331,7 @@ def paths_of(cube: Cube) -> dict[PathName, CommandPath]:
 
 def in_order(cube: Cube, cycles: int) -> Iterator[CommandPath]:
     """Yield the paths in program order, each cycle repeated; `way`, between the cycles of two paths, is not
-    evaluated.
-    """
+    evaluated."""
     paths, at = paths_of(cube), cube.places_mm[1]
     for names in _CYCLES:
         start = paths[names[0]].at(np.zeros(1))[0]

@@ -34,8 +34,7 @@ _DRAWS = 40
 @dataclass(frozen=True)
 class Sight:
     """Tracker position tracker_mm (3,) in the robot's base, and viewing axis (3,) of the target in the tool frame; None
-    for a target visible from everywhere.
-    """
+    for a target visible from everywhere."""
 
     tracker_mm: Array
     faces: Array | None = None
@@ -43,8 +42,7 @@ class Sight:
 
 def drawn_poses(arm: Arm, count: int, sight: Sight | None, rng: np.random.Generator) -> Array:
     """Return joint angles (n, 6) rad of random collision-free and visible poses, up to `count`, uniform in joint
-    space.
-    """
+    space."""
     low, high = joint_ranges(arm)
     drawn = np.empty((0, len(low)))
     for _ in range(_DRAWS):
@@ -118,8 +116,7 @@ def _is_off(arm: Arm, q: Array) -> Mask:
 
 def is_seen(arm: Arm, q: Array, sight: Sight) -> Mask:
     """Return a mask (n,) of joint angles q (n, 6) rad with a target visible to the tracker: facing it, and not
-    hidden by the arm.
-    """
+    hidden by the arm."""
     points = _points(arm, q)
     tool = points[:, -1]
     way = sight.tracker_mm + np.linspace(0, _AT_TOOL, 40)[:, None, None] * (tool - sight.tracker_mm)
@@ -139,8 +136,7 @@ def is_seen(arm: Arm, q: Array, sight: Sight) -> Mask:
 
 def in_order_of_ways(arm: Arm, q: Array) -> Array:
     """Return the poses (m, 6) rad ordered by nearest neighbours with collision-free moves; unreachable ones are
-    dropped.
-    """
+    dropped."""
     unordered, order = list(range(1, len(q))), [0]
     while unordered:
         far = np.abs(q[unordered] - q[order[-1]]).max(axis=1)

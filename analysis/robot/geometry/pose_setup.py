@@ -20,8 +20,7 @@ from analysis.robot.kinematics.arm import Arm, Array, Integers, forward
 
 def socket_design(T: Array, socket: Integers, sockets: int) -> Array:
     """Return the derivatives (3 n, 3 + 3 s) of the ball's distance from its socket by ball position on the tool and
-    socket positions, at tool poses T (n, 4, 4) mm; socket (n,): index of each socket, from 0.
-    """
+    socket positions, at tool poses T (n, 4, 4) mm; socket (n,): index of each socket, from 0."""
     design = np.zeros((len(T), 3, 3 + 3 * sockets))
     design[:, :, :3] = T[:, :3, :3]
     for axis in range(3):
@@ -84,8 +83,7 @@ class PoseSetUp:
 
 def fit_setup(T: Array, xyz_mm: Array, steps: int = _STEPS) -> PoseSetUp:
     """Return base and tool that map the flanges T (n, 4, 4) of the bare arm to positions xyz_mm (n, 3), in at most
-    `steps` steps.
-    """
+    `steps` steps."""
     start = best_rigid(T[:, :3, 3], xyz_mm)
     reach = float(np.linalg.norm(T[:, :3, 3], axis=1).max()) or 1.0
     R, origin, tool = start[:3, :3], start[:3, 3], np.zeros(3)
@@ -138,8 +136,7 @@ def _left(T: Array, xyz_mm: Array, R: Array, origin: Array, tool: Array) -> Arra
 
 def _design(T: Array, R: Array, tool: Array, reach: float) -> Array:
     """Return the derivatives (3 n, 9) mm of the residuals by base rotation at `reach` mm, base position and tool
-    position.
-    """
+    position."""
     x, y, z = ((T[:, :3, 3] + T[:, :3, :3] @ tool) @ R.T).T
     none = np.zeros_like(x)
     turn = np.stack([none, -z, y, z, none, -x, -y, x, none], axis=1).reshape(-1, 3, 3) / reach
@@ -171,8 +168,7 @@ _FIELDS = (("a", 1.0), ("alpha", REACH_MM), ("beta", REACH_MM), ("d", 1.0), ("of
 @dataclass(frozen=True)
 class FittedArm:
     """Arm with all constants fitted. left_mm (n,): residuals. design (n, unknowns): derivatives. spare: degrees of
-    freedom.
-    """
+    freedom."""
 
     arm: Arm
     left_mm: Array

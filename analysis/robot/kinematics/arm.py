@@ -101,16 +101,14 @@ def arm_of(robot: Robot) -> Arm:
 
 def without_setup(arm: Arm) -> Arm:
     """Return the arm with its base at the world origin (rail included) and the tool at the flange, for a fit of base
-    and tool.
-    """
+    and tool."""
     rail = None if arm.rail is None else arm.T_world_base[:3, :3].T @ arm.rail
     return replace(arm, T_world_base=np.eye(4), T_flange_tool=np.eye(4), rail=rail)
 
 
 def rail_mm(arm: Arm, q: Array) -> Array:
     """Return the rail position (n,) mm for joint angles q (n, axes) rad, with or without a rail column; 0 by
-    default.
-    """
+    default."""
     stands: Array = RAIL_MM * q[:, arm.axes :].sum(axis=1)
     return stands
 
@@ -123,8 +121,7 @@ def base_places(arm: Arm, q: Array) -> Array:
 
 def rail_frame(arm: Arm) -> Array:
     """Return the axes (3, 3) of a rail in the world as columns: along it, across it horizontally in the base frame, and
-    across both. For a vertical rail the second axis is the base's x axis.
-    """
+    across both. For a vertical rail the second axis is the base's x axis."""
     assert arm.rail is not None  # noqa: S101 - asked for rails alone
     up = arm.T_world_base[:3, 2]
     across = np.cross(up, arm.rail)
@@ -215,15 +212,13 @@ def _cross(a: Array, b: Array) -> tuple[Array, Array, Array]:
 
 def blocks(count: int, size: int = _BLOCK) -> Iterator[slice]:
     """Yield slices of at most `size` that cover `count` samples, so that intermediate results fit the processor's
-    cache.
-    """
+    cache."""
     return (slice(at, min(at + size, count)) for at in range(0, count, size))
 
 
 def tool_columns(arm: Arm, q: Array) -> Array:
     """Return the columns x, y, z and origin of T_world_tool, (4, 3, n), for joint angles q (n, axes) rad of one
-    block.
-    """
+    block."""
     *_, flange = link_columns(arm, q)
     return _at(flange, arm.T_flange_tool)
 

@@ -22,14 +22,12 @@ from analysis.robot.kinematics.newton import TOLERANCE_MM, from_nearby, newton, 
 
 _SEEDS, _MOST = 96, 16
 """Start values of the search, and the maximum number of solutions of a general six-axis arm (Raghavan and Roth
-1993).
-"""
+1993)."""
 _ITERATIONS = 30
 _BEYOND = 1.5
 """A branch missing by more than this multiple of the maximum snapping motion is out of reach. A factor of 1 would
 suffice: it
-misses by the missing reach.
-"""
+misses by the missing reach."""
 _REGULAR = 2e-3
 """Regularity below which a branch of the snapped arm is doubtful: the true arm may have additional solutions."""
 _SPREAD = 0.1
@@ -119,8 +117,7 @@ def _together(arm: Arm, q: Array, solved: Mask, more: Array, solved_more: Mask) 
 
 def _reached(arm: Arm, poses: Array, seeds: Array) -> tuple[Array, Mask]:
     """Return the solutions reached by Newton from start values (n, k, 6), without repetition; nan start values give
-    none.
-    """
+    none."""
     row, slot = np.nonzero(np.isfinite(seeds).all(axis=2))
     q_reached = newton(arm, poses[row], seeds[row, slot], _ITERATIONS)[0]
     q_reached = _joints(arm, q_reached @ arm.coupling.T + arm.offset)

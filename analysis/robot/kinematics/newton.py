@@ -40,8 +40,7 @@ _LARGEST_STEP = 0.5
 _FEW = 6
 _BLOCK = 1000
 """Poses per block: half as many take a fifth longer because of call overhead; many more exceed the processor's
-caches.
-"""
+caches."""
 
 
 def newton(arm: Arm, poses: Array, q: Array, iterations: int = 60) -> tuple[Array, Mask]:
@@ -67,8 +66,7 @@ def _all_converged(arm: Arm, poses: Array, q: Array, iterations: int) -> tuple[A
 
 def _converge(arm: Arm, poses: Array, q: Array, iterations: int) -> tuple[Array, Array]:
     """Converge from angles q (n, 6) rad to poses (n, 4, 4): angles (n, 6) rad, and the error (n,) mm before the last
-    step.
-    """
+    step."""
     q = q.copy()
     size = np.full(len(q), np.inf)
     active = np.flatnonzero(np.isfinite(q).all(axis=1) & np.isfinite(poses).all(axis=(1, 2)))
@@ -115,8 +113,7 @@ def from_nearby(arm: Arm, poses: Array, q: Array, within_mm: float = np.inf) -> 
 
 def _simplified(arm: Arm, poses: Array, q: Array, within_mm: float) -> tuple[Array, Array, Mask]:
     """Update q (n, 6) rad; return errors (n,) mm, initial regularity (n,), and a mask (n,) of rows that started
-    within within_mm.
-    """
+    within within_mm."""
     tool, motions = tool_and_motions(arm, q)
     targets = columns_of(poses)
     error = _error_mm(tool, targets)

@@ -28,8 +28,7 @@ _VISIT_S = 4.0
 """Time between targets for tables without times."""
 _LONG, _KEPT = 20_000, 4
 """Path length in samples above which scenes are not cached, and the number cached for a shorter path, at most 4 MB
-each.
-"""
+each."""
 
 
 @dataclass(frozen=True)

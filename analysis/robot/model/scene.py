@@ -1,6 +1,5 @@
 """The simulator's scene for effects (`rigs/schema/scene.py`), with an arm, its loads, and gravity on joints and
-base.
-"""
+base."""
 
 from __future__ import annotations
 
@@ -159,8 +158,7 @@ class Scene:
 
     def torques(self, payload_kg: float = 0.0) -> Array:
         """Return the gravity torque on each joint (n, axes) Nm, with an additional payload, or a smaller one, at
-        least zero.
-        """
+        least zero."""
         hangs_kg = max(self.load.payload_kg + payload_kg, 0.0)
         return pull(self.arm, replace(self.load, payload_kg=hangs_kg), self.q).torque
 
@@ -187,8 +185,7 @@ class Scene:
 
     def with_constant(self, field: str, axis: int, delta: float) -> Scene:
         """Return the scene with an arm constant (a, d in mm; alpha, beta in rad) of an axis (from 1) changed by
-        delta.
-        """
+        delta."""
         column = getattr(self.arm, field).copy()
         column[axis - 1] += delta
         return replace(self, arm=replace(self.arm, **{field: column}))
@@ -211,8 +208,7 @@ class Scene:
 
     def tilted(self, turn: Array, below_mm: float) -> Scene:
         """Return the scene with the arm turned by rotation vectors (n, 3) rad in base axes, about a point below the
-        base origin.
-        """
+        base origin."""
         from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import
 
         R_base = self.arm.T_world_base[:3, :3]

@@ -28,8 +28,7 @@ _TRIES = 2
 
 _SIGNALS_S = 1.0
 """Duration of a wait: Python handles Ctrl-C between calls, so a Ctrl-C just before a wait would take effect only at its
-end (seen once in a thousand test runs on a busy computer).
-"""
+end (seen once in a thousand test runs on a busy computer)."""
 
 _AHEAD = 200
 """Items started ahead of the expected one; their values are kept in memory."""
@@ -92,8 +91,7 @@ def _keep_busy(
     most: tuple[int, int],
 ) -> None:
     """Give an item to each idle worker, and start workers; most: limit of workers, and the first index not to be
-    started.
-    """
+    started."""
     processes, end = most
     while todo and todo[-1] < end:
         idle = next((worker for worker in workers if worker.place is None), None)

@@ -53,8 +53,7 @@ _PACKAGES = {"s3": "s3fs", "sftp": "sshfs", "ssh": "sshfs"}
 _SSH = ("sftp", "ssh")
 _SSH_OPTIONS = {"known_hosts": (), "connect_timeout": 10, "keepalive_interval": 15}
 """Options of asyncssh: check host keys against ~/.ssh/known_hosts, which sshfs omits; time-outs for unresponsive hosts
-(in s), and for hosts that fall silent (three times the interval).
-"""
+(in s), and for hosts that fall silent (three times the interval)."""
 _STAMPS = ("ETag", "etag", "md5Hash", "mtime", "LastModified", "last_modified", "modified", "created")
 """Keys describing the state of a file, most reliable first, in the notation of fsspec packages."""
 _DENIED = {

@@ -1,6 +1,5 @@
 """What readings of a gauge show of it: the step to which they are rounded, the noise beneath it, and wild values, by
-single readings or by a few at stops; and the rounding error that repeated visits do not average out.
-"""
+single readings or by a few at stops; and the rounding error that repeated visits do not average out."""
 
 from __future__ import annotations
 

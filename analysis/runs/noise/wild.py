@@ -21,20 +21,17 @@ FITTED_SPREADS = 5.0
 """Robust standard deviations from which a pose is an outlier for an arm with fitted constants, both at import and
 among held-out poses. Measured: of 1600 poses of a UR10 and a UR5, in sets of 30 to 400, the farthest was at 4.2;
 on the UR5, with a residual of 0.1 mm, a reading wrong by 0.8 mm is seen in 14 of 14 sets (6 of 14 from 6 on), and
-also at 1 mm.
-"""
+also at 1 mm."""
 STEPS = 4
 """Number of fits, each to the readings near the previous fit (Rousseeuw's concentration steps): in a fit to all of
-them, a single outlier in nine was hidden.
-"""
+them, a single outlier in nine was hidden."""
 _FEW = 30
 """Number of readings up to which each is first left out singly, at the cost of as many fits."""
 MOST = 0.1
 """Share of readings above which, if there are at least two, they are no accident."""
 _RANGE = 3
 """Number of outliers with a separate range of a joint that is no accident: of three in 130 placed at random, the
-chance is 0.002 for six joints.
-"""
+chance is 0.002 for six joints."""
 
 
 def spreads_of(distances: Array, least: float) -> Array:
@@ -46,8 +43,7 @@ def spreads_of(distances: Array, least: float) -> Array:
 def far_from_fit(distances_of: Callable[[Mask], Array], count: int, least: float) -> tuple[Array, Array]:
     """Return the distances (n,) in mm or rad of `count` readings from a model fitted to the near readings, and the
     same in robust standard deviations. distances_of: fits the model to some of the readings, and returns the
-    distances of all.
-    """
+    distances of all."""
     near = np.ones(count, dtype=bool)
     # Of a few, all except the reading whose removal improves the fit most, unless all fit with a scale of `least`.
     # Among nine, fitted by nine unknowns, the steps alone do not always find it.

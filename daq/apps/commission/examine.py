@@ -55,8 +55,7 @@ def examine(
 
 def ask(rig: str) -> dict[str, Any] | None:
     """Return the status of the daemon of this rig; None if none runs. Raises CellError if the daemon does not
-    answer.
-    """
+    answer."""
     try:
         path = find_socket(rig)
     except CellError:

@@ -39,8 +39,7 @@ _FEW = 5
 """Minimum number of different readings while the probe is moved."""
 _RANDOM = 0.5
 """Limit of the mean square step over twice the variance (von Neumann): 1 for random numbers, 0.2 for a motion to and
-fro observed ten times.
-"""
+fro observed ten times."""
 _CUT = 2**-4
 """The first register contains four bits of the fraction in double precision, seven in single precision."""
 _LEVELS = np.linspace(0, 1, 9)
@@ -134,8 +133,7 @@ _FIRST_UNITS = range(1, 17)
 """Common delivery settings, tried with other line settings."""
 SWEEP_S, _LONGEST_SWEEP_S = 0.1, 60.0
 """Time per unit: answers come within 0.1 s, or are received during the next request; a gateway may refuse more
-slowly.
-"""
+slowly."""
 _AROUND = 8
 """Registers before and after the configured one."""
 _LONGEST = 4

@@ -34,16 +34,14 @@ from rigs.schema.links import Line, Port
 
 _ANSWER_S = 0.3
 """Answer time during a search: 9 characters at 4800 baud take 21 ms, an FTDI adapter adds 16 ms, and a Heidenhain ND
-281 B takes up to 50 ms.
-"""
+281 B takes up to 50 ms."""
 _STOOD_STILL_NS = 250_000_000
 """After a longer stall of the program or computer an answer may have been missed, so the attempt is repeated."""
 _MOST_REPEATS = 3
 _PATIENCE_S = 2.0
 _SILENT_S = 20.0
 """Limit for a built-in port, which exists with nothing plugged in: only the makers' line settings and the two commonest
-are tried. Pluggable ports are tried with all settings.
-"""
+are tried. Pluggable ports are tried with all settings."""
 _CONFIRM_S = 0.5
 """Time for further readings after a match."""
 LISTEN_S = 1.0

@@ -20,8 +20,7 @@ from rigs.errors import CellError
 
 PUSH_MM = 0.2
 """Motion that counts as a push: a finger moves a plunger by more; a resting ball link and gauge noise are far
-smaller.
-"""
+smaller."""
 _MORE = 3.0
 """Required ratio of the push to the motion of every other gauge, and to the rest scatter of the gauge itself."""
 _AT_REST = 5

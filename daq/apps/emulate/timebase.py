@@ -16,12 +16,10 @@ from daq.wire.capture import Mark, Piece
 
 _HEAD_START_NS = 100_000_000
 """Delay of the replay relative to the capture. The host's threads start about 10 ms after the ports open, later on a
-busy computer. An early request waits; a late request costs a reading.
-"""
+busy computer. An early request waits; a late request costs a reading."""
 _SHARE = 0.5
 """Share of the standard uncertainty of the relative time between gauges and robot: such an error moves a figure by less
-than its u.
-"""
+than its u."""
 _HOST_NS = 200_000
 """Punctuality of any program; all instruments of a replay are late alike."""
 _PUNCTUAL = 10

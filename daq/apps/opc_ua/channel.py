@@ -34,8 +34,7 @@ from daq.protocol.framing import Sized
 
 ELEMENTS = 65_536
 """Limit of array elements per message: six times the references that fit into a message. An element may take one byte
-in the message and 200 bytes in memory (a DataValue without a value).
-"""
+in the message and 200 bytes in memory (a DataValue without a value)."""
 _IS_ARRAY, _HAS_DIMENSIONS, _TYPE = 0x80, 0x40, 0x3F
 """Bits of a variant's first byte (OPC 10000-6, 5.2.2.16)."""
 _BINARY_BODY, _UNKNOWN_SIZE = 1, -1

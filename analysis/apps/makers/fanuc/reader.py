@@ -93,8 +93,7 @@ _NOTHING = re.compile(
     re.IGNORECASE,
 )
 """Instructions changing neither frames nor the position and motion of the arm: registers, signals, waiting, speeds,
-messages, welding.
-"""
+messages, welding."""
 _SELECTED = re.compile(r"(UFRAME_NUM|UTOOL_NUM)\s*(?:\[\s*GP1\s*\])?\s*=\s*(.*)", re.IGNORECASE)
 """A controller refuses a position whose UF and UT are not the numbers that are selected (INTP-250 to 253), unless a
 system variable switches the check off ($FRM_CHKTYP, on some $MCR.$UFRCHK). Which of the two counts then was found
@@ -215,8 +214,7 @@ def _others(text: str) -> Iterator[tuple[str, float]]:
 
 def _agreeing(arm: Arm, q: Array, values: tuple[int, ...], slack_rad: float) -> Mask:
     """Return the solutions q (n, 6) rad matching flip, up, front and the turns of axes 4 to 6, as used by `rig
-    program`.
-    """
+    program`."""
     return agreeing(arm, q, values[:3], dict(zip((3, 4, 5), values[3:], strict=True)), turns, slack_rad)
 
 

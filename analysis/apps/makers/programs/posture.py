@@ -41,8 +41,7 @@ def posture_of(arm: Arm, q: Array) -> Posture:
 
 def turns(q_rad: float) -> int:
     """Return the number of full turns of a joint angle in rad outside the range (-180°, 180°); each end counts as a
-    turn.
-    """
+    turn."""
     return int(np.copysign(np.floor(abs(q_rad) / _FULL_TURN + 0.5), q_rad))
 
 
