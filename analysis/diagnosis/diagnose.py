@@ -175,10 +175,11 @@ def diagnose(
     judges, wild_judges = without_wild(judges, stages.calibrated.effects, "held-out runs")
     elsewhere, wild_elsewhere = without_wild(elsewhere, stages.calibrated.effects, "the unseen place")
     judged_runs = ((sound, _names(used)), (judges, _names(held_out or used)), (elsewhere, _names(unseen)))
-    whole = _gaps(judged_runs, stages, result)
+    left_out = places_left_out(result)
+    whole = _gaps(judged_runs, stages, result, left_out)
     if whole.names_do_better:
         stages = stages.names_alone()
-    gaps = _gaps(judged_runs, stages, result) if whole.names_do_better else whole
+    gaps = _gaps(judged_runs, stages, result, left_out) if whole.names_do_better else whole
     changes = effect_changes(result)
     named, at_limits = _named_in(result, fitted, (runs, judges), changes, gaps.train, given=given is not None)
     named = alone_out_of_range(named, beyond, fitted) if beyond else named
@@ -187,7 +188,6 @@ def diagnose(
     accuracy = accuracy_of(gaps, *standing)
     verdicts = _verdicts_of(rig, result, (whole, gaps), named, changes, accuracy, early=bool(early))
     verdicts = replace(verdicts, given=given is not None)
-    left_out = places_left_out(result)
     verdicts = _completed(verdicts, result, left_out, beyond)
     wider = widening_of(left_out, judges, elsewhere, stages, result)
     judged = judged_of(verdicts, whole, gaps, wider.unexplained_mm)
@@ -265,11 +265,19 @@ def _before(used: Sequence[Measured]) -> tuple[Act, ...]:
     return (EARLY_COMMANDED if commanded else EARLY,)
 
 
-def _gaps(judged: Sequence[tuple[Sequence[ObservedRun], Sequence[str]]], stages: Stages, result: SearchResult) -> Gaps:
+def _gaps(
+    judged: Sequence[tuple[Sequence[ObservedRun], Sequence[str]]],
+    stages: Stages,
+    result: SearchResult,
+    left_out: LeftOut | None,
+) -> Gaps:
     """Return the gaps of the runs used, held out and elsewhere, each with their names; residuals are (m, k) mm."""
     (sound, used), *others = judged
     held_out, unseen = (gap(runs, stages, result, names) if runs else None for runs, names in others)
-    return Gaps(gap(sound, stages, result, used), held_out, unseen)
+    are_places = left_out is not None and len(left_out.rows) == len(result.linear.y)
+    return Gaps(
+        gap(sound, stages, result, used), held_out, unseen, left_out.rms_um if left_out and are_places else None
+    )
 
 
 def _named_in(

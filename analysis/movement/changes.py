@@ -12,14 +12,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.diagnosis.evidence.observation import ObservedRun, part
+from analysis.diagnosis.evidence.observation import ObservedRun, parts
 from analysis.diagnosis.evidence.setups import fit_setups
 from analysis.movement.causes import LEVELS, Cause
 from analysis.movement.evidence import Conditioned, LinearReadings, condition
 from analysis.movement.inference import MOST_MM, compare, study
 from analysis.movement.linearise import causes_of, constants_count, linearise, selected, shift_of, workplace
 from analysis.movement.result import CauseOdds, moved_of
-from analysis.robot.kinematics.arm import Array, Integers, Mask
+from analysis.robot.kinematics.arm import Array, Integers
 
 _FEWEST = 3
 """Readings after a movement, fewer of which are a wild reading or two."""
@@ -51,7 +51,7 @@ def find_step(runs: Sequence[ObservedRun], order: Integers) -> Step | None:
     first = _likeliest(runs, order)
     if first is None:
         return None
-    before, after = _parts(runs, order < first), _parts(runs, order >= first)
+    before, after = parts(runs, order < first), parts(runs, order >= first)
     reference = study(before)
     known = {run.setup for run in reference.runs}
     new = _thinned([run for run in after if run.setup in known])
@@ -67,22 +67,11 @@ def find_step(runs: Sequence[ObservedRun], order: Integers) -> Step | None:
     return Step(first, found) if moves_mm > _TIMES_SCATTER * reference.scatter_mm else None
 
 
-def _parts(runs: Sequence[ObservedRun], keep: Mask) -> list[ObservedRun]:
-    """Return the readings of a mask (m,) over all runs."""
-    kept, begin = [], 0
-    for run in runs:
-        own = keep[begin : begin + len(run.rows)]
-        begin += len(run.rows)
-        if own.any():
-            kept.append(part(run, own))
-    return kept
-
-
 def _thinned(runs: Sequence[ObservedRun]) -> list[ObservedRun]:
     total = sum(len(run.rows) for run in runs)
     keep = np.zeros(total, dtype=bool)
     keep[np.unique(np.linspace(0, total - 1, min(total, _MOST_AFTER)).astype(int))] = True
-    return _parts(runs, keep)
+    return parts(runs, keep)
 
 
 def _likeliest(runs: Sequence[ObservedRun], order: Integers) -> int | None:
@@ -113,7 +102,7 @@ def _gains(
 ) -> dict[int, float]:
     """Return for each position the largest gain of log evidence of a step of a cause from there on. The scatter is the
     smallest that the readings allow beside a step: that of all of them contains the step."""
-    likeliest = max(conditioned.scenarios, key=lambda scenario: scenario.weight)
+    likeliest = conditioned.likeliest
     positions = np.unique(time)[_FEWEST_BEFORE : 1 - _FEWEST]
     unit = readings.sd_mm[:, None]
     y = likeliest.vectors.T @ (readings.residual / readings.sd_mm)

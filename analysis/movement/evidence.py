@@ -9,7 +9,7 @@ of its own, so that one bad touch neither makes nor hides a cause.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
@@ -61,7 +61,12 @@ class LinearReadings:
 
     def rows(self, keep: Mask) -> LinearReadings:
         """Return the readings of a mask (n,)."""
-        return LinearReadings(*(getattr(self, name)[keep] for name in LinearReadings.__dataclass_fields__))
+        return LinearReadings(*(getattr(self, field.name)[keep] for field in fields(self)))
+
+    @classmethod
+    def together(cls, parts: Sequence[LinearReadings]) -> LinearReadings:
+        """Concatenate readings."""
+        return cls(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(cls)))
 
 
 @dataclass(frozen=True)
@@ -101,6 +106,11 @@ class Conditioned:
     scenarios: tuple[Scenario, ...]
 
     @property
+    def likeliest(self) -> Scenario:
+        """The scenario of the largest weight."""
+        return max(self.scenarios, key=lambda scenario: scenario.weight)
+
+    @property
     def scatter_mm(self) -> float:
         """Standard deviation of a coordinate: the mean over scenarios, of the most frequent kind of reading."""
         mean = sum(s.weight * s.scatter for s in self.scenarios)
@@ -137,7 +147,7 @@ def regional_scatter(
     regions in the likeliest scenario; the scatter beyond their uncertainty is that of random effects by moments
     (DerSimonian and Laird 1986), and counts from two standard errors on.
     """
-    s = max(conditioned.scenarios, key=lambda scenario: scenario.weight)
+    s = conditioned.likeliest
     reference = conditioned.reference
     inverse = (s.vectors / (s.values + s.scatter**2)) @ s.vectors.T
     weighted = inverse @ (reference.residual / reference.sd_mm)
@@ -179,6 +189,11 @@ class Prediction:
         from scipy.linalg import solve_triangular  # noqa: PLC0415 - slow to import
 
         return np.asarray(solve_triangular(self.chol, columns, lower=True, check_finite=False))
+
+
+def likeliest(predictions: Sequence[Prediction]) -> Prediction:
+    """Return the prediction of the largest weight."""
+    return max(predictions, key=lambda prediction: prediction.weight)
 
 
 def condition(reference: LinearReadings) -> Conditioned:
@@ -359,7 +374,7 @@ def _fits(
     """Return whether the chi-square of a cause is within its 99.9 % bound."""
     from scipy.special import chdtri  # noqa: PLC0415 - slow to import
 
-    p = max(predictions, key=lambda prediction: prediction.weight)
+    p = likeliest(predictions)
     excess = p.excess
     if cause in columns:
         excess = p.excess + columns[cause].offset - columns[cause].columns @ estimates[cause].mean

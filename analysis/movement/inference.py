@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analysis.diagnosis.evidence.observation import ObservedRun, part
+from analysis.diagnosis.evidence.observation import ObservedRun, parts
 from analysis.diagnosis.evidence.setups import fit_setups, folds_of
 from analysis.movement.causes import NOTHING, Cause, prior_of
 from analysis.movement.evidence import (
@@ -17,6 +17,7 @@ from analysis.movement.evidence import (
     Prediction,
     Shift,
     condition,
+    likeliest,
     posterior,
     regional_scatter,
 )
@@ -56,6 +57,12 @@ MOST_MM = 30.0
 without an instrument, and is mostly another placement or another socket with the same name."""
 
 
+def square_to_name(prior_odds: float) -> float:
+    """Return the square in standard deviations of a shift from which a cause with these prior odds over nothing is
+    named."""
+    return float(2 * np.log(NAMED / (1 - NAMED) / prior_odds))
+
+
 @dataclass(frozen=True)
 class Reference:
     """Runs before a possible movement, and the posterior of arm and set-ups that they give."""
@@ -93,7 +100,7 @@ def study(runs: Sequence[ObservedRun]) -> Reference:
         keep = _near(left, readings)
         if not keep.all() and turn < _ROUNDS - 1:  # after the last round the runs stay those that were conditioned
             wild += int(np.count_nonzero(~keep))
-            runs = _without_rows(runs, keep)
+            runs = parts(runs, keep)
             continue
         estimate = estimate[: len(constants)]
         change = readings.arm[:, : len(constants)] @ (estimate - constants)
@@ -120,7 +127,7 @@ def _regional(runs: Sequence[ObservedRun], place: Workplace, conditioned: Condit
 def _explained(conditioned: Conditioned) -> tuple[Array, Array]:
     """Return the residuals (n,) mm beside the posterior of the likeliest scenario, and its constants (a,) in prior
     standard deviations."""
-    s = max(conditioned.scenarios, key=lambda scenario: scenario.weight)
+    s = conditioned.likeliest
     readings = conditioned.reference
     known = s.vectors @ ((s.vectors.T @ (readings.residual / readings.sd_mm)) / (s.values + s.scatter**2))
     constants = s.arm_level**2 * (readings.arm / readings.sd_mm[:, None]).T @ known
@@ -132,16 +139,6 @@ def _near(left: Array, readings: LinearReadings) -> Mask:
     rows = np.zeros(int(readings.row.max()) + 1)
     np.maximum.at(rows, readings.row, np.abs(left) / readings.sd_mm)
     return np.asarray(rows < _WILD_SDS * 1.4826 * np.median(np.abs(left) / readings.sd_mm) + 1e-6)
-
-
-def _without_rows(runs: Sequence[ObservedRun], keep: Mask) -> list[ObservedRun]:
-    kept, first = [], 0
-    for run in runs:
-        own = keep[first : first + len(run.rows)]
-        first += len(run.rows)
-        if own.any():
-            kept.append(part(run, own))
-    return kept
 
 
 @dataclass(frozen=True)
@@ -166,19 +163,18 @@ class Compared:
     @property
     def distance_mm(self) -> float:
         """Median distance in mm of a coordinate of the new readings from what the reference predicts."""
-        likeliest = max(self.predictions, key=lambda prediction: prediction.weight)
-        return float(np.median(np.abs(likeliest.excess) * self.readings.sd_mm))
+        return float(np.median(np.abs(likeliest(self.predictions).excess) * self.readings.sd_mm))
 
     @property
     def unseen(self) -> list[Cause]:
         """The zeros that would not be named at their typical size, and that the readings do not favour."""
-        likeliest = max(self.predictions, key=lambda prediction: prediction.weight)
+        prediction = likeliest(self.predictions)
         probability, prior = self.posterior.probability, prior_of(list(self.posterior.probability))
         found = []
         for cause, shift in self.shifts.items():
-            white = likeliest.whitened(shift.columns * cause.scale / self.readings.sd_mm[:, None])
+            white = prediction.whitened(shift.columns * cause.scale / self.readings.sd_mm[:, None])
             odds = prior[cause] / prior[NOTHING]
-            shown = float((white**2).sum()) > 2 * np.log(NAMED / (1 - NAMED) / odds)
+            shown = float((white**2).sum()) > square_to_name(odds)
             if cause.what == "zero" and not shown and probability[cause] <= odds * probability[NOTHING]:
                 found.append(cause)
         return found

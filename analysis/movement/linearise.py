@@ -176,9 +176,7 @@ def linearise(runs: Sequence[ObservedRun], place: Workplace) -> LinearReadings:
         lines = _linear(run, place, count, row)
         parts.append(lines)
         row += len(run.rows)
-    return LinearReadings(*(
-        np.concatenate([getattr(lines, name) for lines in parts]) for name in LinearReadings.__dataclass_fields__
-    ))  # fmt: skip
+    return LinearReadings.together(parts)
 
 
 def _linear(run: ObservedRun, place: Workplace, terms: int, first_row: int) -> LinearReadings:

@@ -14,8 +14,8 @@ import numpy as np
 
 from analysis.diagnosis.evidence.observation import ObservedRun
 from analysis.movement.causes import LEVELS, NOTHING, Cause, prior_of
-from analysis.movement.evidence import LinearReadings, Prediction
-from analysis.movement.inference import NAMED, Compared, Reference
+from analysis.movement.evidence import LinearReadings, Prediction, likeliest
+from analysis.movement.inference import Compared, Reference, square_to_name
 from analysis.movement.linearise import day_columns, shift_of
 from analysis.robot.kinematics.arm import Array
 
@@ -83,7 +83,7 @@ def next_posture(reference: Reference, candidates: Candidates, compared: Compare
         return None
     probability = _remaining(reference, compared)
     joint, day, known = _joined(candidates, compared)
-    prediction = max(reference.conditioned.predict(joint, day), key=lambda p: p.weight)
+    prediction = likeliest(reference.conditioned.predict(joint, day))
     predicted = {
         cause: _predicted(prediction, _columns(cause, candidates, compared, joint), cause, compared, known, count)
         for cause in probability
@@ -122,10 +122,7 @@ def _joined(candidates: Candidates, compared: Compared | None) -> tuple[LinearRe
     """Return the readings so far with those of all candidates, their changes from day to day, and how many entries are
     known."""
     new = compared.readings if compared else candidates.readings.rows(np.zeros(len(candidates.readings.sd_mm), bool))
-    joint = LinearReadings(*(
-        np.concatenate([getattr(new, name), getattr(candidates.readings, name)])
-        for name in LinearReadings.__dataclass_fields__
-    ))  # fmt: skip
+    joint = LinearReadings.together([new, candidates.readings])
     runs = [*(compared.runs if compared else ()), *candidates.runs]
     return joint, day_columns(runs, joint), len(new.residual)
 
@@ -172,16 +169,14 @@ def hidden_causes(reference: Reference, candidates: Candidates) -> list[Lever]:
     """Return the causes that touches in all postures of the reference would not name at their typical size."""
     if not candidates.postures:
         return []
-    prediction = max(
-        reference.conditioned.predict(candidates.readings, day_columns(candidates.runs, candidates.readings)),
-        key=lambda p: p.weight,
-    )
+    day = day_columns(candidates.runs, candidates.readings)
+    prediction = likeliest(reference.conditioned.predict(candidates.readings, day))
     prior, hidden = prior_of([NOTHING, *reference.causes]), []
     for cause, columns in candidates.shifts.items():
         moves = columns * cause.scale
         white = prediction.whitened(moves / candidates.readings.sd_mm[:, None])
         shown = float((white**2).sum(axis=0).max())
-        if shown < 2 * np.log(NAMED / (1 - NAMED) * prior[NOTHING] / prior[cause]):
+        if shown < square_to_name(prior[cause] / prior[NOTHING]):
             by_row = np.linalg.norm(moves.reshape(len(candidates.postures), -1, moves.shape[1]), axis=1)
             hidden.append(Lever(cause, float(by_row.max()), reference.scatter_mm))
     return hidden

@@ -17,8 +17,8 @@ from analysis.movement.next_touch import Candidates, Lever, Posture, candidates_
 from analysis.robot.geometry.pose_setup import frame
 from analysis.robot.kinematics.arm import Array, forward
 from rigs.errors import FileError
+from rigs.schema.part import Vector
 
-Vector = tuple[float, float, float]
 _SHOWN = 1e-4
 """Posterior probability from which a cause is listed."""
 

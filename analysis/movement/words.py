@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 
 from analysis.movement.causes import Cause
-from analysis.movement.result import CauseOdds, Vector, short_name
+from analysis.movement.result import CauseOdds, short_name
+from rigs.schema.part import Vector
 
 _SMALL = 2.0
 """Multiple of u up to which a component of a direction is left out."""

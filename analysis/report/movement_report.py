@@ -7,11 +7,12 @@ from pathlib import Path
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from analysis.movement.result import CauseOdds, Moved, Vector
+from analysis.movement.result import CauseOdds, Moved
 from analysis.movement.words import name_of, size_of
 from analysis.report.html_page import environment, write_html
 from analysis.report.movement_words import headline, remarks, what_to_do
 from analysis.report.plain_console import bare_table, right
+from rigs.schema.part import Vector
 
 _MOST_CAUSES = 8
 """Causes that are listed; the JSON has all."""

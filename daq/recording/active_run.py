@@ -52,7 +52,7 @@ _FRESH_S = 3.0
 
 def require_readings(buffers: Mapping[str, StreamBuffer], test: TestName) -> None:
     """Raise CellError if the robot or a required gauge is missing or silent."""
-    needed = {"g1_mm", "q1_deg"} | {*(f"{gauge}_mm" for gauge in gauges_needed(test))}
+    needed = {"g1_mm", "q1_deg", *(f"{gauge}_mm" for gauge in gauges_needed(test))}
     for column in sorted(needed):
         states = [buffer.state() for buffer in buffers.values() if column in buffer.columns]
         name = "robot" if column == "q1_deg" else column.removesuffix("_mm")

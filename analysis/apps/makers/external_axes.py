@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 from analysis.apps.makers.program_machine import (
+    EXTERNAL,
     OFF,
     Elsewhere,
     Lose,
@@ -22,8 +23,6 @@ from analysis.apps.makers.program_machine import (
     family_of,
 )
 
-EXTERNAL = "external"
-"""The family of the parts that say where the external axes stand: off at zero."""
 _AT_BEGIN = Unknown(0, 0, "nothing in these files says where the external axes stand")
 _ELSEWHERE = Unknown(0, 0, "a move to a place that is not known may move the external axes")
 _CHANGED = "the point is used or assigned elsewhere, and may have other coordinates of the external axes"

@@ -6,15 +6,25 @@ has the same tool and frame and nothing that moves it elsewhere, and where nothi
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 
-from analysis.apps.makers.external_axes import EXTERNAL, PointAxes, with_external_axes
-from analysis.apps.makers.program_machine import BEGIN, OFF, Program, Ref, Unknown, Usage, Value, usages_of
+from analysis.apps.makers.external_axes import PointAxes, with_external_axes
+from analysis.apps.makers.program_machine import (
+    BEGIN,
+    EXTERNAL,
+    OFF,
+    Program,
+    Ref,
+    Unknown,
+    Usage,
+    Value,
+    family_of,
+    usages_of,
+)
 from analysis.apps.makers.target import AT_BEGIN, Arc, Left, Named, Notice, Parsed, Step, Target
 from analysis.correction.reasons import Reason
 from analysis.robot.kinematics.arm import Array
@@ -245,7 +255,7 @@ def _elsewhere(target: Target, usages: Sequence[Usage]) -> Iterator[tuple[Reason
             yield "offset", (value if isinstance(value, Unknown) else _here(usage, "the move with the offset"),)
     for usage in usages:
         for part, value in usage.needs:
-            reason, move = _BY_PART[re.split(r"[ \[]", part)[0]], _here(usage, "the move")
+            reason, move = _BY_PART[family_of(part.partition(" ")[0])], _here(usage, "the move")
             if isinstance(value, Unknown):
                 yield "not_understood" if value.everything else reason, (value, move)
             elif value != OFF:

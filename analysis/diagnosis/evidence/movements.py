@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Literal
 
-Vector = tuple[float, float, float]
+from rigs.schema.part import Vector
 
 
 @dataclass(frozen=True)

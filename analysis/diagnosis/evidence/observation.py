@@ -133,6 +133,17 @@ def part(run: ObservedRun, keep: Mask) -> ObservedRun:
     return replace(run, rows=run.rows[keep], values=run.values[keep])
 
 
+def parts(runs: Sequence[ObservedRun], keep: Mask) -> list[ObservedRun]:
+    """Return the runs with the readings (m, k) of the mask `keep` over the rows of all runs, without empty ones."""
+    kept, begin = [], 0
+    for run in runs:
+        own = keep[begin : begin + len(run.rows)]
+        begin += len(run.rows)
+        if own.any():
+            kept.append(part(run, own))
+    return kept
+
+
 def in_content_order(run: ObservedRun) -> ObservedRun:
     """Return places with their readings (m, 3) mm sorted by what the rows say, so that nothing depends on the order of
     a table without times; other runs unchanged. The table keeps the order of its file."""

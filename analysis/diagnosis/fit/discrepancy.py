@@ -49,9 +49,9 @@ def without_imitators(selection: Selection, state: SelectionState) -> SelectionS
     """Return the state with the names removed that causes outside the library explain equally well: first all waves
     of joints together, which approximate any function of angles, and then singly."""
     waves = [k for k, effect in enumerate(state.effects) if _is_wave_of_joint(effect)]
-    for group in [waves] if len(waves) > 1 else []:
+    if len(waves) > 1:
         without = state
-        for place in reversed(group):
+        for place in reversed(waves):
             without = selection.without(without, place)
         without = with_likeliest_discrepancy(selection, without)
         state = without if selection.evidence(without) >= selection.evidence(state) else state

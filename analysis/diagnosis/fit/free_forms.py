@@ -58,13 +58,7 @@ def best_free_form(forms: Sequence[FreeForm], posterior: Posterior) -> FreeForm:
     # One product with all columns takes two thirds of the time of separate products.
     ends = np.cumsum([0, *(form.columns.shape[1] for form in forms)]).tolist()
     products, slope = posterior.cavity(np.concatenate([form.columns for form in forms], axis=1))
-    gains, strengths = [], _STRENGTHS[:, None]
-    for begin, end in pairwise(ends):
-        # Log evidence, per strength, of columns with unknown normal coefficients over none.
-        power, turn = np.linalg.eigh(products[begin:end, begin:end])
-        power = np.maximum(power, 0.0)
-        seen = (turn.T @ slope[begin:end]) ** 2
-        gains.append(0.5 * (seen / (power + 1 / strengths) - np.log1p(strengths * power)).sum(axis=1))
+    gains = [_gains(products[own, own], slope[own]) for own in (slice(*both) for both in pairwise(ends))]
     k = int(np.argmax([gain.max() for gain in gains]))
     strength = float(np.sqrt(_STRENGTHS[np.argmax(gains[k])]))
     return FreeForm(forms[k].words, strength * forms[k].columns, float(gains[k].max()) - FREE_PRICE)
@@ -77,11 +71,18 @@ def discrepancy_evidence(functions: Array, posterior: Posterior) -> tuple[float,
     They are the discrepancy between the arm and every model of the library (Kennedy and O'Hagan 2001).
     """
     products, slope = posterior.cavity(functions)
-    power, turn = np.linalg.eigh(products)
-    power, strengths = np.maximum(power, 0.0), _STRENGTHS[:, None]
-    gains = 0.5 * ((turn.T @ slope) ** 2 / (power + 1 / strengths) - np.log1p(strengths * power)).sum(axis=1)
+    gains = _gains(products, slope)
     best = int(np.argmax(gains))
     return float(gains[best]) - FREE_PRICE, float(np.sqrt(_STRENGTHS[best]))
+
+
+def _gains(products: Array, slope: Array) -> Array:
+    """Return the log evidence (s,), for each of _STRENGTHS, of columns with unknown normal coefficients over none, from
+    their whitened products (k, k) and slope (k,)."""
+    power, turn = np.linalg.eigh(products)
+    power, strengths = np.maximum(power, 0.0), _STRENGTHS[:, None]
+    gains: Array = 0.5 * ((turn.T @ slope) ** 2 / (power + 1 / strengths) - np.log1p(strengths * power)).sum(axis=1)
+    return gains
 
 
 def free_forms_of(linear: Linearisation) -> Iterator[FreeForm]:

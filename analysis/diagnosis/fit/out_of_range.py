@@ -94,7 +94,6 @@ def _fitted_alone(fitted: FittedRuns, effect: Effect) -> tuple[float, Effect]:
     def residual_um(size: float) -> float:
         return fitted.residual_um([of_size(size)])
 
-    least = [(0.0, high), (low, high)][low < 0]
-    best = minimize_scalar(residual_um, bracket=least, tol=_TOLERANCE)
+    best = minimize_scalar(residual_um, bracket=(min(low, 0.0), high), tol=_TOLERANCE)
     size = max(float(best.x), 0.0) if low == 0 else float(best.x)
     return residual_um(size), of_size(size)

@@ -61,6 +61,11 @@ class LeftOut(Misses):
     rows: Integers
     missed_sigma: Array
 
+    @property
+    def rms_um(self) -> float:
+        """Root mean square in µm of the distance by which places are missed."""
+        return 1e3 * float(np.sqrt(3 * np.average(self.missed_mm2, weights=self.robust)))
+
 
 def places_left_out(result: SearchResult) -> LeftOut | None:
     """Return the prediction of each neighbourhood of the poses used from all others; None without poses."""
@@ -312,9 +317,8 @@ def remains_of(result: SearchResult, left_out: LeftOut | None, temperature: Arra
             weighted = np.sqrt(left_out.robust)[:, None] * np.concatenate(axes, axis=1)
             share = share_left_out(weighted, off, left_out.group)
         looked.append(Looked(subject, share))
-    mean_squares = [np.average(square, weights=left_out.robust) for square in (left_out.missed_mm2, left_out.noise_mm2)]
-    whole, noise = (1e3 * float(np.sqrt(3 * square)) for square in mean_squares)
-    return Remains(whole, noise, tuple(looked))
+    noise_um = 1e3 * float(np.sqrt(3 * np.average(left_out.noise_mm2, weights=left_out.robust)))
+    return Remains(left_out.rms_um, noise_um, tuple(looked))
 
 
 def _of_places(of_rows: Callable[[Block], Array]) -> _Functions:

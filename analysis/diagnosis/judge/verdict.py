@@ -159,11 +159,14 @@ of -23 ± 23 mm had odds above 99.9 %."""
 
 @dataclass(frozen=True)
 class Gaps:
-    """Gap on the runs used, on held-out runs and at an unseen place."""
+    """Gap on the runs used, on held-out runs and at an unseen place. `predicted_um`: rms in µm by which the complete
+    model of all other places misses each neighbourhood of the places used, None if the runs used are not places alone.
+    """
 
     train: Gap
     held_out: Gap | None
     unseen: Gap | None
+    predicted_um: float | None = None
 
     @property
     def judged(self) -> Gap:
@@ -173,7 +176,13 @@ class Gaps:
     @property
     def names_do_better(self) -> bool:
         """Whether the names alone leave less than the complete model on runs not used in the fit, by more than the
-        noise of a gap."""
+        noise of a gap.
+
+        One part of the poses held out does not decide it where the complete model predicts every neighbourhood in turn
+        better than the names explain the poses they were fitted to, as of a WAM: 2.0 mm against 3.1 mm.
+        """
+        if self.predicted_um is not None and self.predicted_um < self.train.after_um:
+            return False
         return self.judged is not self.train and self.judged.after_um < _NO_WORSE * self.judged.calibrated_um
 
     @property

@@ -13,10 +13,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from analysis.apps.makers.external_axes import EXTERNAL
 from analysis.apps.makers.numbers import frame_of, is_frame
 from analysis.apps.makers.points import Points, as_value
 from analysis.apps.makers.program_machine import (
+    EXTERNAL,
     OFF,
     Blocks,
     Call,
