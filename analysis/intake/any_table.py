@@ -9,7 +9,7 @@ from analysis.apps.interchange.bags import is_bag
 from analysis.intake.column_groups import groups_of
 from analysis.intake.imports import is_plain, propose_map, read_mapped, read_table
 from analysis.intake.raw_table import layout_of, read_raw, text_of
-from analysis.intake.read import read_whole
+from analysis.intake.read import header_names, read_head, read_whole
 from analysis.intake.table_map import MAPPED
 from analysis.intake.touch_map import needs_touch_map, propose_touch_map
 from analysis.runs.loading import Measured
@@ -47,11 +47,10 @@ def read_any_table(
 
 def test_of(source: Path, rig: Rig) -> TestName:
     """Return the test that a table is of, by its columns. Raises FileError if it may be of several, or of none."""
-    where, axes, data = str(source), len(rig.robot.axes), read_whole(source)
-    if is_bag(data):
+    where, axes, head = str(source), len(rig.robot.axes), read_head(source)
+    if is_bag(head):
         raise FileError(where, "is a bag, which may hold poses or a circle", _GIVE_TEST)
-    header = data[:100_000].split(b"\n")[0].decode("utf-8-sig", "replace")
-    names = {name.strip().strip('"') for name in header.split(",")}
+    names = header_names(head)
     layouts = {kind.test: set(kind.layout(axes).required) - {"direction"} for kind in kinds()}
     ours = [test for test, required in layouts.items() if required <= names]
     ours = [test for test in ours if not any(layouts[test] < layouts[other] for other in ours)]
@@ -61,7 +60,7 @@ def test_of(source: Path, rig: Rig) -> TestName:
         raise FileError(where, f"may be of {' or '.join(ours)}, whose columns are the same", _GIVE_TEST)
     if any(name.lower() == SOCKET for name in names):
         return next(kind.test for kind in kinds() if SOCKET in kind.layout().required)
-    lines, text_layout = text_of(data, where)
+    lines, text_layout = text_of(read_whole(source), where)
     raw = read_raw(lines, layout_of(lines, text_layout.encoding, where), where)
     groups = groups_of(raw, [axis.name for axis in rig.robot.axes])
     if groups.joints and groups.seen:

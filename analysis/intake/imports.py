@@ -14,12 +14,12 @@ from analysis.intake.cube_stops import with_joints
 from analysis.intake.map_proposal import Proposal, propose
 from analysis.intake.mapped import MappedPoses, poses_of, table_by
 from analysis.intake.raw_table import RawTable, is_workbook, joined, layout_of, read_files, read_raw, sheets_of, text_of
-from analysis.intake.read import check_sequence, read_file, read_whole
+from analysis.intake.read import check_sequence, header_names, read_file, read_head, read_whole
 from analysis.intake.table_map import MAPPED, TableMap, map_text
 from analysis.procedures.checks.check_runs import doubts_of, refuse_impossible
 from analysis.procedures.shared.evaluate import hold_alive
 from analysis.robot.geometry.iso_cube import cube_of
-from analysis.runs.loading import ONLY_COMMANDED, Measured, measured_of
+from analysis.runs.loading import Measured, measured_of
 from analysis.runs.table_format import kind_named
 from analysis.runs.table_layout import MEASURED, PLACE, JointSource
 from daq.store import Run, table_run
@@ -59,20 +59,17 @@ def read_table(
         source=source.name,
         source_sha256=read.sha256,
         placement=placement,
-        assumed=() if joints == "measured" or MEASURED[0] in read.table.column_names else (ONLY_COMMANDED,),
+        only_commanded=joints == "commanded" and MEASURED[0] not in read.table.column_names,
     )
     return _held(run, rig, str(source), read.doubts)
 
 
 def is_plain(path: Path, test: TestName) -> bool:
     """Whether a file begins with the columns of docs/tables.md, or is a bag of a circle: it is read without a map."""
-    data = read_whole(path)
-    if is_bag(data):
+    head = read_head(path)
+    if is_bag(head):
         return test != MAPPED
-    names = {
-        name.strip().strip('"') for name in data[:100_000].split(b"\n")[0].decode("utf-8-sig", "replace").split(",")
-    }
-    ours = names & set(kind_named(test).layout().required)
+    ours = header_names(head) & set(kind_named(test).layout().required)
     # Rig's own joints beside a place in other columns, as tvec_x … of OpenCV, are read by a map like any others.
     return len(ours) > 1 and (test != MAPPED or bool(ours - set(PLACE) and ours & set(PLACE)))
 
@@ -157,7 +154,7 @@ def read_mapped(  # noqa: PLR0913 - what a run is labelled with
     if len(files) != len(table_map.files):
         fact = f"describes {len(table_map.files)} files, and {len(files)} are given"
         raise FileError("the map", fact, "give the files of one measurement, in its order; several are joined (--join)")
-    if joints == "commanded" and ONLY_COMMANDED not in table_map.assumed:
+    if joints == "commanded" and not table_map.only_commanded:
         if table_map.commanded is None:
             raise FileError("the map", "names no commanded joints, which --joints commanded reads", "add `commanded`")
         table_map = table_map.model_copy(update={"joints": table_map.commanded, "commanded": None})
@@ -193,6 +190,7 @@ def read_mapped(  # noqa: PLR0913 - what a run is labelled with
         placement=placement,
         table_map=map_text(table_map),
         assumed=table_map.assumed,
+        only_commanded=table_map.only_commanded,
     )
     doubts = [doubt for *_, of_file in stands for doubt in of_file]
     doubts += [f"{left_out} rows stand in one of the files only, and are left out"] if left_out else []

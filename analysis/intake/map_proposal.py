@@ -25,7 +25,6 @@ from analysis.procedures.checks.place import NO_INSTRUMENT_MM, OF_CONTROLLER, SP
 from analysis.robot.geometry.iso_cube import cube_of
 from analysis.robot.geometry.pose_setup import fit_arm, fit_setup, position_error
 from analysis.robot.kinematics.arm import Arm, arm_of, forward, without_setup
-from analysis.runs.loading import ONLY_COMMANDED
 from rigs.errors import FileError
 from rigs.rig import Rig
 
@@ -175,10 +174,10 @@ def propose(raw: RawTable, layouts: Sequence[Layout], join: str, rig: Rig) -> Pr
     )
     # Joints to read, and those that were commanded beside them.
     joints, commanded = (measured or unsaid, commanded) if measured or unsaid else (commanded, [])
-    if all(group.role == "commanded" for group in joints):
-        judge.assumed.append(ONLY_COMMANDED)
+    only_commanded = all(group.role == "commanded" for group in joints)
     seen, residual = _places(groups)
     table_map, chosen = _placed(judge, joints, seen, residual)
+    table_map = table_map.model_copy(update={"only_commanded": only_commanded})
     if commanded and table_map.joints and len(commanded) == 1:
         unit: Any = commanded[0].unit or table_map.joints.unit
         table_map = table_map.model_copy(update={"commanded": Angles(columns=commanded[0].columns, unit=unit)})

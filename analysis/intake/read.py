@@ -346,6 +346,24 @@ def read_whole(path: Path) -> bytes:
         raise
 
 
+_HEAD_BYTES = 100_000
+"""Enough for the header of any table, and for the first bytes that tell a bag."""
+
+
+def read_head(path: Path) -> bytes:
+    """The first 100 kB of a table file. Raises FileError for one that cannot be read."""
+    try:
+        return read_from(path, 0, _HEAD_BYTES)[0]
+    except (OSError, FileError):
+        return read_whole(path)[:_HEAD_BYTES]  # says why
+
+
+def header_names(head: bytes) -> set[str]:
+    """Return the column names in the first line of a CSV file, from its first bytes."""
+    line = head.split(b"\n")[0].decode("utf-8-sig", "replace")
+    return {name.strip().strip('"') for name in line.split(",")}
+
+
 def _require_text(where: str, data: bytes) -> None:
     refuse_other_formats(where, data)
     try:

@@ -116,8 +116,8 @@ class TableMap(Part):
     together, `rows` or a column that each of them has. joints, commanded, place, residual, turn: of poses; sees:
     whether the instrument says where the tool is, or, as a camera on the tool, where the tool sees what stands in the
     cell; stops: that rows without joints are stops of the ISO 9283 cube, each known by its place. columns: of the other
-    tests, by the names of docs/tables.md; constants: words that hold for all rows, as the socket. assumed: what is not
-    confirmed.
+    tests, by the names of docs/tables.md; constants: words that hold for all rows, as the socket. only_commanded: the
+    joints are commands, and no measured ones are known. assumed: what is not confirmed.
     """
 
     files: Annotated[tuple[Layout, ...], Field(min_length=1, max_length=8)]
@@ -131,6 +131,7 @@ class TableMap(Part):
     stops: Literal["of the cube"] | None = None
     columns: dict[Name, Column] = Field(default_factory=dict, max_length=100)
     constants: dict[Name, Name] = Field(default_factory=dict, max_length=10)
+    only_commanded: bool = False
     assumed: tuple[Name, ...] = ()
 
     def used(self) -> list[str]:

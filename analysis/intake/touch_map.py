@@ -12,7 +12,7 @@ import numpy as np
 
 from analysis.intake.column_groups import groups_of
 from analysis.intake.raw_table import RawTable, layout_of, read_raw, text_of
-from analysis.intake.read import read_whole
+from analysis.intake.read import header_names, read_head, read_whole
 from analysis.intake.table_map import Angles, Column, TableMap
 from analysis.runs.table_format import kind_named
 from analysis.runs.table_layout import SOCKET, joint_columns
@@ -28,9 +28,7 @@ def needs_touch_map(path: Path, test: TestName, socket: str) -> bool:
     """Return whether a table of touches has other columns than those of docs/tables.md, or its socket is given."""
     if SOCKET not in kind_named(test).layout().required:
         return False
-    header = read_whole(path)[:100_000].split(b"\n")[0].decode("utf-8-sig", "replace")
-    names = {name.strip().strip('"') for name in header.split(",")}
-    return bool(socket) or not {SOCKET, *joint_columns(FEWEST_AXES)} <= names
+    return bool(socket) or not {SOCKET, *joint_columns(FEWEST_AXES)} <= header_names(read_head(path))
 
 
 def propose_touch_map(path: Path, rig: Rig, test: TestName, socket: str) -> TableMap:

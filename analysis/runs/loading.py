@@ -41,7 +41,7 @@ ONLY_COMMANDED = (
     "only commanded joint angles are known: an angle that was not reached, by deflection under gravity or by a "
     "following error, cannot be distinguished from an error of zeros, lengths, compliance or gears"
 )
-"""What is assumed of a run without measured angles; kept in its manifest."""
+"""Doubt of a run without measured angles."""
 SIMULATED = "simulated, "
 """Prefix of the source of a simulated table, followed by the seed."""
 
@@ -82,7 +82,7 @@ class Measured(Tabular):
     def has_only_commanded_angles(self) -> bool:
         """Whether its joint angles are commands, and no measured ones are known."""
         table = self.run.manifest.table
-        return table is not None and ONLY_COMMANDED in table.assumed
+        return table is not None and table.only_commanded
 
     def to_table(self) -> pa.Table:
         """Return the columns of docs/tables.md: the imported ones unchanged, or those of the aligned table."""
@@ -224,7 +224,8 @@ def _doubts(run: Run) -> list[str]:
     ]:
         day = manifest.relabelled[-1].at[:10]
         doubts.append(f"relabelled on {day} after it was recorded: {', '.join(changes)}")
-    doubts += manifest.table.assumed if manifest.table else ()
+    if manifest.table:
+        doubts += [*manifest.table.assumed, *([ONLY_COMMANDED] if manifest.table.only_commanded else [])]
     if sha256(manifest.rig_text.encode()).hexdigest() != manifest.rig_sha256:
         doubts.append("the rig file in its manifest has been changed since (SHA-256)")
     return doubts

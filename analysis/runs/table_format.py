@@ -232,14 +232,6 @@ class Kind(ABC, Generic[T]):
         joint did not move; None if rows do not contain the approach of the joints."""
         return None
 
-    def last_moves(self, table: T) -> Array | None:
-        """Return the rotation of each joint (n, axes) rad in the last move; None if rows do not state it."""
-        return None
-
-    def counted_back(self, table: T, turns_rad: Array) -> T:
-        """Return the table with joints counted back by full turns (n, axes) rad; only for standstills in no order."""
-        return table
-
     def far(self, table: T, arm: Arm) -> Far | None:
         """Return the rows far from all others, for places; other tests are compared with the calibrated arm only."""
         return None

@@ -132,7 +132,18 @@ class TouchTable(Table):
         return np.zeros((len(self.q), 3))
 
 
-P = TypeVar("P", PoseTable, TouchTable)
+P = TypeVar("P", bound="PoseTable | TouchTable")
+
+
+def last_moves(table: PoseTable | TouchTable) -> Array | None:
+    """Return the rotation of each joint (n, axes) rad in the last move; None if the rows do not state it."""
+    return None if table.came_from is None else table.q - table.came_from
+
+
+def counted_back(table: P, turns_rad: Array) -> P:
+    """Return the table with joints counted back by full turns (n, axes) rad."""
+    came_from = None if table.came_from is None else table.came_from - turns_rad
+    return replace(table, q=table.q - turns_rad, came_from=came_from)
 
 
 @dataclass(frozen=True)

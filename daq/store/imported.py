@@ -37,11 +37,13 @@ def table_run(  # noqa: PLR0913 - what a manifest needs to know
     placement: str = "",
     table_map: str = "",
     assumed: tuple[str, ...] = (),
+    only_commanded: bool = False,
 ) -> Run:
     """Return a run in memory for a table of double, int64 and string columns without nulls.
 
     path: directory of the run; its name becomes the name of the run. source, source_sha256: name and checksum of the
-    original file. table_map, assumed: the import map and its unconfirmed assumptions. Nothing is written. Raises
+    original file. table_map, assumed: the import map and its unconfirmed assumptions. only_commanded: the joint angles
+    are commands, and no measured ones are known. Nothing is written. Raises
     UseError for an invalid operator name.
     """
     columns = {field.name: str(field.type) for field in table.schema}
@@ -55,7 +57,14 @@ def table_run(  # noqa: PLR0913 - what a manifest needs to know
         placement=placement,
         streams={},
         table=ImportedTable.model_validate(
-            {"file": source, "sha256": source_sha256, "columns": columns, "map": table_map, "assumed": assumed}
+            {
+                "file": source,
+                "sha256": source_sha256,
+                "columns": columns,
+                "map": table_map,
+                "assumed": assumed,
+                "only_commanded": only_commanded,
+            }
         ),
     )
     whole = table.cast(opening.arrow_schema(TABLE)).combine_chunks()

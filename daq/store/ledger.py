@@ -91,6 +91,8 @@ class ImportedTable(Record):
     """Import map as YAML; empty for the columns of docs/tables.md."""
     assumed: tuple[Text, ...] = Field(default=(), max_length=100, exclude_if=lambda words: not words)
     """Unconfirmed assumptions of the import map, as text."""
+    only_commanded: bool = Field(default=False, exclude_if=lambda only: not only)
+    """Whether the joint angles are commands, and the file contains no measured ones."""
 
 
 class Relabelling(Record):

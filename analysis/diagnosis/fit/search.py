@@ -30,6 +30,7 @@ from analysis.diagnosis.fit.selection import Selection
 from analysis.diagnosis.fit.selection_state import SelectionState, beginnings
 from analysis.robot.kinematics.arm import Array, Mask
 from analysis.robot.model.predict import SetUp
+from analysis.runs.tables import PoseTable, last_moves
 from rigs.effects import Effect
 from rigs.schema.vocabulary import Build
 from rigs.text import counted
@@ -324,8 +325,7 @@ def early_readings(result: SearchResult) -> tuple[str, ...]:
 
 def _moves(block: Block) -> Array | None:
     """Return the last moves of joints (n, axes) rad of the poses of a block; None if they do not state them."""
-    kind = block.table.kind
-    return kind.last_moves(block.table) if kind.of_tracker else None
+    return last_moves(block.table) if isinstance(block.table, PoseTable) else None
 
 
 def _by_angle(linear: Linearisation, shape: Callable[[Array], Array]) -> list[Array]:

@@ -23,7 +23,7 @@ from analysis.runs.csv_tables import Rows, joint_cells
 from analysis.runs.stands import STANDS_MM
 from analysis.runs.table_format import SAME_RAD, Kind
 from analysis.runs.table_layout import RAIL, RAIL_FROM, came_from_columns
-from analysis.runs.tables import PlaceTable, TargetTable
+from analysis.runs.tables import PlaceTable, TargetTable, last_moves
 from rigs.errors import FileError
 from rigs.readiness import require_test
 from rigs.rig import Rig
@@ -168,15 +168,8 @@ class PlaceKind(Kind[P]):
     def path(self, model: Model, table: P) -> Path:
         return visits(table.q, table.came_from)
 
-    def last_moves(self, table: P) -> Array | None:
-        return None if table.came_from is None else table.q - table.came_from
-
-    def counted_back(self, table: P, turns_rad: Array) -> P:
-        came_from = None if table.came_from is None else table.came_from - turns_rad
-        return replace(table, q=table.q - turns_rad, came_from=came_from)
-
     def sides(self, table: P) -> Integers | None:
-        way = self.last_moves(table)
+        way = last_moves(table)
         if way is None:
             return None
         return np.where(np.abs(way) > SAME_RAD, np.sign(way), 0).astype(np.int64)

@@ -56,8 +56,9 @@ class Section:
 
     def with_build(self, build: Build) -> Section:
         """Return the section of an arm whose build a person states."""
-        text = self.text.replace("\n  axes:", f"\n  build: {build}\n  axes:", 1)
-        return replace(self, robot=self.robot.model_copy(update={"build": build}), text=text)
+        head = "".join(line for line in self.text.splitlines(keepends=True) if line.startswith("#"))
+        robot = self.robot.model_copy(update={"build": build})
+        return replace(self, robot=robot, text=head + robot_text(robot))
 
 
 def robot_of(name: str, constants: DenavitHartenberg, joints: Sequence[Joint], rail: Rail | None = None) -> Robot:
