@@ -179,6 +179,24 @@ class Command(TyperCommand):
             super().format_help(ctx, formatter)
 
 
+def taking_all(option: str) -> type[Command]:
+    """Return a command whose `option` takes all arguments up to the next option, as a shell's wildcard gives them."""
+
+    class TakingAll(Command):
+        def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+            words, follows = [], False
+            for argument in args:
+                if argument.startswith("-"):
+                    follows = argument == option
+                    words += [] if follows else [argument]
+                else:
+                    words += [option, argument] if follows else [argument]
+            # An option without an argument stays, so that the parser names it.
+            return super().parse_args(ctx, [*words, option] if args and args[-1] == option else words)
+
+    return TakingAll
+
+
 class Group(TyperGroup):
     """A group of commands whose own flags are plain, and whose messages have no colours where NO_COLOR is set.
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from analysis.cli import completion
-from analysis.cli.commands import Command, app, command
+from analysis.cli.commands import app, command, taking_all
 from analysis.cli.console import say, say_json
 from analysis.cli.options import AsJson, ModelRig, RobotRunsBelow, location
 from rigs.errors import UseError
@@ -16,24 +16,8 @@ from rigs.errors import UseError
 if TYPE_CHECKING:
     from analysis.movement.result import Moved
 
-_NEW = "--new"
 
-
-class _ManyNew(Command):
-    """A command whose option --new takes all the runs that follow it, as a shell's wildcard gives them."""
-
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        words, is_new = [], False
-        for argument in args:
-            if argument.startswith("-"):
-                is_new = argument == _NEW
-                words += [] if is_new else [argument]
-            else:
-                words += [_NEW, argument] if is_new else [argument]
-        return super().parse_args(ctx, [*words, _NEW] if args and args[-1] == _NEW else words)
-
-
-@command(app, "rig moved runs/before-* --new runs/after-*", cls=_ManyNew)
+@command(app, "rig moved runs/before-* --new runs/after-*", cls=taking_all("--new"))
 def moved(
     runs: RobotRunsBelow,
     new: Annotated[

@@ -347,7 +347,7 @@ def read_whole(path: Path) -> bytes:
 
 
 _HEAD_BYTES = 100_000
-"""Enough for the header of any table, and for the first bytes that tell a bag."""
+"""Size of the beginning of a file: more than the header of any table, and the signature of a bag."""
 
 
 def read_head(path: Path) -> bytes:

@@ -11,9 +11,7 @@ import numpy as np
 from analysis.diagnosis.evidence.movements import Movement
 from analysis.diagnosis.evidence.observation import ObservedRun
 from analysis.movement.changes import Step, find_step
-from analysis.movement.result import CauseOdds
 from analysis.movement.runs import observed
-from analysis.movement.words import name_of, size_of
 from analysis.robot.kinematics.arm import Mask
 from analysis.runs.loading import Measured
 from rigs.rig import Rig
@@ -69,25 +67,29 @@ def _of_group(rig: Rig, runs: Sequence[Measured]) -> tuple[Movement | None, list
 
 def _movement(runs: Sequence[Measured], where: int, row: int, step: Step, piece: ObservedRun) -> Movement:
     found, names = step.found, [run.run.manifest.name for run in runs]
-    if row == 0:
-        from_, to = names[where - 1], names[where]
-        place = f"between {from_} and {to}"
-    else:
-        from_, to = (f"{names[where]} row {number}" for number in runs[where].table.rows[row - 1 : row + 1])
-        place = f"from row {runs[where].table.rows[row]} of {names[where]} on"
-    name = name_of(found.cause, of_tracker=piece.table.kind.of_tracker)
-    ratio = found.posterior / max(1 - found.posterior, 1e-12)
-    words = f"{name[:1].upper()}{name[1:]} moved by {size_of(found)}, {place}."
+    rows = runs[where].table.rows
+    from_, to = (
+        (names[where - 1], names[where]) if row == 0 else (f"{names[where]} row {rows[k]}" for k in (row - 1, row))
+    )
     assert found.what in ("base", "instrument", "socket", "target", "tool", "zero")  # noqa: S101 - by find_step
+    u_mm, u_deg = (None, found.u) if found.what == "zero" else (found.u, None)
     return Movement(
-        from_, to, found.what, min(ratio, 1e12), words, found.cause.axis, found.name, found.translation_mm,
-        found.rotation_deg, found.size_deg, *_uncertainties(found),
-    )  # fmt: skip
-
-
-def _uncertainties(found: CauseOdds) -> tuple[float | None, float | None]:
-    """Return u in mm of a shift, or in degrees of a zero."""
-    return (None, found.u) if found.what == "zero" else (found.u, None)
+        from_=from_,
+        to=to,
+        what=found.what,
+        odds=min(found.posterior / max(1 - found.posterior, 1e-12), 1e12),
+        axis=found.cause.axis,
+        name=found.name,
+        translation_mm=found.translation_mm,
+        rotation_deg=found.rotation_deg,
+        size_deg=found.size_deg,
+        u_mm=u_mm,
+        u_deg=u_deg,
+        u_rotation_deg=found.u_rotation_deg,
+        run=names[where],
+        row=None if row == 0 else int(rows[row]),
+        of_tracker=piece.table.kind.of_tracker,
+    )
 
 
 def _shortened(table: Any, keep: Mask) -> Any:

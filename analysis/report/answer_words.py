@@ -35,6 +35,7 @@ from analysis.report.diagnosis_words import (
     sure,
     within,
 )
+from analysis.report.movement_words import movement_sentence
 from analysis.report.texts import Texts, texts_of
 from rigs.effects import Effect
 from rigs.schema.effect import name_of, size_field, whole_order
@@ -129,7 +130,7 @@ class AnswerWords:
         condition = self._condition()
         parts = (condition, sentence) if diagnosis.condition == "outside_library" else (sentence, condition)
         commanded = self.texts("says_only_commanded") if diagnosis.only_commanded else ""
-        moved = [movement.words for movement in diagnosis.movements]
+        moved = [movement_sentence(movement, self.texts) for movement in diagnosis.movements]
         return " ".join(filter(None, (*moved, *parts, commanded)))
 
     @property

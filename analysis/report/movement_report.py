@@ -7,10 +7,10 @@ from pathlib import Path
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from analysis.movement.result import CauseOdds, Moved
-from analysis.movement.words import name_of, size_of
+from analysis.movement.result import Moved
+from analysis.report.diagnosis_words import sure
 from analysis.report.html_page import environment, write_html
-from analysis.report.movement_words import headline, remarks, what_to_do
+from analysis.report.movement_words import headline, name_of, remarks, size_of, what_to_do
 from analysis.report.plain_console import bare_table, right
 from rigs.schema.part import Vector
 
@@ -23,16 +23,11 @@ def rows_of(moved: Moved) -> list[tuple[str, str, str, str]]:
     """Return a row for each cause, likeliest first."""
     return [
         (
-            name_of(cause.cause, of_tracker=moved.of_tracker), _percent(cause), size_of(cause) or "–",
+            name_of(cause.cause, of_tracker=moved.of_tracker), sure(cause.posterior), size_of(cause) or "–",
             "–" if cause.point_mm is None else _at(cause.point_mm),
         )
         for cause in moved.causes[:_MOST_CAUSES]
     ]  # fmt: skip
-
-
-def _percent(cause: CauseOdds) -> str:
-    share = 100 * cause.posterior
-    return "> 99.9 %" if share > 99.9 else "< 0.1 %" if share < 0.1 else f"{share:.1f} %"
 
 
 def _at(point: Vector) -> str:

@@ -2,20 +2,79 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 
+from analysis.diagnosis.evidence.movements import Movement
 from analysis.movement.causes import Cause
 from analysis.movement.next_touch import Lever, Posture
-from analysis.movement.result import Moved, short_name
-from analysis.movement.words import name_of, size_of
+from analysis.movement.result import CauseOdds, Moved, short_name
+from analysis.report.texts import Texts, texts_of
+from rigs.schema.part import Vector
 
 _MOST_ODDS = 1000
 """Odds above which only this bound is stated."""
 
 _WIDE_DEG = 0.03
 """Possible error of a zero from which it is reported: half a millimetre at a metre."""
+
+_SMALL = 2.0
+"""Multiple of u up to which a component of a direction is left out."""
+
+
+def name_of(cause: Cause, *, of_tracker: bool = False) -> str:
+    """Return the name of a cause in a sentence."""
+    if cause.members:
+        return " and ".join(name_of(member, of_tracker=of_tracker) for member in cause.members)
+    names = {
+        "base": "the base or the instrument" if of_tracker else "the base", "tool": "the tool",
+        "zero": f"the zero of axis {cause.axis}", "nothing": "nothing", "other": "something else",
+        "instrument": f"the instrument of {short_name(cause)}", "socket": f"socket {short_name(cause)}",
+        "target": f"the target {short_name(cause)}".rstrip(),
+    }  # fmt: skip
+    return names[cause.what]
+
+
+def size_of(cause: CauseOdds) -> str:
+    """Return the size of a cause with uncertainty and direction; empty if there is none."""
+    if cause.together:
+        return "; ".join(f"{name_of(member.cause)} {size_of(member)}" for member in cause.together)
+    if cause.size_deg is not None and cause.u is not None:
+        return _angle(cause.size_deg, cause.u)
+    if cause.translation_mm is None or cause.u is None:
+        return ""
+    return _shift(cause.translation_mm, cause.u, cause.rotation_deg, cause.u_rotation_deg, texts_of("en"))
+
+
+def movement_sentence(movement: Movement, texts: Texts) -> str:
+    """Return a movement found among the runs of a diagnosis as a sentence."""
+    which = "base_tracker" if movement.what == "base" and movement.of_tracker else movement.what
+    thing = texts(f"moved_{which}", axis=movement.axis or "", name=movement.name).rstrip()
+    size = ""
+    if movement.size_deg is not None and movement.u_deg is not None:
+        size = _angle(movement.size_deg, movement.u_deg)
+    elif movement.translation_mm is not None and movement.u_mm is not None:
+        size = _shift(movement.translation_mm, movement.u_mm, movement.rotation_deg, movement.u_rotation_deg, texts)
+    if movement.row is None:
+        return texts("moved_between", thing=thing, size=size, first=movement.from_, second=movement.to)
+    return texts("moved_from_row", thing=thing, size=size, row=movement.row, run=movement.run)
+
+
+def _angle(size_deg: float, u_deg: float) -> str:
+    return f"{size_deg:+.3f} ± {u_deg:.3f}°"
+
+
+def _shift(shift_mm: Vector, u_mm: float, turn_deg: Vector | None, u_turn_deg: float | None, texts: Texts) -> str:
+    """Return the length of a shift with the components that exceed their uncertainty, and a turn that does."""
+    shown = [f"{axis} {mm:+.2f}" for axis, mm in zip("xyz", shift_mm, strict=True) if abs(mm) > _SMALL * u_mm]
+    direction = f"{', '.join(shown)} mm" if shown else texts("moved_nowhere")
+    words = f"{math.hypot(*shift_mm):.2f} ± {u_mm:.2f} mm ({direction})"
+    turn = math.hypot(*turn_deg) if turn_deg else 0.0
+    if u_turn_deg is None or turn <= _SMALL * u_turn_deg:
+        return words
+    return f"{words}, {texts('moved_turned', turn=f'{turn:.3f} ± {u_turn_deg:.3f}°')}"
 
 
 def odds(probability: float) -> str:

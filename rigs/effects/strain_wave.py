@@ -2,8 +2,8 @@
 unloading.
 
 Makers state the stiffness in three regions of the torque: K1 up to T1, K2 up to T2, K3 beyond, and the hysteresis loss
-(Harmonic Drive SE, catalogue of the units CSG, HFUC and SHG, ratios from 80). The table has T1 and T2 in Nm and K1, K2,
-K3 in 10⁴ Nm/rad:
+(Harmonic Drive SE, catalogue of the units CSG, HFUC and SHG, ratios from 80). T1 and T2 in Nm, K1, K2 and K3 in 10⁴
+Nm/rad, from memory and not yet compared with the catalogue:
 
     size     14     17     20     25     32     40
     T1      2.0    3.9    7.0     14     29     54

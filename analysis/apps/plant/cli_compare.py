@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from analysis.cli import completion
-from analysis.cli.commands import Command, app, command
+from analysis.cli.commands import app, command, taking_all
 from analysis.cli.console import say, say_json
 from analysis.cli.options import AsJson, ModelRig, RobotRunsBelow
 from rigs.errors import FileError, UseError
@@ -21,27 +21,11 @@ if TYPE_CHECKING:
     from analysis.runs.loading import Measured
     from rigs.rig import Rig
 
-_AGAINST = "--against"
 _ARMS = 2
 _ARM_FILES = (".yaml", ".yml", ".urdf")
 
 
-class _ManyAgainst(Command):
-    """A command whose option --against takes all the runs that follow it, as a shell's wildcard gives them."""
-
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        # The arguments with --against before each of the runs that follow it, up to the next option
-        words, is_against = [], False
-        for argument in args:
-            if argument.startswith("-"):
-                is_against = argument == _AGAINST
-                words += [] if is_against else [argument]
-            else:
-                words += [_AGAINST, argument] if is_against else [argument]
-        return super().parse_args(ctx, [*words, _AGAINST] if args and args[-1] == _AGAINST else words)
-
-
-@command(app, "rig compare runs/after-* --against runs/before-*", cls=_ManyAgainst)
+@command(app, "rig compare runs/after-* --against runs/before-*", cls=taking_all("--against"))
 def compare(
     runs: RobotRunsBelow,
     against: Annotated[
@@ -85,7 +69,7 @@ def compare(
     runs = runs_below(runs)
     if against:
         if rig_file or plot or unseen:
-            raise UseError(_AGAINST, "compares runs and draws no simulation", "leave --rig, --unseen and --plot out")
+            raise UseError("--against", "compares runs and draws no simulation", "leave --rig, --unseen and --plot out")
         _before_and_after(runs, runs_below(against), as_json)
         return
     import analysis

@@ -12,13 +12,14 @@ from rigs.schema.part import Vector
 class Movement:
     """What moved before the first reading of `to`: a run, or a run and row. `translation_mm` and `rotation_deg` are in
     the axes of the base, those of a tool in the axes of the flange; a zero of `axis` has `size_deg` alone. `u_mm` is
-    the standard uncertainty of the length of the shift, `u_deg` that of a zero."""
+    the standard uncertainty of the length of the shift, `u_deg` that of a zero, `u_rotation_deg` that of the turn.
+    `row`: row of the file of `run` from which it moved, None between runs. `of_tracker`: a base and its instrument are
+    not distinguished."""
 
     from_: str
     to: str
     what: Literal["base", "instrument", "socket", "target", "tool", "zero"]
     odds: float
-    words: str
     axis: int | None = None
     name: str = ""
     translation_mm: Vector | None = None
@@ -26,6 +27,10 @@ class Movement:
     size_deg: float | None = None
     u_mm: float | None = None
     u_deg: float | None = None
+    u_rotation_deg: float | None = None
+    run: str = ""
+    row: int | None = None
+    of_tracker: bool = False
 
     def to_dict(self) -> dict[str, Any]:
         """Return the movement as JSON has it."""

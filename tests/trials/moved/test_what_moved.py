@@ -18,7 +18,8 @@ from analysis.movement.evidence import condition
 from analysis.movement.inference import compare
 from analysis.movement.next_touch import candidates_of, hidden_causes, next_posture
 from analysis.movement.result import moved_of, what_moved
-from analysis.report.movement_words import headline, what_to_do
+from analysis.report.movement_words import headline, movement_sentence, what_to_do
+from analysis.report.texts import texts_of
 from rigs.errors import FileError
 from tests.trials.moved.__main__ import Case, label, observed
 from tests.worlds import moved as world
@@ -136,7 +137,8 @@ def test_a_zero_that_moved_between_two_runs_is_reported_and_the_shorter_run_left
     said = movement.to_dict()
     assert (said["from"], said["to"], said["what"], said["axis"]) == ("before", "after", "zero", 3)
     assert said["size_deg"] == pytest.approx(np.degrees(drawn.change.zero[2]), abs=5 * said["u_deg"])
-    assert "between before and after" in movement.words
+    assert "between before and after" in movement_sentence(movement, texts_of("en"))
+    assert movement_sentence(movement, texts_of("de")).startswith("Die Nullstellung von Achse 3")
 
 
 def _write_runs(to: Path, drawn: Case, tables: dict[str, tuple[list[str], np.ndarray]]) -> None:
