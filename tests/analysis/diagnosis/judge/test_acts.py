@@ -195,6 +195,16 @@ def test_a_small_name_with_a_rival_labels_no_others() -> None:
         assert condition(replace(small, worth_um=9000.0), sure) == "ambiguous"
 
 
+@pytest.mark.parametrize(("predicted_um", "names_do_better"), [(None, True), (3500.0, True), (1900.0, False)])
+def test_one_fold_decides_only_where_the_complete_model_predicts_worse_than_the_names_explain(
+    predicted_um: float | None, names_do_better: bool
+) -> None:
+    """Two wrong scales left a WAM without its curves: of 4676 µm a correction took away nothing."""
+    train = replace(diagnosis().train, after_um=3100.0, calibrated_um=1900.0)
+    fold = replace(train, after_um=2600.0, calibrated_um=3000.0)
+    assert Gaps(train, fold, None, predicted_um).names_do_better == names_do_better
+
+
 def judged(**changed: object) -> Judged:
     told = {"condition": "named", "place": "unseen", "before_um": 100.0, "names_um": 40.0, "whole_um": 20.0,
             "handed_um": 20.0, "noise_um": 3.0, "unexplained_um": 19.8}  # fmt: skip
