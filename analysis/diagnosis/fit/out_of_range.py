@@ -24,6 +24,10 @@ the wrong constant was always among the first two."""
 _LARGE = 0.25
 """Share of the limit from which a constant is checked again: several large constants may share the response of a
 constant beyond the limit. A zero wrong by 7° was found as zeros of 2.6 and 0.4°, a soft link and a gear error."""
+_EXPLAINS = 0.5
+"""Largest share of the error of the initial model that the parameter alone may leave. A length beyond its limit moves
+readings by millimetres. Chosen: without it a height of the base, which a circle hardly shows, was named out of range
+for an error of 6 µm; a zero wrong by 8° leaves 3 of 7000 µm."""
 _ALIKE = 1.05
 """Ratio of the residuals of two parameters up to which the readings do not distinguish them. Chosen: below the share of
 the residual that an arm with errors of usual size adds by chance."""
@@ -55,7 +59,8 @@ def find_out_of_range(result: SearchResult, runs: Sequence[ObservedRun]) -> OutO
     candidates = {name_of(effect): effect for effect in (*_likely_constants(result), *at_limit) if not is_wave(effect)}
     fits = [_fitted_alone(fitted, effect) for effect in candidates.values()]
     fits = sorted((fit for fit in fits if ended_at_limit(fit[1])), key=lambda fit: fit[0])
-    if not fits or fits[0][0] >= fitted.residual_um(result.effects):
+    most_um = min(fitted.residual_um(result.effects), _EXPLAINS * fitted.residual_um(()))
+    if not fits or fits[0][0] >= most_um:
         return None
     (least_um, best), *others = fits
     return OutOfRange(best, tuple(effect for um, effect in others if um <= _ALIKE * least_um))

@@ -8,14 +8,18 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from analysis.diagnosis.fit import out_of_range
 from analysis.diagnosis.judge.result import Diagnosis
 from analysis.report.act_words import ActWords
 from analysis.report.answer_words import AnswerWords
 from analysis.report.diagnosis_report import write, write_model
+from rigs.effects import LinkGeometry
 from rigs.errors import FileError
 from rigs.load import load
 from rigs.schema.effect import name_of, size_field
@@ -66,7 +70,26 @@ def test_a_large_error_within_the_limits_is_an_ordinary_fault() -> None:
     assert [name_of(name.effect) for name in found.standing] == ["link_geometry 3.a"]
 
 
+@pytest.mark.parametrize(("initial_um", "is_found"), [(9.0, False), (2000.0, True)])
+def test_a_parameter_that_explains_little_is_not_out_of_range(
+    initial_um: float, is_found: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A coupling of 6 µm was told as a height of the base, out of range, which a circle hardly shows."""
+    far = LinkGeometry(axis=1, field="d", delta=30.0)
+    residuals: dict[tuple[object, ...], float] = {(): initial_um}
+    fitted = SimpleNamespace(residual_um=lambda effects: residuals.get(tuple(effects), 7.4))
+    monkeypatch.setattr(out_of_range, "FittedRuns", lambda runs: fitted)
+    monkeypatch.setattr(out_of_range, "_likely_constants", lambda result: [])  # private: it would need columns
+    monkeypatch.setattr(out_of_range, "_fitted_alone", lambda fitted, effect: (7.4, effect))  # private: no runs here
+    monkeypatch.setattr(out_of_range, "ended_at_limit", lambda effect: True)
+    result: Any = SimpleNamespace(effects=(far,))
+    residuals[(far,)] = 7.5
+    found = out_of_range.find_out_of_range(result, [])
+    assert (found is not None and found.effect == far) == is_found
+
+
 @pytest.mark.nightly
+@pytest.mark.cpu_limit(180)  # the search within the limits takes a minute
 def test_circles_show_it_too() -> None:
     """The arm of a circle test, with its ball set up where the wrong tool goes."""
     far = FAR.effect.model_copy(update={"offset_deg": 8.0})
