@@ -28,7 +28,7 @@ from analysis.diagnosis.judge.misses import LeftOut, places_left_out, remains_of
 from analysis.diagnosis.judge.remains import Unexplained
 from analysis.diagnosis.judge.residuals import bands_above_noise, curves_of, maps_of, places
 from analysis.diagnosis.judge.result import Accuracy, Diagnosis, Gap, Named, NextTest, fault_rivals
-from analysis.diagnosis.judge.unexplained import unexplained_of
+from analysis.diagnosis.judge.unexplained import unexplained_of, unusual_visits_um
 from analysis.diagnosis.judge.validation import Stages, gap, held_out_gains, shows_noise, stages_of
 from analysis.diagnosis.judge.verdict import (
     Gaps,
@@ -186,10 +186,10 @@ def diagnose(
     early = early_readings(result)
     standing = standing_of(rig, used) if tolerance_um is None else standing_within(tolerance_um, fitted)
     accuracy = accuracy_of(gaps, *standing)
-    verdicts = _verdicts_of(rig, result, (whole, gaps), named, changes, accuracy, early=bool(early))
-    verdicts = replace(verdicts, given=given is not None)
-    verdicts = _completed(verdicts, result, left_out, beyond)
     wider = widening_of(left_out, judges, elsewhere, stages, result)
+    both = (whole, replace(gaps, unexplained_um=wider.unexplained_um))
+    verdicts = _verdicts_of(rig, result, both, named, changes, accuracy, early=bool(early))
+    verdicts = _completed(replace(verdicts, given=given is not None), result, left_out, beyond)
     judged = judged_of(verdicts, whole, gaps, wider.unexplained_mm)
     calibrated = None if beyond else calibrated_model(verdicts, result, used, runs, stages, wider, judged)
     remains = remains_of(result, left_out, _temperature(used))
@@ -329,7 +329,7 @@ def _verdicts_of(
     poses were read before standstill.
     """
     whole, gaps = both
-    remainder, is_material = remainder_of(result, named, result.scatter_limits_um, gaps.train)
+    remainder, is_material = remainder_of(result, named, result.scatter_limits_um, gaps)
     named = within_unexplained(named, remainder.um if is_material else 0.0)
     named = sorted(named, key=lambda name: (not name.stands, -name.worth_um))
     condition = condition_of(result, named, remainder, whole, is_material=is_material, early=early)
@@ -377,7 +377,7 @@ def _completed(
     if beyond and verdicts.is_testable:
         verdicts = replace(verdicts, condition="out_of_range", runs_to_decide=None, groups=())
     if verdicts.condition != "outside_library":
-        return replace(verdicts, unexplained=Unexplained(verdicts.remainder.um))
+        return replace(verdicts, unexplained=Unexplained(verdicts.remainder.um, visits_um=unusual_visits_um(result)))
     unexplained = unexplained_of(result, left_out, verdicts.remainder.um)
     verdicts = replace(verdicts, unexplained=unexplained)
     return as_scatter(verdicts) if unexplained.scatter_um and not verdicts.standing else verdicts

@@ -143,7 +143,7 @@ class ActWords:
         if act.why in ("few_runs", "one_lap"):
             cause = self.noun(act.effect) if act.effect else ""
             return texts("next_repeat" if act.why == "few_runs" else "act_one_lap", cause=cause, count=act.runs)
-        if act.why in ("elsewhere", "revisit", "not_visible"):
+        if act.why in ("elsewhere", "revisit", "visits_differ", "not_visible"):
             return texts(self._of_places("next_plan") if act.why == "not_visible" else f"act_{act.why}")
         if act.why == "follows" and self.diagnosis.unexplained and (followed := self.diagnosis.unexplained.likeliest):
             joint = texts.axis(self.diagnosis.rig.robot, followed.axis) if followed.axis else ""

@@ -131,7 +131,9 @@ class AnswerWords:
         parts = (condition, sentence) if diagnosis.condition == "outside_library" else (sentence, condition)
         commanded = self.texts("says_only_commanded") if diagnosis.only_commanded else ""
         moved = [movement_sentence(movement, self.texts) for movement in diagnosis.movements]
-        return " ".join(filter(None, (*moved, *parts, commanded)))
+        visits_um = diagnosis.unexplained.visits_um if diagnosis.unexplained else None
+        visits = self.texts("says_visits_differ", um=_length(visits_um)) if visits_um else ""
+        return " ".join(filter(None, (*moved, visits, *parts, commanded)))
 
     @property
     def accuracy(self) -> str:

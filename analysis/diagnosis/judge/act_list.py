@@ -276,9 +276,11 @@ def _measurements(
 ) -> list[Act]:
     """Return the measurements to make: to separate rivals, identify a group, decide, or validate elsewhere."""
     acts = []
+    scatter = tuple(k for k, part in enumerate(diagnosis.budget) if part.kind == "scatter")
     if diagnosis.unexplained and diagnosis.unexplained.scatter_um:
-        parts = tuple(k for k, part in enumerate(diagnosis.budget) if part.kind == "scatter")
-        acts.append(Act("measure", "revisit", parts=parts))
+        acts.append(Act("measure", "revisit", parts=scatter))
+    elif diagnosis.unexplained and diagnosis.unexplained.visits_um:
+        acts.append(Act("measure", "visits_differ", parts=scatter))
     slow = [named for named in diagnosis.effects if named.doubt == "one_lap"]
     if slow:
         labels = {label_of(named.effect) for named in slow}
@@ -321,7 +323,7 @@ def _comes_first(measurement: Act, acts: Sequence[Act], diagnosis: Diagnosis) ->
     This is so if correction is not allowed, if there are too few runs, or if rivals of the largest part leave the
     repair open.
     """
-    if measurement.why == "revisit":
+    if measurement.why in ("revisit", "visits_differ"):
         return True
     if measurement.why in ("unexplained", "follows"):
         return not any(act.kind == "load" for act in acts)

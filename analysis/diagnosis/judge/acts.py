@@ -37,13 +37,14 @@ test in the rig file."""
 Reason = Literal[
     "fault", "sure_and_large", "not_enough", "correction", "rivals", "group", "few_runs", "one_lap", "unexplained",
     "not_visible", "elsewhere", "scatter", "too_small", "history", "gauges", "sound", "early", "out_of_range",
-    "follows", "revisit",
+    "follows", "revisit", "visits_differ",
 ]  # fmt: skip
 """Why an act stands in the list: a fault; a usual error that makes much of the whole and that nothing else takes away;
 such an error, where its correction for today is not enough; that correction; rivals are to be separated; a group is to
 be named; the runs are too few; one lap each way shows nothing slow; an unknown cause; the tests do not show it; how
 accurate the arm is elsewhere is not known; joints were read too early; a parameter is out of range; a test shows what
-the unexplained part follows; single visits do not separate scatter and error. And why there is none: it differs from
+the unexplained part follows; single visits do not separate scatter and error; visits of a target
+differ by more than such arms repeat. And why there is none: it differs from
 run to run; what a correction gains is too small; no target holds what depends on the way a joint came; it belongs to
 the gauges; nothing is wrong."""
 

@@ -35,6 +35,9 @@ _MOST_MEMBERS = 3
 """Number of listed group members, chosen for easy comparison. Their odds refer to all members."""
 _DOUBTED_SIGMA = 2.0
 """Significance in sigmas below which the contribution of a part is unknown: it may be absent."""
+_INVISIBLE_UM = 1e-3
+"""Contribution of an effect of healthy size in µm below which these runs do not show it, so that a multiple of it means
+nothing: a play of a joint that comes to every place from the same side."""
 _NO_FREEDOM = 1e-14
 """Ratio of mean squares below which a combination of set-up terms has no influence."""
 _BY_JOINT: tuple[PartKind, ...] = ("curve", "reversal")
@@ -111,13 +114,13 @@ class Measure:
 @dataclass(frozen=True)
 class EffectChange:
     """Contribution of a fitted effect: `change` (N,) of the whitened readings, its rms and standard uncertainty in µm,
-    and its ratio to a healthy one. `apart`: differences between single runs beyond noise and scatter, as a relative
-    standard uncertainty of their mean."""
+    and its ratio to a healthy one, None if a healthy one is invisible. `apart`: differences between single runs beyond
+    noise and scatter, as a relative standard uncertainty of their mean."""
 
     change: Array
     um: float
     u_um: float
-    times_usual: float
+    times_usual: float | None
     apart: float = 0.0
 
 
@@ -141,7 +144,7 @@ def effect_changes(result: SearchResult) -> list[EffectChange]:
         shapes = {shape.field: shape.expected for shape in effect.free(result.linear.payload_kg)}
         as_usual = scaled(healthy(effect), effect.usual_times(result.built), **shapes)
         usual = measure.um(result.linear.columns([as_usual])[:, 0])
-        apart, times = runs_apart(result, k), um / usual if usual > 0 else float("inf")
+        apart, times = runs_apart(result, k), um / usual if usual > _INVISIBLE_UM else None
         changes.append(EffectChange(change, um, float(np.hypot(u_um, apart * um)), times, apart))
     return changes
 
@@ -264,7 +267,7 @@ class Budget:
             times = np.array([form.effect.usual_times(self.result.built) for form in forms for _ in form.columns])
             usual_um = float(np.sqrt(np.sum(moved**2 @ (columns.healthy[indices] * times**2))))
             um = float(np.linalg.norm(vector))
-            ratio = um / usual_um if usual_um > 0 else 0.0
+            ratio = um / usual_um if usual_um > _INVISIBLE_UM else 0.0
             rank: Rank = "undecided" if um < _DOUBTED_SIGMA * u_um else "unusual" if ratio > FAULT else "usual"
             part = BudgetPart(kind, um, u_um, self.share(vector), axis=axis, times_usual=ratio, rank=rank)
             part = replace(part, members=self._members(forms)) if part.share > LARGE_SHARE else part

@@ -11,6 +11,7 @@ without predictive power, a dependence is not reported.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -126,6 +127,11 @@ class Widening:
     factor: float = 1.0
     unexplained_mm: float | None = None
     reach_mm: float | None = None
+
+    @property
+    def unexplained_um(self) -> float:
+        """The constant contribution as an rms distance in µm, 0 if unknown."""
+        return 1e3 * math.sqrt(3) * (self.unexplained_mm or 0.0)
 
 
 @dataclass(frozen=True)

@@ -49,11 +49,13 @@ class Followed:
 class Unexplained:
     """Part explained by no name and no usual error, rms in µm, and the subjects that it `follows`, the likeliest
     first. `scatter_um` is the scatter of a coordinate of poses if scatter explains the part and no target was
-    visited twice; else None."""
+    visited twice; else None. `visits_um` is the rms distance between a visit of a target and the mean of its visits if
+    it exceeds the repeatability of such arms; else None."""
 
     rms_um: float
     follows: tuple[Followed, ...] = ()
     scatter_um: float | None = None
+    visits_um: float | None = None
 
     @property
     def likeliest(self) -> Followed | None:

@@ -203,10 +203,10 @@ class Named:
 
     `worth_um` is the rms change of the readings beyond the part that a set-up could absorb, `u_um` the standard
     uncertainty, and `alone_um` the gap on the runs used if only this effect is added to the model. `times_usual` is the
-    ratio to a healthy arm. `doubt` is the reason for not confirming the effect, None if confirmed. `held_out_gain` is
-    the share of the energy of the gap removed on held-out runs, None if no held-out run shows the effect beyond the
-    scatter of a run. `shares` contains the size in each set-up, and `twins` lists indistinguishable effects: only their
-    sum is known.
+    ratio to a healthy arm, None if a healthy size is invisible. `doubt` is the reason for not confirming the effect,
+    None if confirmed. `held_out_gain` is the share of the energy of the gap removed on held-out runs, None if no
+    held-out run shows the effect beyond the scatter of a run. `shares` contains the size in each set-up, and `twins`
+    lists indistinguishable effects: only their sum is known.
     """
 
     effect: Effect
@@ -220,7 +220,7 @@ class Named:
     doubt: Doubt | None = None
     shares: tuple[Share, ...] = ()
     u_um: float = 0.0
-    times_usual: float = 0.0
+    times_usual: float | None = None
     alone_um: float = math.nan
     twins: tuple[Effect, ...] = ()
     shown: bool = True

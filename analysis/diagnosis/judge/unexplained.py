@@ -19,6 +19,8 @@ from analysis.diagnosis.judge.misses import LeftOut, share_left_out, sides_of
 from analysis.diagnosis.judge.remains import Followed, Unexplained, What
 from analysis.robot.kinematics.arm import Array, Integers
 from analysis.robot.model.scene import pull
+from analysis.runs.noise.cell_noise import TARGET_MM
+from rigs.effects import play_of_joint
 
 _UNIT_RAD, _UNIT_MM = np.radians(1e-3), 1e-3
 """Units of an error of a joint and of a place. They have no effect on the result, because the strength is scaled."""
@@ -54,7 +56,25 @@ def unexplained_of(result: SearchResult, left_out: LeftOut | None, rms_um: float
     follows.sort(key=lambda followed: -followed.share)
     scatters = left_out is not None and not any(block.measured for block in linear.blocks)
     is_scatter = scatters and all(followed.share < _NOTHING for followed in follows)
-    return Unexplained(rms_um, tuple(follows), _scatter_um(result) if is_scatter else None)
+    scatter_um = _scatter_um(result) if is_scatter else None
+    return Unexplained(rms_um, tuple(follows), scatter_um, unusual_visits_um(result))
+
+
+def unusual_visits_um(result: SearchResult) -> float | None:
+    """Return the rms distance in µm between a visit of a target and the mean of its visits, if it exceeds the
+    repeatability of arms of this build; None if it does not, or if no target was visited twice."""
+    blocks = [block for block in result.linear.blocks if block.table.kind.of_places and block.measured]
+    if not blocks:
+        return None
+    square_mm2 = np.mean(np.concatenate([block.count * block.sd_mm**2 for block in blocks]))
+    visits_um = 1e3 * float(np.sqrt(3 * square_mm2))
+    return visits_um if visits_um > most_usual_visits_um(result) else None
+
+
+def most_usual_visits_um(result: SearchResult) -> float:
+    """Return the largest such distance in µm of arms of the build: the data-sheet repeatability of industrial and light
+    arms, in each of three coordinates, and as many times more as such an arm has more backlash."""
+    return 1e3 * float(np.sqrt(3)) * TARGET_MM.high * play_of_joint(1, 1.0).usual_times(result.built)
 
 
 def _folds(result: SearchResult) -> Integers:

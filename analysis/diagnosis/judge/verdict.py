@@ -161,12 +161,15 @@ of -23 ± 23 mm had odds above 99.9 %."""
 class Gaps:
     """Gap on the runs used, on held-out runs and at an unseen place. `predicted_um`: rms in µm by which the complete
     model of all other places misses each neighbourhood of the places used, None if the runs used are not places alone.
+    `unexplained_um`: rms distance in µm by which the complete model misses places not used in its fit, beyond noise and
+    stated uncertainty.
     """
 
     train: Gap
     held_out: Gap | None
     unseen: Gap | None
     predicted_um: float | None = None
+    unexplained_um: float = 0.0
 
     @property
     def judged(self) -> Gap:
@@ -339,10 +342,12 @@ def doubts_of_phases(vibrations: Sequence[Named], left: FoundVibration) -> tuple
     )
 
 
-def remainder_of(result: SearchResult, named: Sequence[Named], limits: Array, train: Gap) -> tuple[Remainder, bool]:
+def remainder_of(result: SearchResult, named: Sequence[Named], limits: Array, gaps: Gaps) -> tuple[Remainder, bool]:
     """Return the remainder beyond the noise, at most the gap of the runs used, and whether it exceeds the limits
     (b,) µm. The remainder includes the contributions of contradicted effects and the residual of the calibrated
-    model beyond the noise: a non-repeating error looks like scatter about the mean of the runs."""
+    model beyond the noise: a non-repeating error looks like scatter about the mean of the runs. The error not predicted
+    at places without part in the fit replaces it if that is larger and not negligible."""
+    train, missed_um = gaps.train, gaps.unexplained_um
     imitating = [name for name in named if name.contradicted]
     effects = result.effects
     imitated = sum(
@@ -360,6 +365,9 @@ def remainder_of(result: SearchResult, named: Sequence[Named], limits: Array, tr
         single_um = float(np.sqrt(min(train.calibrated_um, train.before_um) ** 2 - train.noise_floor_um**2))
     if single_um > max(um, LEAST_MATERIAL_UM):
         um, share, is_material = single_um, (single_um / train.before_um) ** 2, True
+    if max(um, LEAST_MATERIAL_UM, train.noise_floor_um) < missed_um < train.before_um:
+        missed_share = (missed_um / train.before_um) ** 2
+        um, share, is_material = (missed_um, missed_share, True) if missed_share > _CRUMBS else (um, share, is_material)
     words = (
         _in_words(result, imitating) if is_material else "no more than the noise, the scatter and a healthy arm explain"
     )

@@ -89,7 +89,10 @@ def judge(cell: Cell, answer: Mapping[str, Any], found: Path) -> Verdict:
 
 
 def was_told(answer: Mapping[str, Any]) -> bool:
-    """Return whether the answer says that an unknown cause remains, or that something moved between rows or runs."""
+    """Return whether the answer says that an unknown cause remains, that something moved between rows or runs, or that
+    visits of a target differ by more than such arms repeat."""
+    if (answer.get("unexplained") or {}).get("visits_um"):
+        return True
     if answer.get("condition") in _TOLD or answer.get("movements"):
         return True
     if any(act.get("why") == "unexplained" for act in (answer.get("acts") or [])[:1]):
