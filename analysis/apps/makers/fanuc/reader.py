@@ -161,7 +161,7 @@ def parse(texts: Texts) -> Parsed:
         for name in {texts.names[file].rpartition(".")[0].upper(), *((named[1].upper(),) if named else ())}:
             reader.programs.setdefault(name, []).append(file)
     for name, files in reader.programs.items():
-        if 0 in files:  # The program itself has priority.
+        if 0 in files:  # the program itself has priority
             reader.programs[name] = [0]
     for text in blank:
         positions = text[_section(text, "POS", len(text)) :]
@@ -412,7 +412,7 @@ def _offset(reader: _Reader, texts: Sequence[str]) -> tuple[str, Value | Built] 
 
 
 def _selected(number: str, values: tuple[Value, ...]) -> Value:
-    """Return whether the selected number is the number of a position; F is the selected number."""
+    """Return OFF if the number of a position is the selected number or F, else the selected number."""
     selected = values[0]
     return OFF if number in ("F", selected) else selected
 

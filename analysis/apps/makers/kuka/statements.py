@@ -139,7 +139,7 @@ class Reader:
             self._defined.setdefault(name, []).append(key)
 
     def defined(self, file: int, name: str) -> list[str]:
-        """Return the candidate routines for a name in a file: those of the file, or else those visible to all files."""
+        """Return the candidate routines for a name: routines of the file or, if there are none, global routines."""
         stem, key = self.names[file].rpartition(".")[0].upper(), name.upper()
         return self._defined.get(f"{stem}:{key}") or self._defined.get(key) or []
 

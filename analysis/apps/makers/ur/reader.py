@@ -148,7 +148,7 @@ _NOTHING = words("""
     socket_read_binary_integer socket_read_byte_list socket_read_line socket_read_string socket_send_byte
     socket_send_int socket_send_line socket_send_string socket_set_var
     """)
-"""Functions without effect on arm, tool and base: those of the manual that compute, read, write outputs and
+"""Functions with no effect on arm, tool and base: those of the manual that compute, read, write outputs and
 registers, wait, or show messages. `get_inverse_kin` is a target if it is the argument of a move."""
 _METHOD = re.compile(r"(?<![\w.])([A-Za-z_]\w*)[ \t]*\.[ \t]*([A-Za-z_]\w*)[ \t]*\(")
 _OF_LISTS = words("append clear excluding extend insert pop remove slice length size to_string")
@@ -345,12 +345,12 @@ def _end_routine(reader: _Reader) -> None:
 
 
 def _misread(reader: _Reader, place: int, fault: str = "the blocks do not end where they should") -> None:
-    """Treat everything as unknown, because the text cannot be parsed."""
+    """Treat the complete state as unknown, because the text cannot be parsed."""
     reader.beside.append(Call("\0", reader.why(place, fault)))
 
 
 def _call(reader: _Reader, event: re.Match[str]) -> None:
-    """Parse a call of a routine of the script, of a move, or of another function of the manual."""
+    """Parse a call of a routine of the script, of a move, or of any other function."""
     name, at, blocks = event["call"], event.start(), reader.blocks
     end = reader.closes.get(event.end() - 1)
     if name in reader.defined:
