@@ -62,7 +62,7 @@ def urdf_of(rig: Rig) -> str:
 
 
 def joint_states(names: Sequence[str], q_deg: Sequence[float | None], at_ns: int) -> dict[str, Any]:
-    """Return the message of known joint angles in degrees at a time in ns since 1970."""
+    """Return the message for joint angles in degrees at a time in ns since 1970. Unknown angles are omitted."""
     sec, nsec = divmod(at_ns, 1_000_000_000)
     joints = [
         {"name": name, "position": math.radians(deg)}

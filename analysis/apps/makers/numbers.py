@@ -22,7 +22,7 @@ _M_MM = 1e3
 
 @dataclass(frozen=True)
 class Decimals:
-    """Least and most decimals of a number in a dialect; between these limits a number keeps the old count of decimals.
+    """Minimum and maximum number of decimals in a dialect. Between these limits a number keeps its number of decimals.
 
     place: coordinates. turn: angles and the components of a quaternion.
     """

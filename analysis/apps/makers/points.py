@@ -153,10 +153,9 @@ class Points:
         return PointAxes(None if point.changed else dict(point.target.external), not point.target.joints)
 
     def _targets(self) -> tuple[list[Target], dict[str, int], list[Left]]:
-        """Return the targets in the tool and frame of their moves, the indices of targets by key of the move, and the
-        rest.
+        """Return the targets of the points, their indices, and the uncorrected points and moves.
 
-        The rest are the uncorrected points and moves.
+        Targets have the tool and the frame of their moves. The keys of the indices are those of the moves.
         """
         targets: list[Target] = []
         places: dict[str, int] = {}

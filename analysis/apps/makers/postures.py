@@ -192,7 +192,7 @@ class _Ways:
 
 
 def _not_the_same(ways: _Ways, step: Step, free: set[int], reasons: dict[int, Reason]) -> Reason | None:
-    """Return the reason if a move may reach the target in a posture different from the corrected posture."""
+    """Return a reason if a move may reach the target in a posture different from the corrected posture."""
     k = step.target
     if isinstance(ways.branches.get(k, "unreachable"), str) or not ways.stands(k):  # A joint target, or no posture
         return None
@@ -215,7 +215,7 @@ def _not_the_same(ways: _Ways, step: Step, free: set[int], reasons: dict[int, Re
 
 
 def _turned(ways: _Ways, arc: Arc | None, reasons: dict[int, Reason]) -> Reason | None:
-    """Return the reason if an arc that rotates the tool with the tangent does not produce the written orientations."""
+    """Return a reason if an arc that rotates the tool with the tangent does not produce the written orientations."""
     if arc is None:
         return None
     places = [k for k in (*arc.starts, arc.through, arc.end) if k is not None and k not in reasons and ways.stands(k)]

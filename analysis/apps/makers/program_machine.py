@@ -1,10 +1,9 @@
-"""A program as an abstract machine: tool, frame and displacement known with certainty at each move, on every path to
-it.
+"""A program as an abstract machine, which determines the tool, frame and displacement that are certain at each move.
 
 A dialect translates its text into routines of a few statements. The machine follows every path through them: branches
 are joined, loops run to a fixed point, calls are followed. A part of the state is a value or unknown, and an unknown
-part names the line that caused it. `Forget` stands for a statement outside the closed list of the dialect: the complete
-state is unknown after it.
+part names the line that caused it. `Forget` is used for a statement outside the closed list of the dialect: the
+complete state is unknown after it.
 
 A routine is analysed once for each state in which it is called, independent of the position of the arm; the positions
 are joined at the end. Concurrent code (interrupts, threads) may run at any moment, so all parts it may change are

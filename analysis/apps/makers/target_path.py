@@ -74,7 +74,7 @@ class TargetPath:
 
 
 def read_path(path: Path, axes: int = 6, *, rail: bool = False) -> TargetPath:
-    """Read the targets of an arm, preferably as joint angles, and the rail position.
+    """Read the targets of an arm, as joint angles if the table contains them, and the rail position.
 
     Raises FileError for an invalid path, and TableFileError with every bad cell.
     """

@@ -15,7 +15,7 @@ from rigs.schema.vocabulary import MakerName
 
 
 def feedback_note(maker: MakerName, feedback: Feedback) -> str:
-    """Return a sentence with the requirements of the rig file's feedback on a controller."""
+    """Return a sentence on what the feedback in the rig file requires from the controller."""
     served = {ModbusJoints: BY_ITSELF} | dict(maker_by(maker).writer.feedbacks)
     need = served.get(type(feedback), "nothing in this program serves it; provide it yourself")
     return f"feedback {feedback.interface}: {need}"

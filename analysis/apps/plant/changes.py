@@ -135,9 +135,9 @@ FALSE_ALARMS = 0.01
 NEWEST = 500
 """Number of newest runs searched: time and memory are quadratic."""
 _CHANCE = 6.5
-"""Limit of the false alarm probability: P(score > s) <= exp(_CHANCE - s) if nothing changes. Simulated for 10 to 300
-runs, white noise and slow parts of 50 to 90 % over 1.5 to 50 runs, 1500 to 4000 series each; the worst 99 %
-quantile was 11.2, the worst 99.9 % quantile 14.1."""
+"""Constant in the bound of the false alarm probability: P(score > s) <= exp(_CHANCE - s) if nothing changes.
+Simulated for 10 to 300 runs, white noise and slow parts of 50 to 90 % over 1.5 to 50 runs, 1500 to 4000 series
+each; the worst 99 % quantile was 11.2, the worst 99.9 % quantile 14.1."""
 _WINDOW, _WILD = 7, 4.0
 """Window of the running median, and outlier limit in spreads."""
 _SLOWER = 2.0

@@ -175,7 +175,7 @@ def _sorted_out(
 
 
 def _evaluated(jobs: Sequence[Job], progress: Progress, how: Workers) -> Iterator[list[Record]]:
-    """Yield the records of runs in batches to save, at least a single batch. Finished records are saved on Ctrl-C."""
+    """Yield the records of runs in batches to save, at least one batch. Finished records are saved on Ctrl-C."""
     piece: list[Record] = []
     outcomes = each(_record, jobs, jobs=1 if len(jobs) <= _FEW and not how.jobs else how.jobs, scheduler=how.scheduler)
     try:

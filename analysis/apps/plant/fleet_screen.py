@@ -57,7 +57,7 @@ def as_screen(fleet: Fleet) -> RenderableType:
         standing = Text(WORDS[state.attention], style=_STYLES.get(state.attention, ""))
         share = [Text(simulated_share(state), style="yellow")] if state.simulated else []
         robot = Text("\n").join([Text(name), *share])
-        # Figure closest to its limit, the tests, and doubts, a line each
+        # Figure closest to its limit, the tests, and doubts, one per line
         lines = [Text(state.worst)] if state.worst else []
         lines += [Text(", ".join(state.tests), style="dim")] if state.tests else []
         lines += [Text(plain(", ".join(state.doubts)), style="yellow")] if state.doubts else []

@@ -1,4 +1,4 @@
-"""The state of a robot in a line: standing against the limits, changes with dates, and doubts."""
+"""One-line state of a robot: standing against the limits, changes with dates, and doubts."""
 
 from __future__ import annotations
 

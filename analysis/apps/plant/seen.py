@@ -1,4 +1,4 @@
-"""Listing of the runs of a plant by names, sizes and times of files, with no need to open them.
+"""Listing of the runs of a plant by names, sizes and times of files, without opening them.
 
 Remote stores provide a state of each file, such as the ETag of an object store. A new or changed run is examined: the
 catalogue stores the record and the rig file.
@@ -56,7 +56,7 @@ def seen_runs(directory: Path) -> Iterator[Seen]:
 
 
 def signature_of(run: Path) -> str:
-    """Return a digest of the names, sizes and times of a run's files, at a system call per file; empty if
+    """Return a digest of the names, sizes and times of a run's files, with one system call per file; empty if
     unreadable."""
     try:
         with os.scandir(run) as entries:

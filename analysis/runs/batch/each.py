@@ -30,7 +30,7 @@ def each(
 
     work: a stateless module-level function, importable by other processes. A RigError or a numerical error becomes the
     outcome of the item; other exceptions are bugs and are raised here. items, values: picklable. jobs: number of local
-    processes; 0 for a process per core. scheduler: address of a Dask scheduler to use instead.
+    processes; 0 for one per core. scheduler: address of a Dask scheduler to use instead.
 
     Remote runs are always fetched by separate processes: store packages start threads, and a process waiting for a
     store can be ended immediately.

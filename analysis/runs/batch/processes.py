@@ -1,4 +1,4 @@
-"""Work in several local processes with an item at a time each.
+"""Process items in several local processes, each with one item at a time.
 
 If a process is killed, the item is therefore known; `concurrent.futures` abandons all work in that case. This process
 has no threads, because a fork could copy a thread in the middle of an operation.

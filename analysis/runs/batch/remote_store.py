@@ -1,4 +1,4 @@
-"""Remote file stores through fsspec: list directories, find runs, and report failures in a line.
+"""Remote file stores through fsspec: list directories, find runs, and report failures in one line.
 
 fsspec is an optional extra, and the package of each protocol raises different errors. They are classified here by
 remedy: install a package, check the URL, request access, or wait for the network.

@@ -13,10 +13,10 @@ from rigs.errors import FileError
 
 
 def run_directories(paths: Iterable[Path]) -> list[Path]:
-    """Return the runs given by paths, in the given order with no repetition, and in order of names within a directory.
+    """Return the runs given by paths, in the given order without repetition, and in order of names within a directory.
 
-    A path with no runs is returned itself, and reading it reports the problem. Raises CellError if a store does not
-    respond.
+    A path that contains no runs is returned unchanged, and reading it then reports the problem. Raises CellError if a
+    store does not respond.
     """
     runs: dict[Path, Path] = {}
     for path in paths:

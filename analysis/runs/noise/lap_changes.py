@@ -100,8 +100,8 @@ def bursts(laps: Array) -> Mask:
 def following(laps: Array, odd: Mask) -> Array:
     """Return laps (L, NODES) with masked values replaced by the other laps.
 
-    odd (L, NODES): mask of the values to replace. The new values keep the nearby distance of the lap from the other
-    laps.
+    odd (L, NODES): mask of the values to replace. The distance of the new values from the other laps is that of the
+    surrounding nodes.
     """
     mended = laps.copy()
     for lap in np.flatnonzero(odd.any(axis=1)):

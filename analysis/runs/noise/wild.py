@@ -1,9 +1,9 @@
-"""Outliers: readings with a distance from all others that no effect of a robot explains. All tests use this rule.
+"""Outliers: readings farther from all others than any effect of a robot can explain. All tests use this rule.
 
 A fit to all readings follows an outlier: a single lost point of a tracker among 130 poses moved the base and increased
 an rms of 0.14 mm to 165 mm. The fit is therefore repeated a few times with the readings near the previous fit. Readings
-that are still distant are outliers. However, if there are numerous distant readings, or if they share a range of a
-joint, the cause is an error of the model and not an accident of the instrument. None of them is then an outlier.
+that are still distant are outliers. However, if there are many distant readings, or if they share a range of a joint,
+the cause is an error of the model and not an accident of the instrument. None of them is then an outlier.
 """
 
 from __future__ import annotations

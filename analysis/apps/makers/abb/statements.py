@@ -190,8 +190,8 @@ class Reader:
         return Unknown(self.file, self.lines[self.file].at(begin), " ".join(fact.split())[:80])
 
     def defined(self, name: str) -> list[str]:
-        """Return the candidate routines for a name: those of the current module, or else those visible to all
-        modules."""
+        """Return the candidate routines for a name: routines of the current module or, if there are none, global
+        routines."""
         if self._defined is None:
             self._defined = {}
             for file, text in enumerate(self.texts):

@@ -44,4 +44,4 @@ WRITING = words("""
     CIOCTL GET_MSGBUFFER MSGDIALOG GET_SYSTEM_DATA EKI_GETBOOL EKI_GETINT EKI_GETREAL EKI_GETSTRING EKI_GETFRAME
     CREAD SREAD SWRITE CWRITE COPEN CCLOSE
     """)
-"""System functions that return values through their arguments and change nothing more."""
+"""System functions that return values through their arguments and change nothing else."""
