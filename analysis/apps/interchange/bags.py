@@ -73,7 +73,7 @@ class McapBag:
 
     @property
     def is_whole(self) -> bool:
-        """Whether the end of the file is present."""
+        """True if the end of the file is present."""
         return self.data.endswith(MCAP_MAGIC)
 
     def messages(self) -> Iterator[Found]:

@@ -55,7 +55,7 @@ class TargetPath:
 
     @property
     def joints(self) -> bool:
-        """Whether the targets are joint angles; otherwise they are poses."""
+        """True for joint angles; otherwise the targets are poses."""
         return self.names != POSES
 
     def angles(self) -> Array:

@@ -52,7 +52,7 @@ class Difference:
 
     @property
     def is_larger(self) -> bool:
-        """Whether the difference exceeds the spread between runs."""
+        """True if the difference exceeds the spread between runs."""
         return abs(self.difference.value) > self.explained
 
     @property

@@ -122,7 +122,7 @@ class _Reader:
     group: str = ""
     """The robot whose jobs are corrected: the robot of the first job."""
     foreign: bool = False
-    """Whether the current job moves another robot."""
+    """True while the current job moves another robot."""
     frame: str | None = None
     """The frame of a relative job."""
     blocks: Blocks = field(default_factory=Blocks)
