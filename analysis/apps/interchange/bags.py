@@ -1,16 +1,16 @@
-"""A bag of ROS 2 in either of the formats of `ros2 bag record`, and its messages in the order of the file.
+"""ROS 2 bags in both formats of `ros2 bag record`, and their messages in file order.
 
-Of an MCAP file each chunk is unpacked once, bounded, its checksum held. A bag's index may name one chunk any number of
-times: 220 kB stood for 22 GB. So the index is not read; records are taken as they come, and what they unpack to is
-counted in the same pass. One changed bit in a reading makes another plausible reading, and only the checksums of chunks
-and of the data section show it.
+Each chunk of an MCAP file is unpacked once, with a size limit and a checksum. The index is ignored, because it may list
+a chunk any number of times: a file of 220 kB claimed 22 GB. Records are read in sequence, and their unpacked size is
+counted in the same pass. A flipped bit in a reading produces another plausible reading, which only the checksums of
+chunks and of the data section reveal.
 
-rosbag2's first format is SQLite. A database can hold views and triggers that compute without end. So only plain tables
-are read, in the order of their times, and only for so many steps. It has no checksums: a changed bit in a message makes
-another message.
+The first format of rosbag2 is SQLite. A database can contain views and triggers with endless computations, so only
+plain tables are read, ordered by time, with a limited number of steps. This format has no checksums: a flipped bit
+changes a message unnoticed.
 
-The messages that rig reads are taken from CDR by their layout, which is fixed; a general reader would build code from
-the text of definitions in a file that somebody else made.
+Messages are decoded from CDR by their fixed layout. A general decoder would build code from message definitions in a
+file of unknown origin.
 
 Sources: OMG DDSI-RTPS 2.3, 10 (CDR), and ros2/common_interfaces, sensor_msgs, geometry_msgs and std_msgs.
 """
@@ -40,16 +40,19 @@ from rigs.text import as_argument
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 _MOST_UNPACKED = 2_000_000_000
-"""Bytes of all chunks of a bag once they are unpacked: eight times the largest file."""
+"""Maximum size in bytes of all unpacked chunks of a bag: eight times the largest file."""
 _MOST_OF_CHUNK = 256_000_000
-"""Bytes of one chunk, which is in memory as a whole; recorders begin another after some megabytes."""
+"""Maximum size in bytes of a chunk, which is in memory completely. Recorders start a new chunk after some megabytes."""
 _PIECE = 1_000_000
-"""Bytes that are unpacked at a time to count them."""
+"""Bytes unpacked at a time for counting."""
 
 
 class Found(NamedTuple):
-    """A message with its topic and the type of the topic's messages; one that is not written as ROS 2 does has its
-    encoding beside the type. log_ns, sent_ns: when it was received, and when it was sent as far as that is known."""
+    """A message with its topic and message type.
+
+    kind: message type, with the encoding appended if it is not CDR. log_ns, sent_ns: time of reception, and time of
+    sending if known.
+    """
 
     topic: str
     kind: str
@@ -60,7 +63,7 @@ class Found(NamedTuple):
 
 @dataclass
 class McapBag:
-    """An MCAP file in memory. has_checksums: whether all messages read so far lie under one."""
+    """An MCAP file in memory. has_checksums: whether checksums cover all messages read so far."""
 
     data: bytes
     where: str
@@ -70,14 +73,14 @@ class McapBag:
 
     @property
     def is_whole(self) -> bool:
-        """Whether the file ends as it begins."""
+        """True if the end of the file is present."""
         return self.data.endswith(MCAP_MAGIC)
 
     def messages(self) -> Iterator[Found]:
-        """Yield the messages in the order of the file.
+        """Yield the messages in file order.
 
-        Raises FileError for a bag that stands for too much, McapError where it contradicts itself, and of a damaged one
-        whatever its decompressors raise.
+        Raises FileError for a bag that is too large, McapError for an inconsistent bag, and any error of the
+        decompressors for a damaged bag.
         """
         count = unpacked = 0
         checked = True
@@ -88,7 +91,7 @@ class McapBag:
                 break
             if isinstance(record, Chunk):
                 checked &= record.uncompressed_crc != 0
-                size = max(record.uncompressed_size, _frame_bytes(record))  # a few bytes can stand for any number
+                size = max(record.uncompressed_size, _frame_bytes(record))  # A few bytes can claim any size.
                 remedy = "record the topics of joints and gauges alone, or import it in several runs"
                 if (unpacked := unpacked + size) > _MOST_UNPACKED:
                     problem = f"stands for more than {_MOST_UNPACKED / 1e9:g} GB once it is unpacked"
@@ -101,7 +104,7 @@ class McapBag:
                 if isinstance(part, Message):
                     count += 1
                     yield Found(*self._channels[part.channel_id], part.log_time, part.publish_time, part.data)
-                # Remember the schema or the channel that a record defines.
+                # Remember the schema or the channel defined by a record.
                 elif isinstance(part, Schema):
                     self._schemas[part.id] = part
                 elif isinstance(part, Channel):
@@ -115,14 +118,14 @@ class McapBag:
 
 
 def words_of(error: Exception) -> str:
-    """Return what is wrong with a bag that made its reader raise this."""
+    """Return the damage of a bag in words, from the error of the decoder."""
     if isinstance(error, CRCValidationError):
         return "its content has changed since it was recorded (CRC-32)"
     return str(error)[:80] or type(error).__name__
 
 
 def _records_in(chunk: Chunk) -> Iterator[McapRecord]:
-    """Yield what a chunk holds, one by one. Raises CRCValidationError where it has changed."""
+    """Yield the records of a chunk. Raises CRCValidationError if it has changed."""
     stream, size = get_chunk_data_stream(chunk, validate_crc=True)
     while stream.count < size:
         opcode, length = stream.read1(), stream.read8()
@@ -137,27 +140,28 @@ def _records_in(chunk: Chunk) -> Iterator[McapRecord]:
 
 
 def _frame_bytes(chunk: Chunk) -> int:
-    """Return the bytes that the frame of a compressed chunk unpacks to, as far as that is known before."""
+    """Return the unpacked size in bytes of the frame of a compressed chunk, if known in advance."""
     if chunk.compression == "zstd":
-        return int(zstandard.frame_content_size(chunk.data))  # -1: unknown, and unpacked no further than the chunk says
+        return int(zstandard.frame_content_size(chunk.data))  # -1 is unknown: the chunk then limits the size
     if chunk.compression != "lz4":
         return len(chunk.data)
-    # A piece at a time: an lz4 frame need not state it.
+    # In pieces, because an lz4 frame need not state the size
     frame, total, data = lz4.frame.LZ4FrameDecompressor(), 0, chunk.data
     while not frame.eof and total <= _MOST_UNPACKED:
         piece = frame.decompress(data, max_length=_PIECE)
         if not piece and frame.needs_input:
-            break  # it is cut off, as its reader will find
+            break  # The frame is truncated, which the decoder will report.
         data, total = b"", total + len(piece)
     return total
 
 
 SQLITE_MAGIC = b"SQLite format 3\0"
 _VERSIONS, _NO_LOG = 18, b"\1\1"
-"""Where a header says whether a log beside the file is used (WAL, of rosbag2's resilient preset), and that none is: a
-database in memory has none (sqlite.org, Database File Format, 1.3.3)."""
+"""Position in the header of the flags for a log file (WAL, used by the resilient preset of rosbag2), and the value
+for no log: a database in memory has none (sqlite.org, Database File Format, 1.3.3)."""
 _MOST_STEPS = 500_000_000
-"""Steps of SQLite's virtual machine: half a minute, and several times what five million messages take."""
+"""Maximum number of steps of SQLite's virtual machine: half a minute, and several times the steps for five million
+messages."""
 _STEPS = 1_000_000
 _PLAIN = "SELECT count(*) FROM sqlite_master WHERE name IN ('messages', 'topics') AND type = 'table' AND rootpage > 0"
 _MESSAGES = """SELECT topics.name, topics.type, topics.serialization_format, messages.timestamp, messages.data
@@ -166,7 +170,7 @@ FROM messages JOIN topics ON messages.topic_id = topics.id ORDER BY messages.tim
 
 @dataclass(frozen=True)
 class SqliteBag:
-    """A database in memory."""
+    """An SQLite database in memory."""
 
     data: bytes
     where: str
@@ -174,9 +178,9 @@ class SqliteBag:
     is_whole = True
 
     def messages(self) -> Iterator[Found]:
-        """Yield the messages in the order in which they were received.
+        """Yield the messages in the order of reception.
 
-        Raises sqlite3.Error for a damaged database, and for one that is no bag.
+        Raises sqlite3.Error for a damaged database, and for a database that is not a bag.
         """
         steps = iter(range(_MOST_STEPS // _STEPS))
         with closing(sqlite3.connect(":memory:")) as database:
@@ -192,24 +196,25 @@ class SqliteBag:
 
 Bag = McapBag | SqliteBag
 _LAST_NS = 2**62
-"""The year 2116: no bag is of a later one, and all reckoning with times is in 64 bits."""
+"""Latest valid time, the year 2116: keeps computations with times within 64 bits."""
 _SUFFIXES = (".mcap", ".db3")
 
 
 def is_bag(data: bytes) -> bool:
-    """Return whether the bytes of a file are those of a bag."""
+    """Return whether the bytes of a file are a bag."""
     return data.startswith((MCAP_MAGIC, SQLITE_MAGIC))
 
 
 def bag_of(data: bytes, where: str) -> Bag:
-    """The bag in the bytes of a file."""
+    """Return the bag in the bytes of a file."""
     return (SqliteBag if data.startswith(SQLITE_MAGIC) else McapBag)(data, where)
 
 
 def file_of(path: Path) -> Path:
-    """Return the file of a bag in the directory that `ros2 bag record` made; any other path as it is.
+    """Return the file of a bag in a directory written by `ros2 bag record`, and any other path unchanged.
 
-    Raises FileError for a directory with no such file, or several, and for a file whose end is in a log beside it.
+    Raises FileError unless the directory contains exactly one such file, and for a file with messages in a separate
+    log.
     """
     files = sorted(file for file in path.iterdir() if file.suffix in _SUFFIXES) if path.is_dir() else [path]
     if len(files) == 1:
@@ -224,7 +229,7 @@ def file_of(path: Path) -> Path:
 
 
 def messages_of(bag: Bag) -> Iterator[Found]:
-    """Yield the messages of a bag. Raises FileError where it is cut off or damaged."""
+    """Yield the messages of a bag. Raises FileError if it is truncated or damaged."""
     if not bag.is_whole:
         remedy = "copy the bag again, or mend one whose recorder was killed: mcap recover BAG -o WHOLE"
         raise FileError(bag.where, "is cut off: a bag ends as it begins", remedy)
@@ -246,8 +251,10 @@ NO_STAMP = 0
 
 
 class Cdr:
-    """A serialised message: the encapsulation header of four bytes, then fields, each at a multiple of its size.
-    Reading beyond its end raises struct.error or IndexError."""
+    """A serialised message: an encapsulation header of four bytes, then fields aligned to their size.
+
+    Reading beyond the end raises struct.error or IndexError.
+    """
 
     def __init__(self, data: bytes) -> None:
         self._body = data[4:]
@@ -255,7 +262,7 @@ class Cdr:
         self._at = 0
 
     def take(self, code: str, count: int = 1) -> tuple[float, ...]:
-        """Take so many numbers of a format of `struct`."""
+        """Read numbers in a format of `struct`."""
         size = struct.calcsize(code)
         self._at += -self._at % size if count else 0
         values = struct.unpack_from(f"{self._order}{count}{code}", self._body, self._at)
@@ -263,25 +270,25 @@ class Cdr:
         return values
 
     def count(self) -> int:
-        """Take the length of what follows; no more than there is."""
+        """Read the length of a sequence, limited to the size of the message."""
         return min(int(self.take("I")[0]), len(self._body))
 
     def text(self) -> str:
-        """Take a text."""
+        """Read a text."""
         size = self.count()
         (encoded,) = struct.unpack_from(f"{size}s", self._body, self._at)
         self._at += size
         return str(encoded.rstrip(b"\0"), "utf-8", "replace")
 
     def header(self) -> int:
-        """Take a header: its stamp in ns, 0 for none."""
+        """Read a header, and return the stamp in ns, or 0 if there is none."""
         seconds, nanoseconds = (int(part) for part in self.take("I", 2))
         self.text()
         return seconds * 10**9 + nanoseconds
 
 
 def joint_state(data: bytes) -> tuple[int, dict[str, float]]:
-    """Return the stamp in ns and the angle in rad of each joint of a JointState."""
+    """Return the stamp in ns and the angle in rad of each joint in a JointState."""
     message = Cdr(data)
     stamp_ns = message.header()
     names = [message.text() for _ in range(message.count())]
@@ -295,8 +302,8 @@ def number(data: bytes) -> float:
 
 
 class Placed(NamedTuple):
-    """A place in m and a turn as a quaternion x, y, z, w, empty for a message without; child: the frame that is placed,
-    where the message names it."""
+    """A position in m and an orientation as a quaternion x, y, z, w, empty if absent. child: name of the frame, if
+    given."""
 
     stamp_ns: int
     child: str
@@ -305,7 +312,7 @@ class Placed(NamedTuple):
 
 
 def _placed(data: bytes, *, turn: int = 4, child: bool = False) -> Iterator[Placed]:
-    """One place with a turn of so many numbers; child: the message names what it places."""
+    """Yield a position with an orientation of `turn` numbers. child: the message names the frame."""
     message = Cdr(data)
     stamp_ns = message.header()
     if child:
@@ -326,4 +333,4 @@ PLACED: Mapping[str, Callable[[bytes], Iterator[Placed]]] = {
     "geometry_msgs/msg/TransformStamped": partial(_placed, child=True),
     TF: _transforms,
 }
-"""What places something, by the type of the message; all but TF place one thing a topic."""
+"""Decoders of positions by message type. Except for TF, a topic describes a single object."""

@@ -1,6 +1,7 @@
-"""`rig arms`: the arm library, and the section of a rig file that each of its arms is; `rig import-urdf` makes that
-section of a URDF, and `rig export-urdf` writes the calibrated arm of a rig's model as what other programs read: URDF,
-xacro, MJCF, YAML.
+"""`rig arms`, `rig import-urdf` and `rig export-urdf`: the arm library, and arms as files.
+
+`rig arms` prints the section of a rig file for an arm, `rig import-urdf` converts a URDF to this section, and `rig
+export-urdf` writes the calibrated arm of a rig for other programs as URDF, xacro, MJCF or YAML.
 """
 
 from __future__ import annotations
@@ -85,7 +86,7 @@ def arms(
 
 
 def write_section(text: str, output: Path | None) -> None:
-    """Write a section into a new file, or to the screen."""
+    """Write a section to a new file, or to the screen."""
     from analysis.runs.written_files import holding, write_new
 
     if output is None:
@@ -228,7 +229,10 @@ def export_urdf(
 
 
 def _friction(run: Path, nm_per_a: str) -> dict[int, float]:
-    """The friction of the joints in Nm that the motor currents of a run show. Raises FileError where they show none."""
+    """Return the friction of the joints in Nm, derived from the motor currents of a run.
+
+    Raises FileError if the run does not show the friction.
+    """
     import analysis
     from analysis.correction.exported_arm import friction_nm, torques_of
     from rigs.errors import FileError

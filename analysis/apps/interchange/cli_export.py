@@ -1,4 +1,4 @@
-"""`rig export RUN…`: the tables of runs for other programs, or their streams for plotting."""
+"""`rig export RUN…`: write the tables of runs for other programs, or the streams for plotting."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def export(
 
 
 def _export(path: Path, to: Format, output: Path) -> None:
-    """Write one file, and mark the run as exported; a map is no export of its readings."""
+    """Write a file, and mark the run as exported. A map does not count as an export of the readings."""
     from functools import partial
 
     from analysis.apps.interchange.mcap_export import write_mcap
@@ -79,7 +79,7 @@ def _export(path: Path, to: Format, output: Path) -> None:
         say(output)
         return
     try:
-        durable.persist(output)  # rigd may delete a marked run, and a power cut must not take its only copy
+        durable.persist(output)  # Rigd may delete a marked run, and a power failure must not destroy the only copy.
     except OSError as error:
         problem = f"cannot be made durable, so {path} is not marked as exported: {error.strerror or error}"
         raise CellError(str(output), problem, "export it again to another disk") from None

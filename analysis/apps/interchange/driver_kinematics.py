@@ -1,11 +1,9 @@
-"""Export an arm as the joint origins of a maker's ROS description: kinematics.yaml, or Universal Robots'
-calibration.yaml. Neither contains the base or the tool of a rig file.
+"""Export of an arm as the joint origins of a maker's ROS description: kinematics.yaml, or calibration.yaml for
+Universal Robots. Neither contains the base or the tool of a rig file.
 
-kinematics.yaml has one entry per joint, its origin in the previous link. A description draws meshes in link frames of
-its
-own. Both chains of frames, the maker's and the rig file's, turn about the same axes on the same links, so each pair
-differs by a constant frame: it is computed from the nominal arm and used to write the calibrated arm. Meshes stay in
-the
+kinematics.yaml has an entry per joint: the origin in the previous link. A description draws meshes in the maker's link
+frames. The frames of the maker and of the rig file turn about the same axes on the same links, so each pair differs by
+a constant frame. This frame is computed from the nominal arm and used to write the calibrated arm. Meshes stay in the
 maker's positions.
 
 The nominal origins come from the makers' files: frankaemika/franka_description, robots/fer/kinematics.yaml, commit
@@ -13,9 +11,9 @@ The nominal origins come from the makers' files: frankaemika/franka_description,
 a083c36 and 74e75cf, with right angles in place of 1.5708. Doosan's description (doosan-robotics/doosan-robot2,
 dsr_description2/urdf) and Kinova's (Kinovarobotics/ros2_kortex) have no such file: their joints are part of the URDF.
 
-The package ur_description builds a URDF from calibration.yaml: each entry is the origin of a joint in metres and
-radians, turning about z; the first belongs to base_link_inertia, which is base_link rotated by half a turn about z and
-equal to the controller's base; tool0 is the frame of wrist_3. Source: ros-industrial/universal_robot,
+The package ur_description builds a URDF from calibration.yaml. Each entry is the origin of a joint in metres and
+radians, turning about z. The first belongs to base_link_inertia, which is base_link rotated by half a turn about z and
+equal to the controller's base. tool0 is the frame of wrist_3. Source: ros-industrial/universal_robot,
 ur_description/urdf/inc/ur_macro.xacro, commit 0290bd2.
 """
 
@@ -37,13 +35,16 @@ from rigs.text import plain
 Origin = tuple[float, float, float, float, float, float]
 """x, y, z in mm and roll, pitch, yaw in degrees."""
 _SAME_MM, _SAME_RAD = 0.5, 1e-4
-"""Permitted differences between the axes of the nominal arm and the maker's. Data sheets round to a tenth of a mm."""
+"""Tolerances for equal axes of the nominal arm and of the maker. Data sheets round to a tenth of a mm."""
 
 
 @dataclass(frozen=True)
 class Layout:
-    """Notation of a maker's description: nominal joint origins, that of the flange if present, and the keys above and
-    below the joint names."""
+    """The format of a maker's description.
+
+    origins: nominal joint origins. flange: origin of the flange, if present. above, below: keys above and below the
+    joint names.
+    """
 
     origins: tuple[Origin, ...]
     flange: Origin | None = None
@@ -88,21 +89,19 @@ _XARM_7 = Layout(
     above="kinematics",
 )
 LAYOUTS: dict[str, tuple[Layout, ...]] = {"franka": (_FRANKA,), "xarm": (_XARM_6, _XARM_7)}
-"""Notations by maker."""
+"""Formats by maker."""
 
 
 def driver_kinematics(robot: Robot, arm: Arm, maker: str, where: str, remarks: Sequence[str] = ()) -> str:
-    """Return kinematics.yaml of a calibrated arm for a maker's description.
+    """Return kinematics.yaml of a calibrated arm for the description of a maker.
 
     robot: nominal arm of the rig file. arm: calibrated arm. maker: a key of LAYOUTS. where: rig file, for errors.
-    remarks: comment lines at the top. Raises FileError for an arm that is not one of the maker's.
+    remarks: comment lines at the top. Raises FileError for an arm of a different maker.
     """
     joint_senses(arm, where, "kinematics.yaml")
-    # The layout with the axes of the nominal arm: each pair of frames shares its axis, and the flange is common.
-    # `between`
-    # contains the maker's frame of each link in that of the rig file, all joints at zero; for the last link it follows
-    # from the
-    # common flange, if the file contains one.
+    # Find the layout with the axes of the nominal arm: each pair of frames shares the axis, and the flange is common.
+    # `between` contains the maker's frame of each link in the frame of the rig file, with all joints at zero. For the
+    # last link it follows from the common flange, if the file contains a flange.
     for layout in (layout for layout in LAYOUTS[maker] if len(layout.origins) == arm.axes):
         ours, theirs, between = np.eye(4), np.eye(4), list[Array]()
         for T, origin in zip(joint_origins(arm_of(robot)), layout.origins, strict=True):
@@ -143,16 +142,17 @@ difference at each start."""
 _HASH = re.compile(r"calib_\d{1,20}")
 """Format of the driver's hash: a number of 64 bits."""
 _TWISTS_DEG = (0.0, 90.0, 0.0, 0.0, 90.0, -90.0)
-"""alpha of all arms of the maker (its DH parameters for calculations of kinematics and dynamics, in modified form)."""
+"""alpha of all arms of the maker (DH parameters published for calculations of kinematics and dynamics, in modified
+form)."""
 _MOST_DEG = 5.0
-"""Larger than any deformation; arms of other makers differ by right angles."""
+"""Maximum deviation, larger than any deformation. Arms of other makers differ by right angles."""
 
 
 def ur_driver_text(arm: Arm, where: str, calibration_hash: str | None = None, remarks: Sequence[str] = ()) -> str:
     """Return calibration.yaml of an arm.
 
     where: rig file, for errors. calibration_hash: from the file extracted by the driver's tool. remarks: comment lines
-    at the top. Raises FileError for an arm of a different kind, UseError for an invalid hash.
+    at the top. Raises FileError for an arm of a different kind, and UseError for an invalid hash.
     """
     if calibration_hash is not None and not _HASH.fullmatch(calibration_hash):
         problem = f"{calibration_hash!r} is not a hash of the driver"

@@ -1,13 +1,14 @@
-"""A run as MCAP: one channel a stream, JSON messages with a schema, so that Foxglove and PlotJuggler plot them; and the
-arm with its joint angles, so that Foxglove shows it moving.
+"""Export of a run as MCAP, for Foxglove and PlotJuggler: the streams, and the moving arm.
 
-Log times are wall-clock: each first-byte stamp moved by the manifest's clock anchor. Every column of the
-store is in the messages, stamps as they are. JSON knows no nan: such a value is left out of its message.
-An imported table has no clock; its `t_s` counts from 1970, so that plots begin at zero. MCAP knows no time before
-that: where `t_s` begins below zero its first row is at zero.
+Each stream is a channel of JSON messages with a schema. Log times are wall-clock times: the first-byte stamps shifted
+by the clock anchor of the manifest. The messages contain every column of the store, with unchanged stamps. JSON has no
+NaN, so such values are omitted.
 
-The arm is its joint angles as `foxglove.JointStates`, and its URDF, whose joints have these names. The schemas are
-those of docs.foxglove.dev/docs/sdk/schemas, and of `std_msgs/String` for the URDF, in JSON.
+An imported table has no clock: `t_s` counts from 1970, so plots start at zero. MCAP has no earlier times: if `t_s`
+starts below zero, the first row is at zero.
+
+The arm consists of joint angles as `foxglove.JointStates`, and a URDF with the same joint names. The JSON schemas are
+published at docs.foxglove.dev/docs/sdk/schemas; the URDF has the schema `std_msgs/String`.
 """
 
 from __future__ import annotations
@@ -49,11 +50,11 @@ SCHEMAS: dict[str, dict[str, Any]] = {
     },
     DESCRIPTION: {"type": "object", "title": DESCRIPTION, "properties": {"data": {"type": "string"}}},
 }
-"""The schemas by name; a position is in radians."""
+"""The schemas by name. Positions are in radians."""
 
 
 def urdf_of(rig: Rig) -> str:
-    """Return the URDF of a rig's arm as its constants say, empty where it can have none."""
+    """Return the URDF of the nominal arm of a rig, empty if it cannot be written."""
     try:
         return urdf_text(rig.robot, arm_of(rig.robot), rig.name)
     except RigError:
@@ -61,7 +62,7 @@ def urdf_of(rig: Rig) -> str:
 
 
 def joint_states(names: Sequence[str], q_deg: Sequence[float | None], at_ns: int) -> dict[str, Any]:
-    """Return the message of joint angles in degrees at a time in ns since 1970, without those that are not known."""
+    """Return the message for joint angles in degrees at a time in ns since 1970. Unknown angles are omitted."""
     sec, nsec = divmod(at_ns, 1_000_000_000)
     joints = [
         {"name": name, "position": math.radians(deg)}
@@ -75,11 +76,11 @@ _JSON_TYPES = {"double": "number", "int64": "integer", "int32": "integer", "stri
 _JOINTS = [f"q{axis}_deg" for axis in range(1, 7)]
 _ARM_CHANNELS = ((JOINTS_TOPIC, JOINT_STATES), (DESCRIPTION_TOPIC, DESCRIPTION))
 _END_NS = 2**64
-"""Where the times of MCAP end."""
+"""End of the times in MCAP."""
 
 
 class _Message(NamedTuple):
-    """Sorted by log time, then by channel and order within it, and so never by its content."""
+    """A message, ordered by log time, channel, and number within the channel, and therefore never by the content."""
 
     log_ns: int
     channel: int
@@ -88,9 +89,10 @@ class _Message(NamedTuple):
 
 
 def write_mcap(run: Run, file: BinaryIO) -> None:
-    """Write every row of every stream and every fault. Raises FileError for a table without a time that MCAP holds.
+    """Write every row of every stream, every fault and the complete manifest.
 
-    The whole manifest goes with it: once a run is exported it may be deleted.
+    An exported run may be deleted, so the file has to contain all data. Raises FileError for a table with no times that
+    fit MCAP.
     """
     writer = Writer(file)
     writer.start(library=f"rig {run.manifest.software.get('rig', '')}")
@@ -120,7 +122,7 @@ def write_mcap(run: Run, file: BinaryIO) -> None:
 
 
 def _arm(writer: Writer, run: Run, tables: Mapping[str, pa.Table]) -> list[Iterator[_Message]]:
-    """The arm and its angles, where the run has both; its URDF is an attachment as well."""
+    """Return the messages of the arm and its angles, if the run has both. The URDF is also an attachment."""
     name = next((name for name, table in tables.items() if set(_JOINTS) <= set(table.column_names)), None)
     try:
         rig = parse(run.manifest.rig_text, "the rig file of the run")
@@ -148,7 +150,7 @@ def _channel(writer: Writer, topic: str, name: str, schema: Mapping[str, Any]) -
 
 
 def _messages(table: pa.Table, channel: int, name: str, run: Run) -> Iterator[_Message]:
-    """Messages of one stream in order of time; only some rows are in memory as messages at once."""
+    """Yield the messages of a stream in order of time, with a limited number of messages in memory."""
     log_ns = _log_times(name, table, run)
     order = np.argsort(log_ns, kind="stable")
     if (order[1:] < order[:-1]).any():
@@ -165,10 +167,10 @@ def _messages(table: pa.Table, channel: int, name: str, run: Run) -> Iterator[_M
 
 
 def _log_times(name: str, table: pa.Table, run: Run) -> NDArray[np.uint64]:
-    """When each row (n,) was measured: ns since 1970, never negative, as MCAP wants it; of a table, ns since its first
-    row or zero.
+    """Return the time (n,) of each row in ns since 1970, never negative; for a table, in ns since the first row or
+    zero.
 
-    Raises FileError for a time beyond what MCAP holds.
+    Raises FileError for a time beyond the range of MCAP.
     """
     if name != TABLE:
         stamps = table["at_ns" if name == FAULTS else "first_byte_ns"].to_pylist()

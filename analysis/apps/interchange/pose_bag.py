@@ -1,10 +1,10 @@
-"""A bag of ROS 2 as a table of poses: where the joints stood, and where an instrument saw the tool meanwhile.
+"""Conversion of a ROS 2 bag to a table of poses: joint angles, and positions of the tool measured at the same time.
 
-Joints come from a topic of JointState by their names, places from a topic of poses, points or transforms. Both by the
-stamps of their senders, or where these are missing or of other clocks, by when the bag received them. Each stand of the
-robot is a row: the mean of its settled part and its scatter. What becomes no row is counted. The table goes the way of
-every table that comes as it is (`analysis.intake.map_proposal`): units and turns are held against the arm, and a camera
-on the tool is recognised.
+Joints are taken by name from a topic of JointState, and positions from a topic of poses, points or transforms. Both use
+the stamps of the senders, or the times of reception if stamps are missing or come from different clocks. Each
+standstill of the robot becomes a row with the mean and scatter of the settled part. Unused standstills are counted. The
+table is then treated like any table of unknown layout (`analysis.intake.map_proposal`): units and orientations are
+checked against the arm, and a camera on the tool is recognised.
 """
 
 from __future__ import annotations
@@ -41,24 +41,29 @@ from rigs.schema.feedback import ROS2JointStates
 
 _JOINT = re.compile(r"[\w./-]{1,100}")
 _FEWEST = 3
-"""Readings of a stand, of which a mean and a scatter can be made."""
+"""Minimum number of readings in a standstill for a mean and a scatter."""
 _APART_S = 0.1
-"""Stamps of two senders that lie further apart, beside the bag's own time, are of two clocks; networks take less."""
+"""Maximum difference between the delays of two senders' stamps; a larger difference indicates two clocks. Network
+delays are smaller."""
 _UNIT_WITHIN = 0.01
-"""How far a quaternion's length may be from one: drivers publish float32, and zeros where they see nothing."""
+"""Tolerance for the length of a quaternion. Drivers publish float32, and zeros if they see nothing."""
 _LARGEST = 1e6
-"""No place in m and no angle in rad is larger."""
+"""Limit for positions in m and angles in rad."""
 _MOST_JOINTS, _LONGEST_NAME = 50, 200
 _GAP_S = 1.0
-"""A robot whose joints are unknown for so long may have moved in between."""
+"""Maximum gap in the joint angles: the robot may have moved in a longer gap."""
 _DRIFTS, _LEAST_M = 6.0, 5e-5
-"""An instrument moved in a stand where the means of its halves lie so many times their u apart, and so far."""
+"""Minimum drift of an instrument during a standstill: difference between the means of the two halves, in multiples
+of its uncertainty and in m."""
 
 
 @dataclass
 class _Track:
-    """Messages of one sender: when received and sent in ns, and values. placed: of a place in m, with a turn or
-    without; else of joints. lacking: how many were of no use."""
+    """Messages of a sender: times of reception and sending in ns, and values.
+
+    placed: positions in m, optionally with an orientation; otherwise joint angles. lacking: number of unusable
+    messages.
+    """
 
     placed: bool = False
     log_ns: list[int] = field(default_factory=list)
@@ -80,7 +85,7 @@ class _Track:
 
 @dataclass(frozen=True)
 class StandTable:
-    """The table as text, the topic that it was made from, and what a person should know, in words."""
+    """A table as text, the topic used for it, and remarks for the user."""
 
     text: bytes
     topic: str
@@ -88,8 +93,10 @@ class StandTable:
 
 
 def stands_of_bag(data: bytes, where: str, rig: Rig, topic: str = "") -> StandTable:
-    """Return the stands of a bag's robot as a table. topic: of the poses, and of a transform `/tf:CHILD`; the only one
-    where none is given. Raises FileError."""
+    """Return the standstills of the robot in a bag as a table.
+
+    topic: topic of the poses; `/tf:CHILD` for a transform; by default the only candidate. Raises FileError.
+    """
     bag = bag_of(data, where)
     names, joints, placed = _read(_of_use(messages_of(bag)), where, rig)
     topic, poses = _chosen(placed, topic, where)
@@ -126,8 +133,10 @@ def stands_of_bag(data: bytes, where: str, rig: Rig, topic: str = "") -> StandTa
 
 
 def _of_use(messages: Iterable[Found]) -> list[Found]:
-    """The messages that are read, and of every other topic one without its data: a bag holds pictures too. Their number
-    is bounded by the size of a bag."""
+    """Return the relevant messages, and an empty message per other topic.
+
+    Bags also contain images. The size of a bag limits the number of messages.
+    """
     seen = set[str]()
     kept = []
     for message in messages:
@@ -140,7 +149,7 @@ def _of_use(messages: Iterable[Found]) -> list[Found]:
 
 
 def _read(messages: Sequence[Found], where: str, rig: Rig) -> tuple[list[str], _Track, dict[str, _Track]]:
-    """Names of joints, their track, and the tracks of all that is placed, by topic."""
+    """Return the names of joints, their track, and the tracks of all positions by topic."""
     ros = rig.feedback if isinstance(rig.feedback, ROS2JointStates) else None
     topic = "/" + (ros.topic if ros else "joint_states").lstrip("/")
     joint_topics = {message.topic for message in messages if message.kind == JOINT_STATE}
@@ -189,8 +198,10 @@ def _joints(data: bytes) -> tuple[int, dict[str, float]]:
 
 
 def _names(messages: Sequence[Found], axes: int, where: str) -> list[str]:
-    """The joints of the first message that has as many as the arm or more. Raises FileError where there is none, where
-    messages name no joints, and where they are of several arms."""
+    """Return the joints of the first message with at least as many as the arm.
+
+    Raises FileError if there is no such message, if joints have no names, and if they belong to several arms.
+    """
     name_lists = [names for message in messages if axes <= len(names := list(_joints(message.data)[1])) <= _MOST_JOINTS]
     if name_lists:
         others = next((names for names in name_lists if not set(names) & set(name_lists[0])), None)
@@ -203,7 +214,7 @@ def _names(messages: Sequence[Found], axes: int, where: str) -> list[str]:
         with suppress(struct.error, IndexError):
             state = Cdr(message.data)
             state.header()
-            if state.count() == 0 and state.count() > 0:  # positions and no names
+            if state.count() == 0 and state.count() > 0:  # Positions with no names
                 problem = "holds messages of joints that name none of them: nothing says which angle is whose"
                 raise FileError(where, problem, "publish JointState with names, or give joints and places as a table")
     problem = f"has no message with {axes} to {_MOST_JOINTS} joints"
@@ -211,7 +222,8 @@ def _names(messages: Sequence[Found], axes: int, where: str) -> list[str]:
 
 
 def _chosen(placed: dict[str, _Track], topic: str, where: str) -> tuple[str, _Track]:
-    """The topic of the instrument: the one given, the only one, or the only one that is no transform of a tree."""
+    """Return the topic of the instrument: the given topic, the only topic, or the only topic that is not a
+    transform."""
     tracks = {name: track for name, track in placed.items() if len(track.log_ns) > 1}
     has = ", ".join(sorted(tracks))[:300]
     if not tracks:
@@ -228,7 +240,7 @@ def _chosen(placed: dict[str, _Track], topic: str, where: str) -> tuple[str, _Tr
 
 
 def _timed(tracks: dict[str, _Track]) -> tuple[tuple[Integers, Array], tuple[Integers, Array], list[str]]:
-    """The times in ns (n,) and values (n, k) of both tracks on one clock, in order, and doubts in words."""
+    """Return the times in ns (n,) and values (n, k) of both tracks by the same clock, in order, and doubts in words."""
     doubts: list[str] = []
     log = {name: np.array(track.log_ns) for name, track in tracks.items()}
     sent = {name: np.array(track.sent_ns) for name, track in tracks.items()}
@@ -264,7 +276,8 @@ def _timed(tracks: dict[str, _Track]) -> tuple[tuple[Integers, Array], tuple[Int
 
 
 def _unusable(t_s: Array, pose_ns: Integers, seen: Array, topic: str) -> str:
-    """Why a stand at times t_s (n,) with what an instrument saw (m, k) becomes no row; empty where it does."""
+    """Return the reason for not using a standstill at times t_s (n,) with readings seen (m, k), empty if it is
+    usable."""
     if np.diff(t_s).max() > _GAP_S:
         return f"the joints are missing for more than {_GAP_S:g} s"
     if len(pose_ns) < _FEWEST:

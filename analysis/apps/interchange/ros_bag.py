@@ -1,10 +1,10 @@
-"""A bag of ROS 2 (MCAP, rosbag2's own format) as the table of a circle, which is then read like any other.
+"""Conversion of a ROS 2 bag (MCAP, or the first format of rosbag2) to the table of a circle.
 
-Joints come from the topic of `sensor_msgs/msg/JointState` that the rig file names (`ros2_joint_states`), gauges from
-topics of `std_msgs/msg/Float64` by their names, `/g1` and `/g2`, in mm. The messages of a topic are a stream like that
-of an instrument, so that times and rows are made as those of a recorded run (`analysis.runs.align`): by the stamps of
-the sender where a topic has them, and by the pace of the messages where it has none. How uneven they came is in the
-uncertainty of each row's time and of what all rows share.
+Joints come from the topic of `sensor_msgs/msg/JointState` given in the rig file (`ros2_joint_states`), and gauges from
+the topics `/g1` and `/g2` of `std_msgs/msg/Float64`, in mm. The messages of a topic are treated like the stream of an
+instrument. Times and rows are determined as for a recorded run (`analysis.runs.align`): by the stamps of the sender, or
+by the pace of the messages if a topic has no stamps. Irregular reception contributes to the uncertainty of the time of
+each row and of the time common to all rows.
 """
 
 from __future__ import annotations
@@ -29,18 +29,21 @@ from rigs.schema.feedback import ROS2JointStates
 from rigs.schema.vocabulary import CIRCLES, TestName
 
 _MOST_MESSAGES = 5_000_000
-"""The most that are read of one topic; half an hour at 1 kHz has 1.8 million."""
+"""Maximum number of messages per topic; half an hour at 1 kHz has 1.8 million."""
 _JOINT_COLUMNS = tuple(f"q{axis}_deg" for axis in range(1, 7))
 _LEAP_NS = 1e9
-"""No network holds a message back for so long without losing its link."""
+"""Maximum delay of a message: a network that delays messages longer loses the connection."""
 Message = tuple[int, list[float]]
-"""The sender's stamp in ns, 0 for none, and values."""
+"""The stamp of the sender in ns, 0 for none, and the values."""
 
 
 @dataclass
 class _Track:
-    """Messages of one topic: log times and the sender's stamps in ns, and values. read: None for a message that lacks a
-    joint. lacking: how many have no such values or are not of this layout."""
+    """Messages of a topic: log times and stamps of the sender in ns, and values.
+
+    read: decoder, returns None if a joint is missing. lacking: number of messages with missing values or a different
+    layout.
+    """
 
     schema: str
     columns: tuple[str, ...]
@@ -65,21 +68,21 @@ class _Track:
 
 
 def table_of_bag(data: bytes, where: str, rig: Rig, test: TestName = CIRCLES[0]) -> tuple[bytes, tuple[str, ...]]:
-    """Return the CSV of a bag's bytes, and doubts in words. Raises FileError."""
+    """Return a bag as CSV, with doubts in words. Raises FileError."""
     bag = bag_of(data, where)
     tracks = _read(bag, rig)
     doubts = [] if bag.has_checksums else ["the bag was written without checksums: damage to it would not be seen"]
-    begin_ns = min(min(track.ns) for track in tracks.values())  # since 1970, a float has steps of 256 ns
+    begin_ns = min(min(track.ns) for track in tracks.values())  # Since 1970, a float has steps of 256 ns.
     streams: dict[str, Columns] = {}
     for topic, track in tracks.items():
         streams[topic], of_topic = _stream(topic, track, begin_ns)
         doubts += of_topic
-    # The rig with its gauges behind a network, as every topic is: no message has the length of a line's bytes
+    # Use the rig with gauges on a network, like every topic: the messages do not have the length of serial lines.
     gauges = {name: gauge.model_copy(update={"port": "tcp://topic:1"}) for name, gauge in rig.gauges}
     aligned = align_streams(
         Path(where), streams, test, rig.model_copy(update={"gauges": rig.gauges.model_copy(update=gauges)})
     )
-    # A message can only be late. So what all are late by is no better known than how unevenly they are.
+    # A message can only be late. The common delay is therefore as uncertain as the variation of the delays.
     u_lag_s = float(np.hypot(aligned.u_lag_s, np.sqrt(np.mean(aligned.u_t_s**2))))
     doubts += [
         *aligned.doubts,
@@ -96,7 +99,8 @@ def table_of_bag(data: bytes, where: str, rig: Rig, test: TestName = CIRCLES[0])
 
 
 def _stream(topic: str, track: _Track, begin_ns: int) -> tuple[Columns, list[str]]:
-    """The columns of an instrument's stream from the messages of a topic, in order of time, and doubts in words."""
+    """Return the messages of a topic as the columns of an instrument's stream, in order of time, and doubts in
+    words."""
     order = np.argsort(np.array(track.ns), kind="stable")
     ns, sent_ns = (np.array(times, dtype=np.int64)[order] for times in (track.ns, track.sent_ns))
     values = np.array(track.values)[order]
@@ -129,13 +133,16 @@ def _stream(topic: str, track: _Track, begin_ns: int) -> tuple[Columns, list[str
 
 
 _EVEN, _UNEVEN = 0.2, 0.5
-"""Spread of the steps between messages, from the 5th to the 95th percentile, as a share of the median step: up to here
-they are even, and from here on uneven. Chosen: a network makes receive times uneven, and never evens them out."""
+"""Limits for even and uneven steps between messages: range from the 5th to the 95th percentile, as a share of the
+median step. Chosen: a network makes times of reception uneven, and never evens them out."""
 
 
 def uneven_header(ns: Integers, sent_ns: Integers) -> str:
-    """Return what to say of messages (n,) that came evenly although their headers have uneven stamps: the clock of the
-    header is at fault. Empty if it is not, or if two publishers explain the stamps, each of which is even."""
+    """Return a doubt about messages (n,) received evenly although the stamps in their headers are uneven.
+
+    The clock of the header is then wrong. The text is empty if the stamps are plausible, or explained by two publishers
+    that both send evenly.
+    """
     fresh = newest(ns, sent_ns)
     if np.count_nonzero(fresh) < _FEWEST_STEPS:
         return ""
@@ -151,7 +158,7 @@ def uneven_header(ns: Integers, sent_ns: Integers) -> str:
 
 
 _FEWEST_STEPS = 20
-"""Messages from which percentiles of their steps mean something."""
+"""Minimum number of messages for meaningful percentiles of the steps."""
 
 
 def _spread(steps: Array) -> float:
@@ -161,16 +168,18 @@ def _spread(steps: Array) -> float:
 
 
 def newest(ns: Integers, sent_ns: Integers) -> Mask:
-    """Which messages (n,) have a later stamp than all before. A stamp from the future by itself is none of them: it
-    would make all that follow old ones."""
-    early_ns = ns - sent_ns  # a message is never received before it was sent, whatever the offset of the two clocks
+    """Return a mask (n,) of the messages with a later stamp than all previous messages.
+
+    An isolated stamp from the future is excluded, because all following messages would count as old.
+    """
+    early_ns = ns - sent_ns  # A message is never received before it was sent, whatever the offset of the clocks.
     possible = early_ns > np.quantile(early_ns, 0.01) - _LEAP_NS
     newest = np.maximum.accumulate(np.where(possible, sent_ns, np.iinfo(np.int64).min))
     return np.asarray(possible & (sent_ns > np.concatenate([[np.iinfo(np.int64).min], newest[:-1]])))
 
 
 def _read(bag: Bag, rig: Rig) -> Mapping[str, _Track]:
-    """The topic of the joints, then those of the gauges."""
+    """Return the track of the joints, then the tracks of the gauges, by topic."""
     where = bag.where
     if not isinstance(rig.feedback, ROS2JointStates):
         remedy = "describe it in the rig file: feedback: {interface: ros2_joint_states, joints: [six names]}"
@@ -201,7 +210,7 @@ def _read(bag: Bag, rig: Rig) -> Mapping[str, _Track]:
 
 
 def _angles_deg(data: bytes, names: tuple[str, ...]) -> Message | None:
-    """The stamp and the six angles of a JointState; None where it lacks one."""
+    """Return the stamp and the six angles of a JointState, or None if a joint is missing."""
     stamp_ns, placed = joint_state(data)
     if not set(names) <= placed.keys():
         return None

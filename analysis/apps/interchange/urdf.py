@@ -1,6 +1,6 @@
-"""Import a URDF as the `robot:` section of a rig file, verified against an independent library.
+"""Import of a URDF as the `robot:` section of a rig file, verified against an independent library.
 
-The file is read as joints and masses in mm: size-limited, without entities or macros, with frames computed by
+The file is read as joints and masses in mm, with a size limit and no entities or macros. Frames are computed by
 pytransform3d. That library accepts partial numbers and ignores speeds, so numbers are checked first. Shapes are
 dropped, because the kinematics need no meshes.
 """
@@ -33,8 +33,8 @@ _MOST_BYTES = 10_000_000
 _MOST_PARTS = 2000
 """Limit of links and joints; a humanoid with both hands has about a hundred."""
 _MOST_ATTRIBUTES = 10_000
-"""Limit of equals signs in an element or comment: an element has about three, and the XML library's time for attributes
-is quadratic, 90 s for 200,000."""
+"""Limit of equals signs in an element or comment. An element has about three, and the XML library needs quadratic
+time for attributes: 90 s for 200,000."""
 _LARGEST = 1e6
 """Limit in metres, radians or kilograms."""
 _TYPES = ("revolute", "continuous", "prismatic", "fixed")
@@ -54,8 +54,11 @@ _XACRO = "expand the macros first: xacro FILE > arm.urdf"
 
 @dataclass(frozen=True)
 class UrdfJoint:
-    """Joint. T_parent_child (4, 4): frame at zero, in mm. axis (3,): in that frame, any length. lower, upper (rad) and
-    velocity (rad/s): infinite if absent. follows: mimicked joint."""
+    """A joint.
+
+    T_parent_child (4, 4): frame at zero, with the position in mm. axis (3,): in that frame, of any length. lower, upper
+    (rad) and velocity (rad/s): infinite if absent. follows: mimicked joint.
+    """
 
     name: str
     type: str
@@ -75,7 +78,7 @@ class UrdfJoint:
 
 @dataclass(frozen=True)
 class Mass:
-    """Mass of a link in kg, and its centre (3,) mm in the link's frame."""
+    """The mass of a link in kg, and the centre (3,) mm in the frame of the link."""
 
     kg: float
     centre_mm: Array
@@ -83,7 +86,7 @@ class Mass:
 
 @dataclass(frozen=True)
 class Urdf:
-    """Content of a file: a forest of links, with masses by name, and joints."""
+    """Content of a file: joints, and a forest of links with masses by name."""
 
     name: str
     masses: dict[str, Mass]
@@ -91,7 +94,7 @@ class Urdf:
 
 
 def read_urdf(path: Path) -> Urdf:
-    """Read the links and joints of a file. Raises FileError, or CellError if the library is missing."""
+    """Read the links and joints of a file. Raises FileError, and CellError if the library is missing."""
     try:
         from pytransform3d.urdf import UrdfException, parse_urdf  # noqa: PLC0415 - an extra of the package
     except ModuleNotFoundError as error:
@@ -121,7 +124,7 @@ def read_urdf(path: Path) -> Urdf:
 
 
 def _xml_root(path: Path) -> Any:
-    """Return the <robot> element of a URDF, size-limited, without macros and shapes."""
+    """Return the <robot> element of a URDF after checks of size and macros, with shapes removed."""
     from lxml import etree  # noqa: PLC0415
 
     where = str(path)
@@ -129,7 +132,7 @@ def _xml_root(path: Path) -> Any:
         text = read_text(path, _MOST_BYTES)
     except OSError as error:
         raise FileError(where, error.strerror or str(error), _GIVE_URDF) from None
-    if "<!DOCTYPE" in text or "<!ENTITY" in text:  # a few lines of nested entities expand to gigabytes
+    if "<!DOCTYPE" in text or "<!ENTITY" in text:  # A few lines of nested entities expand to gigabytes.
         raise FileError(where, "declares a document type or entities, which no URDF needs", "remove <!DOCTYPE …>")
     if max(part.count("=") for part in text.split("<")) > _MOST_ATTRIBUTES:
         raise FileError(where, f"has an element of more than {_MOST_ATTRIBUTES} attributes", _GIVE_URDF)
@@ -146,7 +149,7 @@ def _xml_root(path: Path) -> Any:
         raise FileError(where, "is xacro, not URDF", _XACRO)
     if (count := len(root.findall("link")) + len(root.findall("joint"))) > _MOST_PARTS:
         raise FileError(where, f"has {count} links and joints, more than {_MOST_PARTS}", "give that of one arm")
-    # Everything except links with masses, and joints, is dropped.
+    # Drop everything except joints, and links with masses.
     for parent, kept in ((root, ("link", "joint")), *((link, ("inertial",)) for link in root.findall("link"))):
         for part in list(parent):
             if part.tag not in kept:
@@ -181,7 +184,7 @@ def _twice(names: Sequence[str | None]) -> str | None:
 
 
 def _joint(joint: LibraryJoint, element: Any) -> UrdfJoint:
-    """Convert a joint of the library, adding attributes it ignores."""
+    """Convert a joint of the library, and add attributes ignored by it."""
     limit, mimic = element.find("limit"), element.find("mimic")
     return UrdfJoint(
         name=str(joint.joint_name),
@@ -206,7 +209,7 @@ def _in_mm(T: Array) -> Array:
 
 _SLIDES = "only a rail below all turning joints can slide: leave it out, with --base or --tip"
 _ENDLESS_RAD = 2 * np.pi
-"""Limits of a continuous joint: one turn in each direction, the usual range of controllers."""
+"""Limits of a continuous joint: a full turn in each direction, the usual range of controllers."""
 _REMEDY = "choose the ends of the arm with --base and --tip"
 _GRIPPER = ("gripper", "jaw", "finger", "claw")
 """Words in gripper joint and link names, as for SO-100, SO-101, WidowX and Robotiq."""
@@ -214,13 +217,13 @@ _LISTED = 5
 _DECIMALS, _MM = 9, 1000.0
 """Decimals of metres."""
 _NONE = 1e-13
-"""Smaller components of a direction are rounded zero."""
+"""Smaller components of a direction are rounded to zero."""
 
 
 @dataclass(frozen=True)
 class Chain:
-    """Joints between two links of a URDF: up, fixed joints from the base to the common ancestor, and down to the
-    tip."""
+    """The joints between two links of a URDF. up: fixed joints from the base to the common ancestor. down: joints
+    from there to the tip."""
 
     base: str
     tip: str
@@ -229,13 +232,13 @@ class Chain:
 
     @property
     def rail(self) -> UrdfJoint | None:
-        """Prismatic joint below all turning joints."""
+        """The prismatic joint below all turning joints, if any."""
         first = next((joint for joint in self.down if joint.moves), None)
         return first if first is not None and first.type == "prismatic" else None
 
     @property
     def turning(self) -> tuple[UrdfJoint, ...]:
-        """Joints that are neither fixed nor the rail, from the base."""
+        """The joints that are neither fixed nor the rail, from the base."""
         return tuple(joint for joint in self.down if self.turns(joint))
 
     def turns(self, joint: UrdfJoint) -> bool:
@@ -298,7 +301,7 @@ def joints_of(urdf: Urdf, chain: Chain) -> tuple[Joint, ...]:
         T = T @ joint.T_parent_child
         if not chain.turns(joint):
             continue
-        # of its link and all links fixed to it, in the base frame
+        # Mass and moment of the link and all links fixed to it, in the base frame
         kg, moment, todo = 0.0, np.zeros(3), [(joint.child, T)]
         while todo:
             link, T_link = todo.pop()
@@ -315,8 +318,8 @@ def joints_of(urdf: Urdf, chain: Chain) -> tuple[Joint, ...]:
 
 
 def _ends(urdf: Urdf, base: str | None, tip: str | None, above: dict[str, UrdfJoint], where: str) -> tuple[str, str]:
-    """Return the end links of an arm's chain: requested, with the usual names, or the root and the only movable end
-    link."""
+    """Return the end links of the chain of an arm: requested links, links with the usual names, or the root and the
+    only movable end link."""
     names = list(urdf.masses)
     for name in (base, tip):
         if name is not None and name not in names:
@@ -379,17 +382,17 @@ def _T_base_parting(chain: Chain) -> Array:  # noqa: N802 - a frame's name
 
 
 def listed(names: Sequence[str]) -> str:
-    """Return the first few names, and the number of the remaining ones."""
+    """Return the first few names, and the number of remaining names."""
     return ", ".join(names[:_LISTED]) + (f" and {len(names) - _LISTED} more" if len(names) > _LISTED else "")
 
 
 _EXACT_RAD, _SLIGHT_RAD = 1e-6, 0.02
-"""Axes count as parallel or perpendicular within a micrometre per metre; nearly so, within a degree, is reported."""
+"""Axes count as parallel or perpendicular within a micrometre per metre. Deviations up to a degree are reported."""
 
 
 @dataclass(frozen=True)
 class UrdfArm:
-    """Arm of a URDF between the links base and tip. doubts: to be checked by the user."""
+    """An arm between the links base and tip of a URDF. doubts: remarks for the user to check."""
 
     section: Section
     base: str
@@ -398,7 +401,7 @@ class UrdfArm:
 
 
 def import_urdf(path: Path, base: str | None = None, tip: str | None = None) -> UrdfArm:
-    """Return the arm between two links of a URDF. Raises FileError unless there are four to seven axes."""
+    """Return the arm between two links of a URDF. Raises FileError unless it has four to seven axes."""
     urdf = read_urdf(path)
     chain = chain_of(urdf, base, tip, str(path))
     axes = axes_of(chain)
@@ -418,7 +421,7 @@ def import_urdf(path: Path, base: str | None = None, tip: str | None = None) -> 
     if pairs:
         remedy = "they are kept so; if the URDF was rounded (1.571 for 1.5707963267948966), correct it there"
         doubts.append(f"axes are nearly, and not quite, as they are built: {', '.join(pairs)}; {remedy}")
-    # A user-defined base or tool would lose the part in between.
+    # A base or tool entered by the user would replace the part in between.
     if robot.base != Pose():
         doubts.append(
             "axis 1 does not go through the base's origin: the way there is in base; keep it as part of yours"
@@ -438,8 +441,10 @@ def import_urdf(path: Path, base: str | None = None, tip: str | None = None) -> 
 
 
 def library_poses(chain: Chain, q: Array) -> Array:
-    """Return poses (n, 4, 4) mm of the tip in the base frame by pytransform3d; q (n, axes) rad, with rail position
-    in m if any."""
+    """Return poses (n, 4, 4) mm of the tip in the base frame, computed by pytransform3d.
+
+    q (n, axes): joint angles in rad, followed by the rail position in m, if any.
+    """
     from pytransform3d.urdf import UrdfTransformManager  # noqa: PLC0415 - an extra of the package
 
     frames = UrdfTransformManager()

@@ -1,19 +1,21 @@
-"""The makers of robot controllers, a folder each, and what is asked of them; nothing else names one. Each answer is a
-value of the maker's folder, read when it is asked for:
+"""The makers of robot controllers: a folder per maker, and the common interface. No other module names a maker.
 
-- `__init__.py`: FILES, the files of a program, and CONTROLLER, where zeros of joints and constants of links are held;
-- `writer.py`: WRITER, how the programs of a test are written;
-- `reader.py`: READER, what is understood of a person's own program, so that its targets can be corrected in place;
-- `driver.py`: DRIVER, how an emulated controller drives a program, and what a person can enter there.
+The folder of a maker contains these values, imported on first use:
 
-Writer, reader and driver are written apart from each other, each from the maker's manual, since each is tried by the
-others. Where a maker lacks an answer, who asks for it is refused.
+- `__init__.py`: FILES, the files of a program, and CONTROLLER, the parameters for zeros of joints and constants of
+  links;
+- `writer.py`: WRITER, which writes the programs of a test;
+- `reader.py`: READER, which parses a user's program, so that targets can be corrected in place;
+- `driver.py`: DRIVER, an emulated controller that executes a program, with the parameters an operator can enter.
 
-A correction says that at an unchanged posture a joint must read `add_deg` more. Each maker's controller computes its
-reading in its own way, and from that the change of its parameter follows. Where the direction in which a maker counts a
-length is not public, the growth of the length is stated, with the size that must stand there before it is changed.
-Counts per degree and gear ratios belong to each axis of each model, with the sign of its motor; they are not public for
-all, so a person gives them. Without them a change is stated in degrees of the reading.
+Writer, reader and driver are independent implementations of the maker's manual, because the tests compare them with
+each other. A request for a missing value raises UseError.
+
+A correction states that a joint must read `add_deg` more at an unchanged posture. The change of the parameter follows
+from the formula by which the controller computes the reading. For some makers the sign of a length is not public. The
+growth of the length is then stated, together with the old size for comparison. Counts per degree and gear ratios differ
+between models and axes and include the sign of the motor. They are not public for all models, so the user provides
+them. Without these, a change is stated in degrees of the reading.
 """
 
 from __future__ import annotations
@@ -37,8 +39,11 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class ProgramFiles:
-    """The files of a program: the suffixes of the one with the motion, in lower case, and that of its data list beside
-    it; label: the maker in a few letters; ending: what the file's name has more than the program's."""
+    """The files of a program.
+
+    label: short name of the maker. suffixes: of the file with the motion, in lower case. data: suffix of the data list
+    in the same directory. ending: suffix added to the name of the program in the file name.
+    """
 
     label: str
     suffixes: tuple[str, ...]
@@ -48,11 +53,13 @@ class ProgramFiles:
 
 @dataclass(frozen=True)
 class ConstantParameter:
-    """The parameter of a link constant: `key` as in the rig file, `name` and `unit` at the controller, and its change
-    `per_unit` for a mm or degree. `later` is by how many axes the rig file has the constant later: Craig's a and alpha
-    stand at the axis after the link. `axes` are those of the rig file that have it, from 1. `by_size` states that the
-    direction in which the maker counts the length is not public: the length grows, whichever sign it is written with,
-    and a length of zero has no parameter."""
+    """The parameter of a link constant at a controller.
+
+    key: as in the rig file. name, unit: at the controller. per_unit: change of the parameter per mm or degree. later:
+    axis number in the rig file minus axis number at the controller, since Craig's a and alpha belong to the axis after
+    the link. axes: axes of the rig file with the parameter, from 1. by_size: the sign of the length is not public. The
+    length then grows regardless of the sign, and a zero length has no parameter.
+    """
 
     key: str
     name: str
@@ -63,19 +70,19 @@ class ConstantParameter:
     by_size: bool = False
 
     def of(self, axis: int) -> str:
-        """Return its name for an axis of the rig file."""
+        """Return the name of the parameter for an axis of the rig file."""
         return self.name.format(axis=axis - self.later)
 
 
 @dataclass(frozen=True)
 class Controller:
-    """How one maker's controller holds zeros and constants.
+    """Zeros and constants in the controllers of a maker.
 
-    `zero` names the parameter of the zero of axis {axis}; one degree more of the reading changes it by `per_deg` of
-    `unit`, times the axis' scale where `scale` says what that is. `changes_reading` states whether the reading of a
-    joint changes, or only the arm's model. `steps` are for the person at the controller; `source` is public, and
-    `missing` says what was not found, `place` where a person enters the values. A source marked (W) is no manual of the
-    maker.
+    zero: parameter of the zero of axis {axis}. Each additional degree of the reading changes it by `per_deg` of `unit`,
+    multiplied by the scale of the axis if `scale` describes a scale. changes_reading: whether the reading of a joint
+    changes, rather than only the model of the arm. steps: instructions for the operator. source: public reference; (W)
+    marks references other than a manual of the maker. missing: information not found in public. place: menu or file in
+    which the operator enters the values.
     """
 
     maker: str
@@ -92,7 +99,7 @@ class Controller:
 
     @property
     def check(self) -> str:
-        """What proves that a value was entered with the right sign, before the robot moves."""
+        """Check for the correct sign of an entered value, to be done before the robot moves."""
         return _CHECK_READING if self.changes_reading else f"{_CHECK_MODEL} If not, restore {self.place}."
 
 
@@ -112,18 +119,18 @@ CHECK_LENGTH = (
     "rest by corrected targets."
 )
 LATER = (2, 3, 4, 5, 6)
-"""Axes of the rig file with a link before them that is the controller's."""
+"""Axes of the rig file that follow a link of the controller."""
 
 
 @dataclass(frozen=True)
 class _Answer(Generic[T]):
-    """A value at a place in a maker's package, as "writer.WRITER", and what it means that there is none."""
+    """A value in the package of a maker, as "writer.WRITER", with the message if it is missing."""
 
     place: str
     lacking: str
 
     def __get__(self, maker: Maker, owner: type[Maker]) -> T:
-        """Return the value. Raises UseError where the package has none, or one that cannot be used."""
+        """Return the value. Raises UseError if it is missing or cannot be imported."""
         place = f"{maker.package}.{self.place}"
         module, _, name = place.rpartition(".")
         try:
@@ -139,7 +146,7 @@ class _Answer(Generic[T]):
 
 @dataclass(frozen=True)
 class Maker:
-    """A maker by its name and the package with its answers."""
+    """A maker: name, and package with the values."""
 
     name: MakerName
     package: str
@@ -153,7 +160,7 @@ class Maker:
 
 
 def maker_by(name: MakerName) -> Maker:
-    """Return a maker by its name. Raises UseError for one that neither rig nor another package has."""
+    """Return a maker by name. Raises UseError if neither rig nor an installed package provides it."""
     package = f"analysis.apps.makers.{name}" if name in MAKERS else offered_makers().get(name)
     if package is None:
         raise UseError(name, "is no maker whose controllers are known", f"give one of {', '.join(makers())}")
@@ -161,17 +168,17 @@ def maker_by(name: MakerName) -> Maker:
 
 
 def maker_of_file(name: str | Path) -> Maker | None:
-    """Return the maker whose controllers drive a file, by its suffix; None for a file without motion."""
+    """Return the maker for the suffix of a file, None if the file is not a robot program."""
     suffix = Path(name).suffix.lower()
     for maker in map(maker_by, makers()):
-        with suppress(UseError):  # one of another package that cannot be used has no files
+        with suppress(UseError):  # An external package that cannot be imported has no files.
             if suffix in maker.files.suffixes:
                 return maker
     return None
 
 
 def suffixes_in_words() -> str:
-    """Return the suffixes of programs of rig's own makers, each with its maker."""
+    """Return the program suffixes of the built-in makers as text, each with the maker."""
     every = [maker_by(name).files for name in MAKERS]
     *first, last = (
         f"{' or '.join(files.suffixes)}{f' with its {files.data}' * bool(files.data)} ({files.label})"

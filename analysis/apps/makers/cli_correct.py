@@ -1,4 +1,4 @@
-"""`rig correct RIG`: what the cell can use of the effects in its rig file."""
+"""`rig correct RIG`: write the corrections that the effects in the rig file support."""
 
 from __future__ import annotations
 
@@ -172,8 +172,11 @@ def correct(
 def _say_next(
     rig_file: str, rig: Rig, maker: MakerName | None, directory: Path, table: Path | None, *, settled: bool, both: bool
 ) -> None:
-    """Say what a person can do with the corrections of a rig; `table` has the corrected targets. `settled` is whether
-    no other way is to be proposed, `both` whether values stand beside the targets, of which one is used."""
+    """Print the next steps after correcting a rig.
+
+    table: table of the corrected targets. settled: propose no alternative. both: values for the controller were written
+    together with targets, so the user has to choose.
+    """
     axes, rail = len(rig.robot.axes), ", e1_mm" if rig.robot.rail else ""
     file = as_argument(rig_file)
     if maker is None and rig.takes_programs and not settled:

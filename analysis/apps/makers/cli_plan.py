@@ -1,5 +1,8 @@
-"""`rig plan RIG`: before any measurement, which effects a set of tests can detect and distinguish, and which circles
-would add what it cannot; with --poses, which poses a tracker measures, and the program that goes through them."""
+"""`rig plan RIG`: report before any measurement which effects a set of tests can detect and distinguish.
+
+With --propose, find circles that detect the missing effects. With --poses, plan poses for a tracker, and write the
+program that drives through them.
+"""
 
 from __future__ import annotations
 
@@ -166,7 +169,7 @@ def _propose(
 def _print(table: RenderableType) -> None:
     from analysis.report.plain_console import PlainConsole
 
-    # Narrower, sizes would be broken in two, and half of one reads like another.
+    # In fewer columns a size would be split across two lines, and half of it could be mistaken for a complete size.
     PlainConsole(width=max(_LEAST_COLUMNS, PlainConsole().width)).print(table)
 
 
@@ -182,7 +185,7 @@ def _plan_poses(
     one_axis: bool,
     as_json: bool,
 ) -> None:
-    """Plan poses, say what they will show, and write them and their program where a directory is given."""
+    """Plan poses, print the expected results, and write poses and program if a directory is given."""
     from analysis.cli.console import progress_of
     from analysis.diagnosis.plan.pose_plan import planned_poses
     from rigs.load import load, named_by
@@ -229,7 +232,7 @@ def _sight(tracker: str | None, faces: str | None) -> Sight | None:
 
 
 def _write(rig: Rig, planned: PlannedPoses, directory: Path, maker: MakerName | None, dwell_s: float) -> list[Path]:
-    """The table of the poses, whose rows a tracker's are joined to, and the program."""
+    """Write the table of the poses, to be joined row by row with the table of a tracker, and the program."""
     from analysis.apps.makers.programs.motion_plan import demand_of
     from analysis.apps.makers.programs.planned import poses_plan
     from analysis.apps.makers.writing import encoded_programs, programs_of

@@ -1,5 +1,7 @@
-"""`rig program RIG`: the robot programs of a test, for a person to load on the controller; of ISO 9283 also what the
-tracker has to write, and how that is imported."""
+"""`rig program RIG`: write the robot programs of a test, which the operator loads on the controller.
+
+For ISO 9283, also print the data that the tracker must record, and the command for importing the data.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,7 @@ if TYPE_CHECKING:
 
 
 _DWELL_S = 3.0
-"""Seconds at each target unless given: arms settle within one, and slow gauges answer a few times."""
+"""Default standstill at each target, in s. Arms settle within a second, and slow gauges deliver several readings."""
 
 
 @command(app, "rig program paper-fanuc --for fanuc --test yaw -o programs")
@@ -109,7 +111,7 @@ def program(
 
 
 def _of_iso9283(rig: Rig, rig_file: str, maker: MakerName, directory: Path, dwell_s: float) -> None:
-    """Write the programs, say what the arm does in them, and how what the tracker wrote is imported."""
+    """Write the programs, print the demand on the arm, and print the commands for importing the tracker data."""
     import numpy as np
 
     from analysis.apps.makers.programs.motion_plan import demand_lines, demand_of, seconds_of
@@ -124,7 +126,7 @@ def _of_iso9283(rig: Rig, rig_file: str, maker: MakerName, directory: Path, dwel
         plans = [cube_plan(rig, dwell_s), *(path_plan(rig, percent) for percent in PERCENTS)]
         demands = [demand_of(plan) for plan in plans]
     paths = write_programs(maker, programs_of(maker, list(zip(plans, demands, strict=True))), directory)
-    # Where the cube is, as a rig file states it
+    # Position of the cube in the notation of a rig file
     x, y, z = cube.centre_mm
     posture = ", ".join(f"{angle:.4f}" for angle in np.degrees(cube.q[0]))
     stated = f"{{centre_mm: [{x:.6g}, {y:.6g}, {z:.6g}], side_mm: {cube.side_mm:g}, posture_deg: [{posture}]}}"

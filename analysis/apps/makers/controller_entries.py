@@ -2,21 +2,20 @@
 error.
 
 The complete error of the model over the work area is projected onto the parameters of the controller. The work area is
-that of the rig file, never of a path, so that a rig file has one set of entries, and targets computed for a controller
-with these entries stay valid.
+always taken from the rig file, never from a path. Each rig file therefore has a single set of entries, and targets
+computed for a controller with these entries stay valid.
 
 Zeros and lengths of a controller cannot represent a compliant joint or a gear error, but can absorb part of their
-effect on the tool. The error of the tool at the postures of the work area, position and orientation together, is fitted
-by the constants:
+effect on the tool. The constants are fitted to the error of the tool at the postures of the work area, position and
+orientation together:
 
 - Postures of the work area have the largest weight. Others, spread over the joint angles covered by the model, have
-enough
-weight to prevent constants fitted to the work area from being wrong outside.
+  enough weight to prevent constants fitted to the work area from being wrong outside.
 - A rotation of the tool counts as the displacement of the tool tip, or of a point at 100 mm for a short tool.
 - Each constant has a prior of a few usual sizes. The error not represented by constants counts as scatter of the
-postures, so
-a large value is never chosen for a small gain.
-- Constants with equal effects at these postures (d2 and d3 of parallel axes) share it by their usual sizes.
+  postures, so a large value is never chosen for a small gain.
+- Constants with equal effects at these postures (d2 and d3 of parallel axes) share the error in proportion to their
+  usual sizes.
 """
 
 from __future__ import annotations
@@ -54,24 +53,26 @@ from rigs.schema.vocabulary import MakerName
 _LEVER_MM = 100.0
 """Minimum lever of a rotation of the tool. Chosen: about half a hand's width from a flange."""
 _USUAL = 3.0
-"""Prior of a constant in healthy sizes. Chosen: an arm to be corrected is not quite healthy."""
+"""Prior of a constant, in healthy sizes. Chosen: an arm that needs correction is not quite healthy."""
 _LEAST_MM = 1e-3
-"""Minimum rms effect over the work area, in mm, of an entered constant, and of a known combination of constants of the
-expected sizes. Chosen: 1 µm, below any robot's repeatability."""
+"""Minimum rms effect over the work area, in mm, of an entered constant, and of a determined combination of constants
+of the expected sizes. Chosen: 1 µm, below the repeatability of any robot."""
 _CRUMB = 0.01
 """Minimum share of the error for an entered constant: manual entries should be worthwhile."""
 _BESIDE = 0.1
-"""Weight of the postures outside the work area, of 1 for all. Tried on ur10e with a compliant joint and a gear error: 0
-left 93 µm in the work area and 696 µm outside (582 before), 0.1 left 134 and 329, 0.5 left 178 and 239."""
+"""Total weight of the postures outside the work area; all weights add up to 1. Tried on ur10e with a compliant joint
+and a gear error: 0 left 93 µm in the work area and 696 µm outside (582 before), 0.1 left 134 and 329, 0.5 left
+178 and 239."""
 _SHARE = 0.3
 """Minimum share of a constant in an undetermined combination to be named as part of it."""
 _ROUNDS = 4
-"""Linear steps. Chosen: each leaves about a thousandth, because constants are wrong by about a thousandth."""
+"""Number of linear steps. Chosen: each step leaves about a thousandth, because constants are wrong by about a
+thousandth."""
 
 
 @dataclass(frozen=True)
 class Constant:
-    """Constant of a controller: axis from 1, and key as in the rig file; `q_deg` is a joint's zero."""
+    """A constant of a controller: axis from 1, and key as in the rig file. `q_deg` is the zero of a joint."""
 
     axis: int
     key: str
@@ -82,17 +83,16 @@ class Constant:
 
     @property
     def usual(self) -> float:
-        """Expected size of a change, mm or degrees."""
+        """Expected size of a change, in mm or degrees."""
         return _USUAL * self.effect(0.0).healthy
 
 
 @dataclass(frozen=True)
 class Projection:
-    """Constants (m) with changes `values` (m,) in mm or degrees that represent most of a model's error.
+    """Constants (m) with changes `values` (m,) in mm or degrees that represent most of the error of a model.
 
-    `worth_mm` (m,): rms tool displacement by each over the work area. `operator` (m, 6n): maps the tool's error,
-    weighted by
-    `weights` (n, 6), to changes. `twins`: indices of `constants` with equal effects.
+    worth_mm (m,): rms tool displacement by each change over the work area. operator (m, 6n): maps the tool error,
+    weighted by weights (n, 6), to changes. twins: indices of constants with equal effects.
     """
 
     constants: tuple[Constant, ...]
@@ -118,10 +118,10 @@ class Projection:
         return np.asarray(weighted @ self.operator.T)
 
     def without(self, out: Sequence[int], changes: Array) -> tuple[Projection, Array]:
-        """Return the projection with some changes set to zero, and standard uncertainties (m,) in mm or rad.
+        """Return the projection with some changes set to zero, and the standard uncertainties (m,) in mm or degrees.
 
-        `changes` (k, m): as of `changes`. The other changes are conditioned on it: of two changes with a certain sum,
-        one becomes the sum; independent ones stay.
+        changes (k, m): result of `changes`. The other changes are conditioned on zero: if only the sum of two changes
+        is certain, the remaining change becomes the sum; independent changes stay.
         """
         kept = [k for k in range(len(self.constants)) if k not in out]
         share = np.linalg.pinv(changes[:, out], 1e-9) @ changes[:, kept]
@@ -137,10 +137,10 @@ class Projection:
         return projection, np.linalg.norm(changes[:, kept] - changes[:, out] @ share, axis=0)
 
     def gains(self, fewer: Projection, rig: Rig, used: Sequence[Effect], q: Array, moves: Array) -> bool:
-        """Return whether this projection certainly leaves less position error than one with fewer changes.
+        """Return whether this projection certainly leaves less position error than a projection with fewer changes.
 
-        Evaluated over the work area q (n, 6) rad, in the robot's base or with frame and tool taught; `moves` (k, n and
-        more, 6) as of `changes`.
+        The comparison covers the work area q (n, 6) rad, in the robot's base or with frame and tool taught. moves (k, n
+        and more, 6): argument of `changes`.
         """
         real, nominal = tool_places(rig, used, q), tool_poses(model_of(rig, ()), q)
         off_mm = [real - tool_places(rig, projection.effects, q) for projection in (fewer, self)]
@@ -157,8 +157,8 @@ def project(
 ) -> Projection:
     """Return the changes of constants that represent most of the effects on the tool.
 
-    work (n, 6), spread (k, 6): joint angles in rad in and outside the work area. Constants without influence are left
-    out.
+    work (n, 6), spread (k, 6): joint angles in rad inside and outside the work area. Constants without influence are
+    omitted.
     """
     lever = max(_LEVER_MM, float(np.linalg.norm(rig.robot.tool.xyz_mm)))
     shares = np.repeat([(1 - _BESIDE) / len(work), _BESIDE / len(spread)], [len(work), len(spread)])
@@ -207,7 +207,7 @@ def _solved(rig: Rig, real: Array, constants: Sequence[Constant], q: Array, weig
 
 def _twins(vt: Array, determined: Mask, count: int) -> tuple[tuple[int, ...], ...]:
     """Return the groups of constants of which only a combination is determined."""
-    # Directions without any effect are determined up to a rotation among themselves, so they form one group.
+    # Directions with no effect are determined up to a rotation among themselves, so they form a single group.
     unknown = vt[~determined]
     shared = unknown.T @ unknown
     groups: list[tuple[int, ...]] = []
@@ -219,17 +219,16 @@ def _twins(vt: Array, determined: Mask, count: int) -> tuple[tuple[int, ...], ..
 
 
 _NO_MOVE_MM = 1e-9
-"""Tool displacement below which an entry has no effect."""
+"""Tool displacement, in mm, below which an entry has no effect."""
 
 
 @dataclass(frozen=True)
 class Entry:
-    """Change at the controller: add `add` ± `u` (standard uncertainty) `unit` to `parameter` of an axis from 1.
+    """A change at the controller: add `add` ± `u` (standard uncertainty) `unit` to `parameter` of an axis from 1.
 
-    `now`: previous size, if only its growth is stated. `reading_deg`: change of the axis reading at an unchanged
-    posture.
-    `worth_um`: rms tool displacement by the change over the work area. `leaves_um`: part of it remaining because of its
-    uncertainty.
+    now: previous size, if only the growth is stated. reading_deg: change of the axis reading at an unchanged posture.
+    worth_um: rms tool displacement by the change over the work area. leaves_um: part of worth_um remaining because of
+    the uncertainty.
     """
 
     axis: int
@@ -245,7 +244,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class NotEntered:
-    """Effect represented by neither constants nor targets, and its rms tool displacement over the work area."""
+    """An effect represented by neither constants nor targets, and the rms tool displacement over the work area."""
 
     effect: Effect
     worth_um: float
@@ -253,14 +252,14 @@ class NotEntered:
 
 @dataclass(frozen=True)
 class ControllerEntries:
-    """All changes at one controller, and the remaining error.
+    """All changes at a controller, and the remaining error.
 
-    `effects`: changes as effects of the nominal arm; empty if they remove no error. `before_um`, `after_um`: rms
-    position error of the tool over the work area, without and with the changes, `by_targets_um` with corrected targets;
-    all include the uncorrectable error, the latter two also the uncertainty of the model. `elsewhere_um`: error of the
-    model only, without and with the changes, at postures spread over the joint angles of the work area or the runs. All
-    refer to a frame taught with the robot at these postures. `base_u_um`: contribution of the arm's position on its
-    base to the uncertainty. `twins`: parameters of which only a combination is determined.
+    effects: changes as effects of the nominal arm; empty if they remove no error. before_um, after_um: rms position
+    error of the tool over the work area before and after the changes. by_targets_um: the same with corrected targets.
+    All three include the uncorrectable error, the latter two also the uncertainty of the model. elsewhere_um: error of
+    the model before and after the changes, at postures spread over the joint angles of the work area or the runs. All
+    refer to a frame taught with the robot at these postures. base_u_um: contribution of the position of the arm on its
+    base to the uncertainty. twins: parameters of which only a combination is determined.
     """
 
     name: MakerName
@@ -290,9 +289,9 @@ class ControllerEntries:
 def controller_entries(
     rig: Rig, supported: Sequence[Support], name: MakerName, scale: Sequence[float] | None = None
 ) -> ControllerEntries:
-    """Return the changes at a controller that represent most of a rig's model.
+    """Return the changes at a controller that represent most of the model of a rig.
 
-    `scale` (6,): counts per degree or gear ratios of the axes. Raises UseError for a scale not used by the controller.
+    scale (6,): counts per degree or gear ratios of the axes. Raises UseError if the controller uses no scale.
     """
     controller = maker_by(name).controller
     if scale and not controller.scale:
@@ -339,9 +338,9 @@ def controller_entries(
 def _significant(
     rig: Rig, used: Sequence[Effect], controller: Controller, postures: tuple[Array, Array], moves: Array
 ) -> Projection:
-    """Return the projection onto constants of a controller with changes above their standard uncertainty.
+    """Return the projection onto constants of a controller with changes above the standard uncertainty.
 
-    Insignificant ones are removed in turn, the least certain first, because this may make the others certain.
+    Insignificant changes are removed in turn, the least certain first, because a removal may make the others certain.
     """
     constants = [Constant(axis, "q_deg") for axis in range(1, 7)]
     for parameter in controller.constants:
@@ -360,18 +359,18 @@ def _significant(
 
 
 def _certain(rig: Rig, used: Sequence[Effect], every: Projection, q: Array, moves: Array) -> tuple[Projection, Array]:
-    """Return a projection without changes that are smaller than their uncertainty or that do not reduce the error for
-    certain, and the standard uncertainties (m,) of the others.
+    """Return a projection reduced to certain changes, and their standard uncertainties (m,) in mm or degrees.
 
-    The work has joint angles q (n, 6) rad. Changes go one after the other, the least certain first. `moves` (k, n and
-    more, 6) are independent displacements of the tool by one standard uncertainty each.
+    A change is certain if it exceeds its uncertainty and certainly reduces the error. Changes are removed in turn, the
+    least certain first. q (n, 6): joint angles of the work area in rad. moves (k, n and more, 6): independent
+    displacements of the tool by a standard uncertainty each.
     """
     changes, needed, out = every.changes(moves), list[int](), list[int]()
     while True:
         projection, u = every.without(out, changes)
         kept = np.setdiff1d(np.arange(len(every.constants)), out)
         times_u = np.where(u > 0, np.abs(projection.values) / np.where(u > 0, u, 1.0), np.inf)
-        if (times_u < 1.0).any():  # without others, it is no longer larger than its uncertainty
+        if (times_u < 1.0).any():  # After the removal of other changes it is smaller than its uncertainty.
             out.append(int(kept[np.argmin(times_u)]))
             continue
         undecided = [k for k in kept[np.argsort(times_u)].tolist() if k not in needed]
@@ -382,8 +381,8 @@ def _certain(rig: Rig, used: Sequence[Effect], every: Projection, q: Array, move
 
 
 def as_entered(rig: Rig, targets: Corrected, at: ControllerEntries) -> Corrected:
-    """Return corrected targets for a controller with the entries: joint readings in the same postures, and computed
-    poses."""
+    """Return corrected targets for a controller with the entries: joint readings for the same postures, and poses
+    computed by the controller."""
     added_deg, done = np.zeros(6), targets.done
     for entry in at.entries:
         added_deg[entry.axis - 1] += entry.reading_deg
@@ -395,7 +394,7 @@ def as_entered(rig: Rig, targets: Corrected, at: ControllerEntries) -> Corrected
 
 def _apart_mm(rig: Rig, effects: Sequence[Effect], others: Sequence[Effect], q: Array) -> Array:
     """Return the distance (n,) mm between the tools of two models at joint angles q (n, 6) rad, with frame and tool
-    taught there."""
+    taught."""
     return rest_mm(tool_places(rig, effects, q), tool_poses(model_of(rig, others), q))
 
 
@@ -434,8 +433,10 @@ def _entry(
 
 
 def scale_of(text: str | None) -> tuple[float, ...] | None:
-    """Parse the scale of each axis (6,) from a comma-separated list; None for None. Raises UseError unless there are
-    six non-zero numbers."""
+    """Parse the scale of each axis (6,) from a comma-separated list; None for None.
+
+    Raises UseError unless there are six non-zero numbers.
+    """
     if text is None:
         return None
     try:

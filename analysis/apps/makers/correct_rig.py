@@ -1,4 +1,4 @@
-"""All corrections of a rig: zeros, link constants, targets of a path, and a user's programs."""
+"""All corrections of a rig: zeros, link constants, targets of a path, and programs of the user."""
 
 from __future__ import annotations
 
@@ -35,11 +35,12 @@ NO_PROGRAMS = Programs()
 
 @dataclass(frozen=True)
 class Corrections:
-    """Correctable parts of a rig.
+    """The possible corrections of a rig.
 
-    Effects with their use, zeros and constants, and the error over the work area; entries in the notation of a
-    controller; and for a path, its corrected targets, computed for a controller with the entries if `entered`.
-    `calibrated`: effects that are only part of the calibration; their zeros and constants are included above.
+    effects: effects with their use. zeros, constants: corrections of joints and links. work: error over the work area.
+    path: a table of targets with the corrected targets, computed for a controller with the entries if `entered`.
+    at_controller: entries in the notation of a controller. calibrated: effects that exist only in the calibration; the
+    zeros and constants above include them.
     """
 
     rig: Rig
@@ -55,7 +56,7 @@ class Corrections:
 
     @property
     def errors(self) -> dict[Path, WorkError | None]:
-        """Error at the covered targets of the path and of each written program, None if there is none."""
+        """Error at the covered targets of the path and of each written program; None if no target is covered."""
         programs = {program.path: program.error for program in self.programs if program.names and not program.held}
         return ({self.path[0]: self.path[2].error} if self.path else {}) | programs
 
@@ -76,12 +77,16 @@ def correct_rig(
     entered: bool = False,
     programs: Programs = NO_PROGRAMS,
 ) -> Corrections:
-    """Return the corrections of a rig, at a controller where one is given, of which `scale` (6,) has the counts per
-    degree or gear ratios; `entered` states that the controller has its entries, so that targets are for it with them.
-    Beside `programs` there are none, since both correct twice: the controller is then the one whose programs they are.
-    Raises FileError for a rig without effects, for a path that cannot be read or reached, for a file that is no
-    program, for one that carries rig's mark and for a program of another maker's robot; UseError for `entered`
-    without what it needs."""
+    """Return the corrections of a rig.
+
+    controller: also compute the entries for this maker. Entries and programs together would correct twice: if
+    `programs` are given, `controller` states their maker instead. scale (6,): counts per degree or gear ratios of the
+    axes. entered: the controller already has the entries, and the targets are computed accordingly.
+
+    Raises FileError for a rig with no effects, for a path that cannot be read or reached, and for a file that is not a
+    program, is already corrected or belongs to a different maker. Raises UseError if `entered` lacks a path or a
+    controller.
+    """
     if not model_of(rig).effects:
         remedy = "diagnose or calibrate it, and give the rig file written"
         raise FileError(RigPlace.of(rig.name), "has no effects to correct", remedy)
@@ -135,9 +140,9 @@ def _work(rig: Rig, supported: Sequence[Support]) -> WorkError:
 def _targets(
     rig: Rig, supported: Sequence[Support], path: Path, entered: ControllerEntries | None
 ) -> tuple[Path, TargetPath, Corrected]:
-    """Return a path and its corrected targets, for an unchanged controller or one with `entered`.
+    """Return a path and the corrected targets, for an unchanged controller or a controller with the entries `entered`.
 
-    Raises FileError if none can be corrected.
+    Raises FileError if no target can be corrected.
     """
     axes = len(rig.robot.axes)
     read = read_path(path, axes, rail=rig.robot.rail is not None)

@@ -2,8 +2,7 @@
 
 A joint target becomes the joint angles that put the real tool at the nominal position. A pose becomes the pose of the
 nominal arm at such angles: the controller then moves the real arm to the wanted pose. The controller is assumed to use
-the
-nominal arm. Nothing is sent anywhere.
+the nominal arm. Nothing is sent to a robot.
 """
 
 from __future__ import annotations
@@ -30,21 +29,22 @@ from rigs.schema.robot import Pose, Robot
 from rigs.schema.vocabulary import MakerName
 
 MOST_MM, _MOST_DEG, _MOST_JOINT_DEG = 10.0, 1.0, 10.0
-"""Largest corrections written. A zero wrong by half a degree moves a tool at 1.1 m by 10 mm: a larger error means that
-the arm must be mastered, or the rig file belongs to a different arm. A joint that turns by 10° is near a singularity.
-"""
+"""Largest corrections written. A zero wrong by half a degree moves a tool at 1.1 m by 10 mm. A larger error means
+that the arm must be mastered, or the rig file belongs to a different arm. A joint that turns by 10° is near a
+singularity."""
 
 
 GIVEN_AWAY = 0.1
-"""A point and the places that moves reach from it by an offset get one correction, if at none of these places more than
-this share of what is removed stays. Chosen: a tenth is lost in the uncertainty of most corrections."""
+"""Maximum remaining error, as a share of the correction, of moves to a point with an offset. A point and all its
+offset positions share a single correction, which must be accurate enough for each of them. Chosen: a tenth is
+small compared with the uncertainty of most corrections."""
 _HOW = "give NAME=X,Y,Z,RX,RY,RZ in mm and degrees, roll-pitch-yaw about fixed axes"
 _NEAREST_MM = 5.0
-"""A tool or frame that is nearer than that, and not nothing, looks like one in metres. Chosen: no arm is longer."""
+"""Distance below which a non-zero tool or frame was probably stated in metres. Chosen: no arm is longer than 5 m."""
 _FARTHEST_MM = 1e6
-"""A frame further away than a kilometre is a typing error."""
+"""Maximum distance of a frame: a kilometre is a typing error."""
 _MOST_TURNED_DEG = 1000.0
-"""Joint limit: arms have less than three turns."""
+"""Maximum joint angle: arms turn less than three times."""
 
 
 @dataclass(frozen=True)
@@ -61,9 +61,11 @@ NO_FRAMES = Frames({}, {})
 
 @dataclass(frozen=True)
 class Programs:
-    """Programs to correct, the tools and frames that a person states for them, whether only whole ones, of which no
-    target is left as it was, are written, the joint angles (6,) rad at which the arm stands when they begin, and
-    whether programs that carry rig's mark are corrected again."""
+    """Programs to correct, and options for them.
+
+    frames: tools and frames stated by the user. whole: write only programs with all targets corrected. start: joint
+    angles (6,) rad of the arm when the programs start. again: also correct programs that rig has already corrected.
+    """
 
     paths: Sequence[Path] = ()
     frames: Frames = NO_FRAMES
@@ -76,19 +78,19 @@ class Programs:
 class CorrectedProgram:
     """A program with corrected targets.
 
-    `files` are its bytes by name. `names` and `places` (n,), a file and a line each, are those of the n targets that
-    were corrected, `moved_mm` (n,) how far they moved, `u_mm` (n,) their standard uncertainty in the robot's base and
-    `u_frame_mm` (n,) with frame and tool taught with the robot over them, `unknown` (n,) why no run says how well they
-    are reached, so that both are NaN, empty where one does, and `rounded_um` (n,) how far the numbers' decimals put
-    them off. `error` is that of the places at the targets, None where none was corrected. `left` is what stayed as it
-    was. `beside_left_mm` (m,) is how far corrected targets moved against a neighbour that was left, for each move
-    between two such. `sources` are the names of the files that `left` counts, and `overruled` the tools and frames that
-    a person stated, and that the program gives other numbers. `given_away_mm` (n,) is how far the places that moves
-    reach from a target by an offset stay off, since they take the correction of the target; NaN for targets that are
-    used without one. `changed` are the names of the files with other numbers than before, `named` the tools and frames
-    that the program leaves to be stated, by kind and name, and `notices` what a person should know. Where it is `held`,
-    the program is not written, since it would be half corrected. `start` are the joint angles (6,) rad at which a
-    person states that the arm stands when it begins, where a target's posture can come from them.
+    files: bytes of each file by name. names, places (n,): name, file and line of the n corrected targets. moved_mm
+    (n,): displacement of each target. u_mm, u_frame_mm (n,): standard uncertainty in the robot's base, and with frame
+    and tool taught with the robot. unknown (n,): reason for unknown uncertainties, which are then NaN; empty if the
+    runs cover the target. rounded_um (n,): error by the decimals of the numbers. error: error at the targets, None if
+    no target was corrected. left: uncorrected targets.
+
+    beside_left_mm (m,): displacement of a corrected target relative to an uncorrected neighbour, for each move between
+    two such targets. sources: names of the files numbered in `left`. overruled: tools and frames with different numbers
+    in the program than stated by the user. given_away_mm (n,): remaining error of moves to a target with an offset,
+    which share the correction of the target; NaN if there is no such move. changed: names of the changed files. named:
+    tools and frames that the user can state, by kind and name. notices: facts for the user. held: the program is not
+    written, because it would be corrected only in part. start: joint angles (6,) rad at the start as stated by the
+    user, if the posture of a target may depend on them.
     """
 
     path: Path
@@ -124,10 +126,10 @@ def correct_program(
     whole: bool = False,
     start: tuple[float, ...] | None = None,
 ) -> CorrectedProgram:
-    """Return a program with its correctable targets corrected for the effects of a rig.
+    """Return a program with all correctable targets corrected for the effects of a rig.
 
-    whole: hold the program if any target of a move cannot be corrected. `start` (6,) rad: position at the start of the
-    program. Raises FileError for an invalid program.
+    whole: hold the program if any target of a move cannot be corrected. start (6,): joint angles in rad at the start of
+    the program. Raises FileError for an invalid program.
     """
     maker, texts = read_program(path)
     reader = maker.reader
@@ -143,7 +145,7 @@ def correct_program(
     kept = [k for k in range(len(targets)) if k not in reasons and targets[k].of is None]
     changes: list[list[tuple[Number, str]]] = [[] for _ in range(texts.own)]
     for k in kept:
-        if not np.array_equal(done.q[k], q[k]):  # targets without a change keep their bytes
+        if not np.array_equal(done.q[k], q[k]):  # Unchanged targets keep their bytes.
             value = done.q[k] if targets[k].joints else _in_program(arm, located[k], done.T[k])
             file = targets[k].file
             changes[file] += _changes(reader, texts.texts[file], targets[k], value, scale)
@@ -245,9 +247,12 @@ def _off_by_offset(
     moved_mm: Array,
     reasons: dict[int, Reason],
 ) -> tuple[dict[int, tuple[Unknown, ...]], Array]:
-    """Leave the points at which a move with an offset would stay off by more than `GIVEN_AWAY` of the correction and
-    more than its uncertainty. Return for each such point the move, and for the others by how much (n,) mm moves with
-    an offset stay off, NaN without one."""
+    """Reject points at which moves with an offset would keep too large an error, and return the reasons and remaining
+    errors.
+
+    An error is too large if it exceeds both the share `GIVEN_AWAY` of the correction and the uncertainty. The reasons
+    are given by point. The remaining errors (n,) in mm of the other points are NaN if no move has an offset.
+    """
     because: dict[int, tuple[Unknown, ...]] = {}
     given_away_mm = np.full(len(targets), np.nan)
     for k, target in enumerate(targets):
@@ -260,7 +265,7 @@ def _off_by_offset(
             stands = _in_world(arm, located[k], _with_offset(target, X))
             off_mm = float(np.linalg.norm(stands[:3, 3] - done.T[k][:3, 3]))
             u_mm = min(done.u_mm[k], done.u_frame_mm[k])
-            bound_mm = np.fmax(u_mm, GIVEN_AWAY * moved_mm[k])  # without an uncertainty, the share alone
+            bound_mm = np.fmax(u_mm, GIVEN_AWAY * moved_mm[k])  # If there is no uncertainty, the share is the limit.
         if off_mm <= bound_mm:
             given_away_mm[target.of] = np.fmax(given_away_mm[target.of], off_mm)
         else:
@@ -287,7 +292,8 @@ class _Located:
 
 
 def _located(arm: Arm, reader: ProgramReader, frames: Frames, target: Target) -> _Located:
-    hangs = reader.of_world and arm.T_world_base[2, 2] < 1 - 1e-6  # the cell's frame cannot be that of the robot's foot
+    # The world frame of the cell differs from the frame of the robot's foot.
+    hangs = reader.of_world and arm.T_world_base[2, 2] < 1 - 1e-6
     tool = _known(target.tool, frames.tools, reader.null_tools)
     frame = _known(target.frame, frames.frames, () if hangs else reader.null_frames)
     if frame is None or tool is None:
@@ -303,7 +309,8 @@ def _known(place: Array | str, named: Mapping[str, Array], null: tuple[str, ...]
 
 
 def _given(target: Target, located: _Located, scale: Sequence[float] | None) -> Array | Reason:
-    """Return the joint angles (6,) rad or the frame (4, 4) of a target's numbers, or the reason for none."""
+    """Return the joint angles (6,) rad or the frame (4, 4) in the numbers of a target, or the reason if there are
+    none."""
     if target.form == "pulses" and scale is None:
         return "no_scale"
     values = [number.value for number in target.numbers]
@@ -323,14 +330,15 @@ def _in_world(arm: Arm, located: _Located, X: Array) -> Array:
 
 
 def _in_program(arm: Arm, located: _Located, T: Array) -> Array:
-    """Return X (4, 4) for a pose T (4, 4) in the world: the inverse of `_in_world`."""
+    """Return the program's pose X (4, 4) for a pose T (4, 4) in the world: the inverse of `_in_world`."""
     outer = np.linalg.inv(arm.T_world_base @ located.frame)
     X: Array = outer @ T @ np.linalg.inv(arm.T_flange_tool) @ located.tool
     return X
 
 
 def _implausible(arm: Arm, targets: Sequence[Target], q: Array, done: Corrected, moved_mm: Array) -> dict[int, Reason]:
-    """Return the targets whose correction by moved_mm (n,) must not be written, with the reason."""
+    """Return the targets with an implausible correction by moved_mm (n,), which must not be written, with the
+    reasons."""
     reasons: dict[int, Reason] = {}
     corrected_ones = np.flatnonzero(done.done)
     turned = pose_error(done.T[corrected_ones], forward(arm, q[corrected_ones]))[:, 3:]
@@ -339,9 +347,9 @@ def _implausible(arm: Arm, targets: Sequence[Target], q: Array, done: Corrected,
         joint_deg = float(np.degrees(np.abs(new - q[k]).max()))
         if moved_mm[k] > MOST_MM or turned_deg > _MOST_DEG or joint_deg > _MOST_JOINT_DEG:
             reasons[k] = "too_large"
-        # The controller obeys the flags: an angle across zero would be reached a turn away.
+        # The controller obeys the flags: after a sign change, it would reach the angle a full turn away.
         elif (flags := targets[k].flags) and not np.array_equal(new, q[k]):
-            # Beyond its flags only as far as rounding in the program, and not at all if the old angle was not.
+            # Tolerance of the flags: the rounding in the program, or zero if the old angles agreed exactly.
             steps = np.radians([0.0, 1e-5, 1e-4, 1e-3, 2e-2])
             slack = next((float(step) for step in steps if agreeing(arm, q[k][None], flags, float(step))[0]), 0.0)
             if not agreeing(arm, new[None], flags, slack)[0]:
@@ -352,7 +360,7 @@ def _implausible(arm: Arm, targets: Sequence[Target], q: Array, done: Corrected,
 def _changes(
     reader: ProgramReader, text: str, target: Target, new: Array, scale: Sequence[float] | None
 ) -> list[tuple[Number, str]]:
-    """Return the changed numbers of a target in a text; `new`: angles (6,) rad, or a frame (4, 4)."""
+    """Return the changed numbers of a target in a text. new: angles (6,) rad, or a frame (4, 4)."""
     if target.joints:
         values, decimals = joint_numbers(target.form, new, scale), [reader.decimals.turn] * 6
     else:
@@ -363,7 +371,7 @@ def _changes(
 
 
 def _read_back(reader: ProgramReader, before: Parsed, texts: Texts) -> Parsed:
-    """Parse the new texts, and check for the same targets before the program is returned."""
+    """Parse the new texts, and check that they contain the same targets."""
     after = reader.parse(texts)
 
     def others(parsed: Parsed) -> tuple[object, ...]:
@@ -375,7 +383,7 @@ def _read_back(reader: ProgramReader, before: Parsed, texts: Texts) -> Parsed:
 
 
 def _off_um(arm: Arm, target: Target, located: _Located, scale: Sequence[float] | None, meant: Array) -> float:
-    """Return the distance in µm between the written and the `meant` (4, 4) tool position."""
+    """Return the distance in µm between the written tool position and the intended pose `meant` (4, 4)."""
     if target.joints:
         written_pose = forward(arm, joints_of(target, scale)[None])[0]
     else:
@@ -384,8 +392,11 @@ def _off_um(arm: Arm, target: Target, located: _Located, scale: Sequence[float] 
 
 
 def frames_of(robot: Robot, tools: Sequence[str], frames: Sequence[str]) -> Frames:
-    """Return the frames of texts "name=x,y,z,rx,ry,rz"; a tool can be "name=rig", the tool of the rig file, and either
-    "name=0". Raises UseError for anything else, and for a name with two different frames."""
+    """Parse texts "name=x,y,z,rx,ry,rz" as frames.
+
+    A tool can also be "name=rig", the tool of the rig file, and both can be "name=0". Raises UseError for any other
+    text, and for a name with two different frames.
+    """
     of_tools = [_named("--tool", text, transform(robot.tool)) for text in tools]
     of_frames = [_named("--frame", text, None) for text in frames]
     return Frames(_without_contradiction("--tool", of_tools), _without_contradiction("--frame", of_frames))
@@ -400,7 +411,7 @@ def _without_contradiction(option: str, named: Sequence[tuple[str, Array]]) -> d
 
 
 def doubts_of(frames: Frames, programs: Sequence[CorrectedProgram]) -> list[str]:
-    """Return what speaks against the frames that a person stated: no program names them, or they look like metres."""
+    """Return doubts about the frames stated by the user: unused by the programs, or probably in metres."""
     named = {of for program in programs for of in program.named}
     doubts = []
     for kind, stated in (("tool", frames.tools), ("frame", frames.frames)):

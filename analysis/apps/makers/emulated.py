@@ -1,9 +1,9 @@
-"""An emulated controller: the robot behind an interpreter, which moves as its controller would and remembers everything
-that it did; and the parameters that a person can enter there, from the maker's formula, apart from what writes
-corrections.
+"""Emulated controllers: an interpreter drives a robot as the controller would, and records all actions.
 
-Lengths mm, angles rad; a place is the tool's (3,), an orientation a scipy Rotation, both in the robot's base frame. The
-machine gets its arm as a function from joint angles to the flange, and its tool as the program or a person sets it.
+The module also contains the parameters that an operator can enter, computed from the maker's formula and independent of
+the code that writes corrections. Lengths are in mm, angles in rad. A position is that of the tool (3,) and an
+orientation is a scipy Rotation, both in the robot's base frame. The machine obtains its arm as a function from joint
+angles to the flange. The program or the operator sets the tool.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from scipy.spatial.transform import Rotation
 
 Array = NDArray[np.float64]
 Flange = Callable[[Array], tuple[Array, Array]]
-"""Rotation (3, 3) and place (3,) mm of the flange at joint angles (6,) rad."""
+"""Function from joint angles (6,) rad to rotation (3, 3) and position (3,) mm of the flange."""
 Turning = Literal["fixed to path", "relative to path", "even", "angles"]
-"""How a controller turns the tool along an arc: fixed to the path from where it stands; from beginning to end relative
-to the path; about one axis in space; or each of its three angles by itself."""
+"""Orientation of the tool along an arc: fixed to the path from the start; from start to end relative to the path;
+about a fixed axis in space; or each of the three angles separately."""
 _FARTHEST_MM = 1e5
 """Limit of a coordinate in mm, ten times the reach of any arm: a larger number is a mistake."""
 _FASTEST_MM_S, _FASTEST_RAD_S = 3000.0, 10.0
@@ -33,9 +33,9 @@ _SAME_MM, _SAME_RAD = 1e-6, 1e-9
 
 
 COUNTS_PER_DEG = 3000.0
-"""Counts, or pulses, of each motor of an emulated arm per degree of its axis. Chosen: no maker publishes its own."""
+"""Counts, or pulses, of each motor of an emulated arm per degree of the axis. Chosen: no maker publishes the number."""
 GEAR_RATIO = 100.0
-"""An axis of an emulated arm turns by a degree while its motor turns by so many. Chosen."""
+"""Motor degrees per degree of the axis of an emulated arm. Chosen."""
 Field = Literal["reading", "offset", "a", "d", "alpha"]
 
 
@@ -45,15 +45,18 @@ class ProgramError(Exception):
 
 @dataclass
 class Tokens:
-    """The tokens of a program, each with its kind, of which those before `at` were taken."""
+    """The tokens of a program, each with a kind. at: index of the next token."""
 
     items: list[tuple[str, str]]
     at: int = 0
 
     @classmethod
     def of(cls, text: str, token: re.Pattern[str], language: str) -> Tokens:
-        """Return the tokens of a text by a pattern whose groups are kinds, those of no kind and of the kind `skip` left
-        out. Raises ProgramError for a text that is not of the language."""
+        """Split a text into tokens by a pattern whose groups are the kinds.
+
+        Matches outside any group and of the kind `skip` are dropped. Raises ProgramError for a text that does not
+        match.
+        """
         items, at = [], 0
         while at < len(text):
             match = token.match(text, at)
@@ -65,11 +68,11 @@ class Tokens:
         return cls(items)
 
     def peek(self) -> tuple[str, str]:
-        """Return kind and text of the next token, ("over", "") at the end."""
+        """Return kind and text of the next token; ("over", "") at the end."""
         return self.items[self.at] if self.at < len(self.items) else ("over", "")
 
     def take(self, *expected: str) -> str:
-        """Take the next token, of one of some kinds or texts. Raises ProgramError for any other."""
+        """Consume and return the next token. Raises ProgramError if neither kind nor text is expected."""
         kind, text = self.peek()
         if kind not in expected and text not in expected:
             raise ProgramError(f"{repr(text) if text else 'the end'} stands where {' or '.join(expected)} is expected")
@@ -79,9 +82,9 @@ class Tokens:
 
 @dataclass(frozen=True)
 class Posture:
-    """What a position says of the arm's posture, in words that follow from the joint angles alone.
+    """The posture flags of a position that follow from the joint angles.
 
-    flip: axis 5 stands at a positive angle; counts: of axes 4, 5 and 6 or of 4, 6 and 1, as the language has them.
+    flip: axis 5 has a positive angle. counts: turns of axes 4, 5 and 6 or of 4, 6 and 1, as used by the language.
     """
 
     flip: bool
@@ -99,11 +102,11 @@ class Pose:
 
 @dataclass(frozen=True)
 class Speed:
-    """What a move may not exceed, None for what its language does not say.
+    """The limits of a move; None if the language sets no limit.
 
-    share: of the greatest speed of each axis, 0 to 1; axis_rad_s, axis_rad_s2: of the fastest joint; mm_s, rad_s: of
-    the tool along its way and as it turns; mm_s2: its acceleration; seconds: what the move takes, whatever else is
-    said.
+    share: of the maximum speed of each axis, 0 to 1. axis_rad_s, axis_rad_s2: of the fastest joint. mm_s, rad_s: of the
+    tool along the path and in rotation. mm_s2: acceleration of the tool. seconds: duration of the move, which overrides
+    the rest.
     """
 
     share: float | None = None
@@ -117,7 +120,7 @@ class Speed:
 
 @dataclass(frozen=True)
 class Stood:
-    """A joint move with a tool that ended here, at joint angles q (6,) rad or at a pose."""
+    """A joint move of a tool to joint angles q (6,) rad or to a pose."""
 
     pose: Pose
     q: Array | None
@@ -127,7 +130,7 @@ class Stood:
 
 @dataclass(frozen=True)
 class Straight:
-    """A move of a tool on a line, the tool turning evenly; stops: the tool stands at its end. Speed in mm/s."""
+    """A straight move of a tool with even rotation. stops: the tool stops at the end. The speed is in mm/s."""
 
     begin: Pose
     end: Pose
@@ -154,7 +157,8 @@ class Straight:
 
 @dataclass(frozen=True)
 class Round:
-    """An arc of a tool about a unit axis (3,) through a centre (3,) mm, by an angle in rad; stops as of a line."""
+    """An arc of a tool about a unit axis (3,) through a centre (3,) mm, by an angle in rad. stops: the tool stops at
+    the end."""
 
     begin: Pose
     end: Pose
@@ -169,7 +173,7 @@ class Round:
 
     @property
     def length_mm(self) -> float:
-        """The length of the arc in mm."""
+        """Return the length of the arc in mm."""
         return self.angle * float(np.linalg.norm(self.begin.place - self.centre))
 
     @property
@@ -205,7 +209,7 @@ class Waited:
 
 @dataclass(frozen=True)
 class Switched:
-    """A digital output was switched."""
+    """A change of a digital output."""
 
     output: int | str
     on: bool
@@ -233,8 +237,10 @@ def _evenly(begin: Rotation, end: Rotation, share: Array) -> Rotation:
 
 
 def circle_through(a: Array, b: Array, c: Array) -> tuple[Array, Array, float]:
-    """Return centre (3,) mm, axis (3,) and angle in rad of the arc from a (3,) mm through b to c: the point of their
-    plane that is as far from each. Raises ProgramError for places of which no arc leads."""
+    """Return centre (3,) mm, axis (3,) and angle in rad of the arc from a (3,) mm through b to c.
+
+    Raises ProgramError for points that no arc connects in this order.
+    """
     normal = np.cross(b - a, c - b)
     if np.linalg.norm(normal) < 1e-6:
         raise ProgramError("the points of an arc lie on a line")
@@ -301,13 +307,13 @@ class Machine:
         self._pose = pose
 
     def turn(self, pose: Pose, speed_rad_s: float) -> None:
-        """Turn about the tool's origin to a pose; a speed of turning in rad/s is no speed for a way."""
+        """Turn about the tool's origin to a pose, at a speed in rad/s. Raises ProgramError if the origin moves."""
         if np.linalg.norm(pose.place - self.pose.place) > 0.01 or not 0 < speed_rad_s < _FASTEST_RAD_S:
             raise ProgramError("a turn has the speed of a turn, and no way")
         self.line(pose, _FASTEST_MM_S / 2, stops=True, speed=Speed(rad_s=speed_rad_s))
 
     def arc(self, via: Array, end: Pose, speed_mm_s: float, *, turning: Turning, stops: bool, speed: Speed) -> None:
-        """Move the tool on the arc through a place `via` (3,) mm to a pose, at a speed in mm/s."""
+        """Move the tool on the arc through a position `via` (3,) mm to a pose, at a speed in mm/s."""
         begin = self.pose
         centre, axis, angle = circle_through(begin.place, via, _finite(end).place)
         way = Round(begin, end, centre, axis, angle, turning, _speed(speed_mm_s), stops, self.tool, speed)
@@ -335,9 +341,12 @@ def _speed(speed_mm_s: float) -> float:
 
 @dataclass(frozen=True)
 class Parameter:
-    """A parameter by its name at the controller; {axis} is the number of a joint, from 1. field: what of the arm it
-    changes, by `factor` mm or rad for each unit; later: by how many axes the rig file has it later; axis: from 1, where
-    the name has none; grows: the length grows, whichever its sign."""
+    """A parameter by its name at the controller; {axis} is the number of a joint, from 1.
+
+    field: the changed property of the arm. factor: mm or rad per unit. later: axis number in the rig file minus axis
+    number at the controller. axis: from 1, if the name contains no axis. grows: the length grows regardless of its
+    sign.
+    """
 
     name: str
     unit: str
@@ -348,20 +357,23 @@ class Parameter:
     grows: bool = False
 
     def axis_of(self, name: str) -> int | None:
-        """Return the axis of the rig file, from 1, where this is its name."""
+        """Return the axis of the rig file, from 1, for a name of this parameter; None for any other name."""
         match = re.fullmatch(re.escape(self.name).replace(r"\{axis\}", "([1-6])"), name)
         return (self.axis or int(match[1]) + self.later) if match else None
 
 
 READING = Parameter("reading of axis {axis}", "deg", "reading", math.radians(1))
-"""For a person who has no counts per degree: the reading is set by whatever the maker's menus offer."""
+"""The reading of an axis, for an operator with unknown counts per degree: it is set in the menus of the maker."""
 
 
 @dataclass(frozen=True)
 class ProgramDriver:
-    """run: drives a machine with the text of the file that has the motion, and with that of its data list; raises
-    ProgramError for a program that is refused. parameters: what a person can enter; tool_entered: the program does not
-    set its tool, a person enters it at the controller."""
+    """The emulated controller of a maker.
+
+    run: executes a program on a machine, given the text of the file with the motion and of the data list; raises
+    ProgramError if the controller would reject it. parameters: the parameters that an operator can enter. tool_entered:
+    the operator enters the tool at the controller, because the program does not set it.
+    """
 
     run: Callable[[str, str, Machine], None]
     parameters: tuple[Parameter, ...]

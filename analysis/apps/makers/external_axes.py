@@ -1,7 +1,7 @@
 """External axes (tracks, positioners, other groups) as parts of the state of a program.
 
-A pose counts from the base of the arm, which a track moves. So a pose is corrected only if every external axis that the
-texts of the program move stands at zero when the arm arrives. Programs that move none are not affected.
+A pose refers to the base of the arm, which a track moves. A pose is therefore corrected only if every external axis
+moved by the texts of the program is at zero when the arm arrives. Programs that move no external axis are not affected.
 """
 
 from __future__ import annotations
@@ -30,17 +30,17 @@ _CHANGED = "the point is used or assigned elsewhere, and may have other coordina
 
 @dataclass(frozen=True)
 class PointAxes:
-    """The coordinates of external axes that a point names, None if the program may change them, and whether the point
-    is a pose."""
+    """Coordinates of external axes at a point, None if the program may change them, and whether the point is a pose."""
 
     coordinates: Mapping[str, float] | None
     is_pose: bool
 
 
 def with_external_axes(program: Program, axes: frozenset[str], point: Callable[[str], PointAxes | None]) -> Program:
-    """Return the program with `axes` as parts of the state; `point` looks up a point by its key.
+    """Return the program with `axes` as parts of the state.
 
-    An axis that a point does not name stays where it stands."""
+    point: look-up of a point by key. An axis not named by a point stays in place.
+    """
     if not axes:
         return program
     parts = tuple(f"{EXTERNAL}[{axis}]" for axis in sorted(axes))

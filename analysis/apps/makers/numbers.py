@@ -1,6 +1,7 @@
-"""Numbers of a target to joint angles or a frame and back, and their text in the place and the style of the old one.
+"""Conversion of the numbers of a target to joint angles or a frame and back, and to text in the style of the old
+number.
 
-Sources: as for the makers' readers.
+Sources: as for the readers of the makers.
 """
 
 from __future__ import annotations
@@ -21,15 +22,17 @@ _M_MM = 1e3
 
 @dataclass(frozen=True)
 class Decimals:
-    """How many decimals a dialect's numbers have: a number keeps its own, but not fewer than `least`, nor more than
-    `most`. `place` is for coordinates, `turn` for angles and the parts of a quaternion."""
+    """Minimum and maximum number of decimals in a dialect. Between these limits a number keeps its number of decimals.
+
+    place: coordinates. turn: angles and the components of a quaternion.
+    """
 
     place: tuple[int, int]
     turn: tuple[int, int]
 
 
 def joints_of(target: Target, scale: Sequence[float] | None) -> Array:
-    """Return the joint angles (6,) rad of a joint target; `scale` (6,) are the counts per degree of pulses."""
+    """Return the joint angles (6,) rad of a joint target. scale (6,): counts per degree, for pulses."""
     values = np.array([number.value for number in target.numbers])
     if target.form == "pulses":
         values = values / np.asarray(scale)
@@ -38,7 +41,7 @@ def joints_of(target: Target, scale: Sequence[float] | None) -> Array:
 
 
 def frame_of(form: Form, values: Sequence[float] | Array) -> Array:
-    """Return the frame (4, 4) in mm of the numbers (6,) or (7,) of a pose."""
+    """Return the frame (4, 4) in mm for the numbers (6,) or (7,) of a pose."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import
 
     values = np.asarray(values, dtype=float)
@@ -57,17 +60,18 @@ def frame_of(form: Form, values: Sequence[float] | Array) -> Array:
 
 
 def is_frame(form: Form, values: Sequence[float]) -> bool:
-    """Return whether numbers are finite, of a robot's size, and in a quaternion of length 1 within the rounding of a
-    program."""
+    """Return whether the numbers of a pose are finite and of plausible size, and a quaternion has length 1 within
+    rounding."""
     if not np.isfinite(values).all() or max(map(abs, values)) > _LARGEST:
         return False
     return form != "quaternion" or abs(float(np.linalg.norm(values[3:])) - 1) < _LENGTH_OFF
 
 
 _LARGEST = 1e9
-"""A number beyond it is no coordinate of a robot; pulses stay below, too, and 9E9 is a word for no axis."""
+"""Limit for the coordinates of a robot. Pulses stay below it, and 9E9 stands for an absent axis."""
 _LENGTH_OFF = 1e-2
-"""Chosen: quaternions with four decimals, as people type them, are within 1e-4; farther off it is a typing error."""
+"""Tolerance for the length of a quaternion. Chosen: four decimals, as typed by users, give an error below 1e-4; a
+larger error is a typing error."""
 
 
 def joint_numbers(form: Form, q: Array, scale: Sequence[float] | None) -> Array:
@@ -79,8 +83,10 @@ def joint_numbers(form: Form, q: Array, scale: Sequence[float] | None) -> Array:
 
 
 def frame_numbers(form: Form, T: Array, old: Array) -> Array:
-    """Return the numbers (6,) or (7,) of a frame (4, 4) in mm that are nearest to the `old` ones: an orientation has
-    several sets of angles."""
+    """Return the numbers (6,) or (7,) of a frame (4, 4) in mm nearest to the `old` numbers.
+
+    An orientation has several sets of angles.
+    """
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import
 
     turn = Rotation.from_matrix(T[:3, :3])
@@ -90,7 +96,7 @@ def frame_numbers(form: Form, T: Array, old: Array) -> Array:
     if form == "rotation_vector":
         vector = turn.as_rotvec()
         angle = float(np.linalg.norm(vector))
-        # A turn by no angle has every axis: it stays zero.
+        # A zero rotation has no axis: the vector is zero.
         axis = vector / angle if angle > 0 else np.zeros(3)
         vectors = [axis * (angle + 2 * np.pi * turns) for turns in (-2, -1, 0, 1, 2)]
         return np.concatenate([T[:3, 3] / _M_MM, _nearest(vectors, old[3:])])
@@ -107,7 +113,7 @@ def _nearest(candidates: Sequence[Array], old: Array) -> Array:
 
 
 def written(number: Number, text: str, value: float, form: Form, decimals: tuple[int, int]) -> str:
-    """Return the text of a new value in the style of the old number: its decimals, its leading zero, its sign."""
+    """Return the text of a new value in the style of the old number: decimals, leading zero and sign."""
     old = text[number.begin : number.end]
     if form == "pulses":
         return str(round(value))
@@ -124,8 +130,10 @@ def written(number: Number, text: str, value: float, form: Form, decimals: tuple
 
 
 def replaced(text: str, changes: Sequence[tuple[Number, str]]) -> str:
-    """Return the text with new numbers; where spaces stand between an equals sign and a number, as in the columns of a
-    listing, they make up its width."""
+    """Return the text with new numbers.
+
+    Spaces between an equals sign and a number, as in the columns of a listing, are adjusted to keep the width.
+    """
     parts, at = [], 0
     for number, new in sorted(changes, key=lambda change: change[0].begin):
         before = text[at : number.begin]

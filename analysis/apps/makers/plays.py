@@ -1,4 +1,4 @@
-"""The plays of a program: how much further its joints are commanded, so that the links reach the targets."""
+"""Compensation of backlash in a program: additional joint rotation so that the links reach the targets."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _BETWEEN = 16
 def ahead_of_plays(rig: Rig, plan: Plan) -> Array:
     """Return the lead (n, 6) rad of the joints at the targets of a plan, in the order of `targets_of`.
 
-    With it the links reach the targets despite the backlash of the rig file.
+    With this lead the links reach the targets despite the backlash in the rig file.
     """
     targets = targets_of(plan)
     model = model_of(rig, known_plays(rig))

@@ -1,7 +1,7 @@
-"""The points of a program with the moves that use them: which can be corrected, and why the others cannot.
+"""The points of a program with the moves that use them, and the reasons for leaving points uncorrected.
 
-A point of one name is one target, however often it is used. It is corrected only where every move to it, on every way,
-has the same tool and frame and nothing that moves it elsewhere, and where nothing else in the program names it.
+A point with a name is a single target, however often it is used. It is corrected only if every move to it has the same
+tool and frame on every path, no other setting displaces it, and nothing else in the program refers to it.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _BY_PART: dict[str, Reason] = {
     "option": "not_understood",
     EXTERNAL: "external_axes",
 }
-"""Why a point is left where this part is not off, or not on every way."""
+"""Reason for leaving a point uncorrected if this part of the state is not certainly off."""
 
 
 @dataclass
@@ -54,9 +54,11 @@ class _Point:
 
 @dataclass
 class Points:
-    """The points of a program while it is read, and moves that have none. `silent` are keys of points that are not
-    listed where no move uses them, `files` is how many of the texts are corrected: the others stand beside. `axes` are
-    the external axes that the texts move."""
+    """The points of a program during parsing, and the moves to unknown points.
+
+    files: number of texts to correct; the others are in the same directory. silent: keys of points that are not listed
+    if unused. axes: external axes moved by the texts.
+    """
 
     files: int
     silent: set[str] = field(default_factory=set)
@@ -67,7 +69,7 @@ class Points:
     _sets: list[Named] = field(default_factory=list)
 
     def declare(self, key: str, target: Target, reason: Reason | None = None) -> None:
-        """Take a point; with a reason it can be moved to, and cannot be corrected."""
+        """Add a point. A point with a reason is a valid target of moves but cannot be corrected."""
         if key in self._points:
             self.change(key, target.file, target.line)
             if target.file < self.files and key not in self.silent:
@@ -76,11 +78,11 @@ class Points:
             self._points[key] = _Point(target, reason)
 
     def knows(self, key: str) -> bool:
-        """Return whether there is a point of this name."""
+        """Return whether a point with this key exists."""
         return key in self._points
 
     def keys(self) -> Iterable[str]:
-        """Return the names of the points."""
+        """Return the keys of the points."""
         return self._points.keys()
 
     def target(self, key: str) -> Target:
@@ -92,7 +94,7 @@ class Points:
         return self._points[key].target.joints
 
     def change(self, key: str, file: int, line: int) -> None:
-        """State that the program uses a point otherwise than as a target."""
+        """Record that the program uses a point in a statement other than a move."""
         point = self._points[key]
         point.changed = point.changed or Unknown(file, line, "it is used or assigned there")
 
@@ -101,7 +103,7 @@ class Points:
         self._left.append(move)
 
     def state(self, named: Named) -> None:
-        """Take the numbers that the program itself gives a tool or frame."""
+        """Add the numbers that the program assigns to a tool or frame."""
         self._sets.append(named)
 
     def parsed(self, program: Program) -> Parsed:
@@ -123,7 +125,7 @@ class Points:
             for usage in usages
             if usage.move.key in places
         )
-        next_to_left: list[int] = []  # the target at one end of each move whose other end is a point that is left
+        next_to_left: list[int] = []  # The corrected targets of moves between a corrected and an uncorrected point
         for usage in usages:
             key = usage.move.key
             for source in usage.comes_from:
@@ -134,7 +136,7 @@ class Points:
         return Parsed(tuple(targets), steps, ordered, tuple(next_to_left), tuple(self._sets), notices, named)
 
     def _named(self, usages: Sequence[Usage]) -> frozenset[tuple[str, str]]:
-        """Return the tools and frames that moves, points and the program's own settings name."""
+        """Return the names of the tools and frames in moves, points and settings of the program."""
         named: set[tuple[str, str]] = {(of.kind, of.name.lower()) for of in self._sets}
         for usage in usages:
             named |= {(kind, value.lower()) for kind, value in _by_kind(usage.tool, usage.frame) if value}
@@ -151,8 +153,10 @@ class Points:
         return PointAxes(None if point.changed else dict(point.target.external), not point.target.joints)
 
     def _targets(self) -> tuple[list[Target], dict[str, int], list[Left]]:
-        """Return the targets of points, in the tool and the frame of their moves, the place of each by the key of its
-        moves, and what is left."""
+        """Return the targets of the points, their indices, and the uncorrected points and moves.
+
+        Targets have the tool and the frame of their moves. The keys of the indices are those of the moves.
+        """
         targets: list[Target] = []
         places: dict[str, int] = {}
         skipped = list(self._left)
@@ -185,7 +189,7 @@ class Points:
 
 
 def _by_kind(tool: object, frame: object) -> Iterator[tuple[str, str]]:
-    """Yield a tool and a frame that are given by their names."""
+    """Yield a tool and a frame, if they are given by name."""
     yield from ((kind, value) for kind, value in (("tool", tool), ("frame", frame)) if isinstance(value, str))
 
 
@@ -195,7 +199,7 @@ def _sources(usage: Usage, places: dict[str, int]) -> frozenset[int | None]:
 
 
 def _arcs(usages: Sequence[Usage], places: dict[str, int]) -> dict[str, Arc]:
-    """Return the arcs that turn the tool, by their names."""
+    """Return the arcs that rotate the tool, by name."""
     arcs: dict[str, Arc] = {}
     for usage in usages:
         if not (name := usage.move.arc):
@@ -209,7 +213,7 @@ def _arcs(usages: Sequence[Usage], places: dict[str, int]) -> dict[str, Arc]:
 
 
 def _registers(usage: Usage) -> Iterator[Named]:
-    """Yield the tool and the frame of a move to which the program itself gives numbers in a register."""
+    """Yield the tool and frame of a move if the program itself sets their numbers in a register."""
     kinds: dict[str, Literal["tool", "frame"]] = {"UTOOL": "tool", "UFRAME": "frame"}
     for of, value in ((usage.move.tool, usage.tool), (usage.move.frame, usage.frame)):
         if isinstance(of, Ref) and isinstance(value, tuple):
@@ -243,8 +247,7 @@ def _reasons(point: _Point) -> Iterator[tuple[Reason, tuple[Unknown, ...]]]:
 
 
 def _elsewhere(target: Target, usages: Sequence[Usage]) -> Iterator[tuple[Reason, tuple[Unknown, ...]]]:
-    """Yield why moves do not go to the point itself, or beside it by an offset that is not known or not the same on all
-    ways."""
+    """Yield the reasons why moves do not reach the point itself, or reach it with an unknown or varying offset."""
     offsets: dict[str, object] = {}
     for usage in usages:
         if offsets.setdefault(usage.move.key, usage.offset) != usage.offset:
@@ -273,10 +276,10 @@ def _tool(value: Value, of_point: Array | str) -> Array | str:
 
 
 def as_frame(numbers: Iterable[float]) -> Array:
-    """Return the frame (4, 4) in mm of a value of the machine."""
+    """Return the frame (4, 4) in mm of a value of the state machine."""
     return np.array(tuple(numbers), dtype=float).reshape(4, 4)
 
 
 def as_value(T: Array) -> tuple[float, ...]:
-    """Return a frame (4, 4) in mm as a value of the machine."""
+    """Return a frame (4, 4) in mm as a value of the state machine."""
     return tuple(np.asarray(T, dtype=float).ravel().tolist())

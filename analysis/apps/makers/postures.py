@@ -1,9 +1,8 @@
-"""The joint angles at which the nominal arm reaches the targets of a program.
+"""The joint angles of the nominal arm at the targets of a program.
 
-A pose has up to eight postures, and the correction differs from one to another; so a target without a certain posture
-is left. Certain are, in this order: joint angles that the program names beside the pose, flags of posture
-that exactly one solution has, and the ways from all targets from which a move leads to it, along which the arm keeps
-its posture.
+A pose has up to eight postures with different corrections, so a target with an uncertain posture is not corrected. The
+posture is determined, in this order, by joint angles in the program near the pose, by posture flags that only a single
+solution matches, or by the moves from all previous targets, along which the arm keeps the posture.
 """
 
 from __future__ import annotations
@@ -24,32 +23,36 @@ from analysis.robot.kinematics.newton import conditioning
 from rigs.errors import FileError
 
 _ROUNDING_RAD = np.radians(0.02)
-"""A pose with the decimals of a program, 0.001 mm and 0.001°, gives wrist angles back within this: beside the end of a
+"""Tolerance for wrist angles of a pose with the decimals of a program, 0.001 mm and 0.001°. Near the end of a
 quadrant or a turn either flag agrees. Chosen."""
 
 
 def agreeing(arm: Arm, q: Array, flags: Flags, slack_rad: float = _ROUNDING_RAD) -> Mask:
-    """Return which of the solutions q (n, 6) rad agree with flags (n,); `slack_rad` is by how much an angle may stand
-    beyond its sign, quadrant or turn."""
+    """Return a mask (n,) of the solutions q (n, 6) rad that agree with flags.
+
+    slack_rad: tolerance of an angle beyond its sign, quadrant or turn.
+    """
     return flags.agreeing(arm, q, flags.values, slack_rad) if len(q) else np.zeros(0, dtype=bool)
 
 
 _NEAR_RAD = np.radians(60.0)
-"""The largest joint way to the nearest solution that still says which one is meant. Chosen: other postures turn a wrist
-joint by 180° less than twice axis 5."""
+"""Largest joint rotation to the nearest solution that still identifies the solution. Chosen: in other postures a
+wrist joint differs by 180° less twice axis 5."""
 _CLEARLY = 2.0
-"""The next solution is farther by this factor than the nearest, or which one is meant is not clear. Chosen."""
+"""Minimum ratio of the distances to the second nearest and the nearest solution; below it, the solution is
+ambiguous. Chosen."""
 _ANY_MM_S = 100.0
-"""A way has the same places at any speed."""
+"""Speed for computing a path. The positions do not depend on the speed."""
 _PAST_SINGULARITY = 0.01
-"""Conditioning below which the end of a straight line is not certain: an axis 5 below 2.3°, 4 mm at the wrist, which
-a robot drives between two set points of its controller. On which side the wrist leaves is the controller's then."""
+"""Conditioning below which the end of a straight line is uncertain: an axis 5 below 2.3°, or 4 mm at the wrist,
+which a robot passes between two set points of the controller. The controller then decides on which side the wrist
+leaves."""
 _SAME_ORIENTATION_RAD = np.radians(0.1)
-"""An orientation that is farther from the written one is another: a correction of 1 mm changes by 2 µm. Chosen."""
+"""Tolerance for equal orientations. Chosen: it changes a correction of 1 mm by 2 µm."""
 _FLAT = 1e-4
-"""The sine below which three places of an arc count as a line. Chosen: a radius of some hundred metres."""
+"""Sine below which three points of an arc count as collinear. Chosen: a radius of several hundred metres."""
 _LONGEST_MM = 1e4
-"""No line of an arm is longer: 10 m."""
+"""Maximum length of a line of an arm: 10 m."""
 
 
 def solved(
@@ -61,18 +64,18 @@ def solved(
     start: Sequence[float] | None = None,
     tips: Array | None = None,
 ) -> tuple[Array, dict[int, Reason]]:
-    """Return joint angles (n, 6) rad of targets, with the reason where there are none.
+    """Return joint angles (n, 6) rad of targets, and the reasons for missing angles.
 
-    `poses` (n, 4, 4) are those of the arm's tool in the world, and `joint_angles` (n, 6) rad those of joint targets,
-    each nan where the target is of the other kind. `start` (6,) rad are those at which the arm stands when the program
-    begins, if they are known. `tips` (n, 3) mm are the points that the program moves, in the frame of the arm's tool.
+    poses (n, 4, 4): poses of the arm's tool in the world, NaN for joint targets. joint_angles (n, 6): in rad, NaN for
+    pose targets. start (6,): joint angles in rad of the arm at the start of the program, if known. tips (n, 3): points
+    in mm that the program moves, in the frame of the arm's tool.
     """
-    q = np.vstack([joint_angles, np.full(6, np.nan) if start is None else start])  # the last at AT_BEGIN
+    q = np.vstack([joint_angles, np.full(6, np.nan) if start is None else start])  # The last row has index AT_BEGIN.
     reasons: dict[int, Reason] = {}
     poses = poses.copy()
     asked = [k for k, target in enumerate(targets) if not target.joints and np.isfinite(poses[k]).all()]
     lines = {step.target for step in steps if step.way == "line" and targets[step.target].joints}
-    by_line = [k for k in sorted(lines) if np.isfinite(q[k]).all()]  # a line to joint angles ends at their pose
+    by_line = [k for k in sorted(lines) if np.isfinite(q[k]).all()]  # A line to joint angles ends at their pose.
     poses[by_line] = forward(arm, q[by_line])
     branches = dict(zip([*asked, *by_line], _branches(arm, poses[[*asked, *by_line]]), strict=True))
     for k in asked:
@@ -95,7 +98,8 @@ def solved(
 
 
 def _branches(arm: Arm, poses: Array) -> list[Array | Reason]:
-    """Return all solutions (m, 6) rad of each pose within the limits, with their turns, or why there are none."""
+    """Return all solutions (m, 6) rad of each pose within the limits, including full turns, or the reason if there
+    are none."""
     solutions = inverse(arm, poses)
     every: list[Array | Reason] = []
     for q, in_reach in zip(solutions.q, solutions.found, strict=True):
@@ -115,7 +119,7 @@ def _take(q: Array, reasons: dict[int, Reason], k: int, solution: Array | Reason
 
 
 def _nearest(solutions: Array, near: Array) -> Array | Reason:
-    """Return the solution (6,) rad nearest to angles (6,) rad, if it is clear which one that is."""
+    """Return the solution (6,) rad nearest to angles (6,) rad, or the reason if it is ambiguous."""
     away = np.abs(solutions - near).max(axis=1)
     order = np.argsort(away)
     if away[order[0]] > _NEAR_RAD or (len(order) > 1 and away[order[1]] < _CLEARLY * away[order[0]]):
@@ -125,8 +129,8 @@ def _nearest(solutions: Array, near: Array) -> Array | Reason:
 
 
 def _along(ways: _Ways, targets: Sequence[Target], steps: Sequence[Step], reasons: dict[int, Reason]) -> None:
-    """Take postures from the targets before where nothing else says them, and leave those to which not every way leads
-    in one posture."""
+    """Derive postures that are not stated from the previous targets, and reject targets with different postures on
+    different paths."""
     branches, q = ways.branches, ways.q
     free = {k for k, target in enumerate(targets) if not target.joints and target.near is None and target.flags is None}
     waiting = [step for step in steps if step.target in free and step.target in branches]
@@ -162,7 +166,8 @@ def _along(ways: _Ways, targets: Sequence[Target], steps: Sequence[Step], reason
 
 @dataclass
 class _Ways:
-    """Where the arm arrives from one target at another, computed once; q (n, 6) rad are filled in meanwhile."""
+    """Joint angles of the arm after a move from a target to another, computed once. q (n, 6) rad: filled in during
+    the search."""
 
     arm: Arm
     poses: Array
@@ -176,9 +181,9 @@ class _Ways:
         return bool(np.isfinite(self.q[k]).all())
 
     def reached(self, source: int, k: int, way: Way) -> Array | Reason:
-        """Return the joint angles (6,) rad of the arm at target k after a move from the target `source`, or the reason
-        for unknown angles."""
-        key = (self.q[source].tobytes(), self.poses[k].tobytes(), way)  # programs repeat their places
+        """Return the joint angles (6,) rad at target k after a move from the target `source`, or the reason if they
+        are unknown."""
+        key = (self.q[source].tobytes(), self.poses[k].tobytes(), way)  # Programs repeat their positions.
         if key not in self.arrivals:
             solutions = self.branches[k]
             assert not isinstance(solutions, str)  # noqa: S101 - those have a reason already
@@ -187,9 +192,9 @@ class _Ways:
 
 
 def _not_the_same(ways: _Ways, step: Step, free: set[int], reasons: dict[int, Reason]) -> Reason | None:
-    """Return the reason why a move may reach the target in a posture different from the corrected posture."""
+    """Return a reason if a move may reach the target in a posture different from the corrected posture."""
     k = step.target
-    if isinstance(ways.branches.get(k, "unreachable"), str) or not ways.stands(k):  # joint angles, or no posture
+    if isinstance(ways.branches.get(k, "unreachable"), str) or not ways.stands(k):  # A joint target, or no posture
         return None
     if ways.joints[k] and step.way != "line":
         return None
@@ -210,14 +215,14 @@ def _not_the_same(ways: _Ways, step: Step, free: set[int], reasons: dict[int, Re
 
 
 def _turned(ways: _Ways, arc: Arc | None, reasons: dict[int, Reason]) -> Reason | None:
-    """Return why an arc that turns the tool with its tangent does not give the orientations that are written."""
+    """Return a reason if an arc that rotates the tool with the tangent does not produce the written orientations."""
     if arc is None:
         return None
     places = [k for k in (*arc.starts, arc.through, arc.end) if k is not None and k not in reasons and ways.stands(k)]
     if arc.through is None or arc.end is None or len(places) < len(arc.starts) + 2:
         return "arc_turns"
     through, end = ways.poses[arc.through], ways.poses[arc.end]
-    if not np.isfinite([through, end]).all():  # joint angles
+    if not np.isfinite([through, end]).all():  # Joint targets
         return "arc_turns"
     tip = np.append(ways.tips[arc.end], 1.0)
     for start in places[:-2]:
@@ -233,8 +238,11 @@ def _turned(ways: _Ways, arc: Arc | None, reasons: dict[int, Reason]) -> Reason 
 
 
 def _turns_on_arc(places: Array) -> tuple[Array, Array] | None:
-    """Return by which turns (3, 3) an arc through three places (3, 3) mm leads from the first to the second and to the
-    third; None if they lie on a line."""
+    """Return the rotations (3, 3) along an arc through three positions (3, 3) mm, from the first to the second and to
+    the third.
+
+    None if the positions are collinear.
+    """
     chord, second_chord = places[1] - places[0], places[2] - places[0]
     normal = np.cross(chord, second_chord)
     length = float(np.linalg.norm(normal))
@@ -248,13 +256,13 @@ def _turns_on_arc(places: Array) -> tuple[Array, Array] | None:
     for place in places[1:]:
         spoke = place - places[0] - to_centre
         angles.append(float(np.arctan2(axis @ np.cross(radius, spoke), radius @ spoke)) % (2 * np.pi))
-    K = np.cross(axis, np.eye(3)).T  # K @ v is axis × v
+    K = np.cross(axis, np.eye(3)).T  # K @ v is axis × v.
     first, second = (np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K for angle in angles)
     return first, second
 
 
 def _reached(arm: Arm, stands: Array, pose: Array, solutions: Array, *, linear: bool) -> Array | Reason:
-    """Return the angles (6,) rad at a pose (4, 4) for an arm that comes from angles `stands` (6,) rad."""
+    """Return the angles (6,) rad at a pose (4, 4) for an arm that starts at angles `stands` (6,) rad."""
     if not linear:
         return _nearest(solutions, stands)
     begin = forward(arm, stands[None])[0]

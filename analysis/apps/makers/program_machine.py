@@ -1,12 +1,13 @@
-"""A program as an abstract machine: what is certain of tool, frame and displacement at each move, on every way to it.
+"""A program as an abstract machine, which determines the tool, frame and displacement that are certain at each move.
 
-A dialect translates its text into routines of a few statements. The machine goes every way through them: branches are
-joined, loops run to their fixed point, calls are followed. A part of the state is a value or unknown, and an unknown
-one says which line made it so. What a dialect's closed list does not have is `Forget`: everything is unknown after it.
+A dialect translates its text into routines of a few statements. The machine follows every path through them: branches
+are joined, loops run to a fixed point, calls are followed. A part of the state is a value or unknown, and an unknown
+part names the line that caused it. `Forget` is used for a statement outside the closed list of the dialect: the
+complete state is unknown after it.
 
-A routine is gone through once for each state in which it is called, whatever the places are at which the arm stands
-then: these are joined at the end. What runs beside the program (interrupts, threads) may run at any moment, so the
-parts that it may change are unknown everywhere.
+A routine is analysed once for each state in which it is called, independent of the position of the arm; the positions
+are joined at the end. Concurrent code (interrupts, threads) may run at any moment, so all parts it may change are
+unknown everywhere.
 """
 
 from __future__ import annotations
@@ -17,24 +18,26 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 OFF = "off"
-"""The value of an inactive part, such as a displacement by nothing."""
+"""The value of an inactive part, such as no displacement."""
 BEGIN = "\0begin"
 """The position of the arm at the start of the program."""
 EXTERNAL = "external"
-"""The family of the parts that say where external axes stand: off at zero."""
+"""The family of the parts for external axes: off at zero."""
 HERE = " here"
-"""Parts whose name ends so are set for the next move alone."""
+"""Suffix of parts that are set for the next move only."""
 _MOST_STATES = 64
-"""States in which one routine is gone through; further ones count as unknown altogether. Chosen: a routine of a real
-program is called with a few tools and frames."""
+"""Maximum number of states in which a routine is analysed; further states count as unknown. Chosen: real programs
+call a routine with a few tools and frames."""
 _DEEPEST = 60
-"""Calls within calls that are followed; below, the state is unknown. Controllers allow fewer (some about 20)."""
+"""Maximum depth of calls; the state is unknown below. Controllers allow fewer (some about 20)."""
 
 
 @dataclass(frozen=True, order=True)
 class Unknown:
-    """What is not known, and why: a place in the program, and words that complete "line n: …"; whether `everything` is
-    unknown there, or just that part, which may have one value or another."""
+    """An unknown value, with the place in the program and a reason that completes "line n: …".
+
+    everything: the complete state is unknown there, rather than only this part.
+    """
 
     file: int
     line: int
@@ -87,7 +90,7 @@ class Forget:
 
 @dataclass(frozen=True)
 class Call:
-    """A routine runs, in whose text `why` is the reason where there is none."""
+    """A call of a routine. why: reason for an unknown state if the routine has no text."""
 
     name: str
     why: Unknown
@@ -107,7 +110,7 @@ class Label:
 
 @dataclass(frozen=True)
 class Jump:
-    """The way goes on at one of the labels, or at the next statement too if it `falls` through."""
+    """A jump to any of the labels, or also to the next statement if it `falls` through."""
 
     labels: tuple[str, ...]
     falls: bool = False
@@ -115,17 +118,19 @@ class Jump:
 
 @dataclass(frozen=True)
 class End:
-    """The routine returns, or, if it `halts`, the program ends."""
+    """A return from the routine, or the end of the program if it `halts`."""
 
     halts: bool = False
 
 
 @dataclass(frozen=True)
 class Move:
-    """A move to a point. `needs` are the parts that must be off, `trusts` the part that is "on" where the flags of
-    posture count, or "checked" where the way has to lead to them, if there is one, and `near` (6,) rad angles beside
-    which the controller looks for a solution.
-    `offset` is added to the point: a kind, "frame" or "tool", with the 16 numbers of a frame in mm, or unknown."""
+    """A move to a point.
+
+    needs: parts that must be off. trusts: the part, if any, that is "on" if posture flags are valid, or "checked" if
+    the path has to lead to the same posture. near (6,): angles in rad near which the controller searches for a
+    solution. offset: added to the point, as the kind "frame" or "tool" and the 16 numbers of a frame in mm, or unknown.
+    """
 
     key: str
     way: str
@@ -138,12 +143,12 @@ class Move:
     near: tuple[float, ...] | None = None
     offset: tuple[str, Value | Built] | None = None
     base: str = ""
-    """The key of the point itself, where `key` is that of a point with an offset."""
+    """The key of the point itself, if `key` belongs to a point with an offset."""
     arc: str = ""
-    """The name of an arc that turns the tool with its tangent, the same for both of its moves: the orientation that
-    stands at the targets is not the one that is reached."""
+    """The name of an arc that rotates the tool with the tangent, the same for both moves of the arc. The arm then
+    does not reach the orientation written at the targets."""
     through: bool = False
-    """Whether the point is the one through which the arc passes."""
+    """True for the via point of the arc."""
 
 
 Statement = Set | Lose | Forget | Call | Elsewhere | Label | Jump | End | Move
@@ -151,12 +156,14 @@ Statement = Set | Lose | Forget | Call | Elsewhere | Label | Jump | End | Move
 
 @dataclass(frozen=True)
 class Program:
-    """The routines of a program by their names, the value that a part has at the beginning, the routines that may run
-    at any moment beside it, and those that may be left at any place, after which the program goes on anywhere.
+    """The routines of a program by name.
 
-    A part of the families `kept` stays what any routine, also one without a call, has made it: a program may have
-    been stopped anywhere, and a routine started by hand or by an event. Where a program `cycles`, it begins again with
-    all parts as they are where it ends. `starts` is the routine with which a person starts it, if that is certain."""
+    initial: value of a part at the start. beside: routines that may run at any moment. broken: routines that may end at
+    any statement, after which the program continues anywhere. kept: prefixes of parts that keep the value set by any
+    routine, even by a routine that is not called, because a program may have been stopped anywhere, and a routine
+    started by hand or by an event. cycles: the program restarts at the end with all parts unchanged. starts: the
+    routine with which the operator starts the program, if certain.
+    """
 
     routines: Mapping[str, tuple[Statement, ...]]
     initial: Callable[[str], Value]
@@ -169,8 +176,8 @@ class Program:
 
 @dataclass(frozen=True)
 class Usage:
-    """What holds where a move is made: the parts that it looks at, and the keys of the points from which the arm comes,
-    None for a place that is not certain."""
+    """The state at a move: the parts used by it, and the keys of the points from which the arm comes; None for an
+    unknown position."""
 
     move: Move
     tool: Value
@@ -183,20 +190,20 @@ class Usage:
 
 @dataclass(frozen=True)
 class State:
-    """Parts with their values; those of a family in `lost`, or all if "" is in it, are unknown unless set since."""
+    """Parts with their values. Parts of a family in `lost` are unknown unless set later; "" stands for all families."""
 
     values: Mapping[str, Value] = field(default_factory=dict)
     lost: Mapping[str, Unknown] = field(default_factory=dict)
     stands: frozenset[object] = frozenset()
 
     def key(self) -> tuple[frozenset[object], frozenset[object]]:
-        """Return the key distinguishing the states in which a routine is called."""
+        """Return the key that distinguishes the states in which a routine is called."""
         return frozenset(self.values.items()), frozenset(self.lost.items())
 
 
 @dataclass
 class _Context:
-    """A routine in one state: the states before its statements, and where the arm stands when it is called."""
+    """A routine analysed from a state: the states before its statements, and the positions of the arm at its calls."""
 
     number: int
     routine: str
@@ -216,12 +223,13 @@ class _Machine:
         self.later: set[str] = set()
         self.active: list[str] = []
         self.halted: list[State] = []
-        """The states in which the program ends within a routine."""
+        """The states in which the program ends inside a routine."""
         self.flow = {name: _successors(body) for name, body in program.routines.items()}
         self.pinned, self.pinned_all, self.moved = self._beside()
 
     def _beside(self) -> tuple[dict[str, Unknown], Unknown | None, bool]:
-        """Return what routines that run at any moment may change: parts and families, everything, where the arm is."""
+        """Return the possible changes by concurrent routines: parts and families, the complete state, and the
+        position of the arm."""
         pinned: dict[str, Unknown] = {}
         everything: Unknown | None = None
         moved, seen = False, set()
@@ -279,7 +287,7 @@ class _Machine:
         return State(values, lost, first.stands | second.stands)
 
     def context(self, routine: str, entry: State) -> _Context:
-        """Return a routine gone through from a state."""
+        """Return the analysis of a routine from a state."""
         key = (routine, entry.key())
         if key in self.by_key:
             context = self.by_key[key]
@@ -296,7 +304,7 @@ class _Machine:
         return context
 
     def _through(self, context: _Context) -> None:
-        """Go through a routine until no state before a statement changes any more."""
+        """Analyse a routine until the state before every statement is stable."""
         body, flow = self.program.routines[context.routine], self.flow[context.routine]
         begin = State(context.entry.values, context.entry.lost, frozenset({context.number}))
         context.before[0] = begin
@@ -356,7 +364,7 @@ class _Machine:
         return replace(context.after, stands=frozenset(stands))
 
     def run(self) -> list[Usage]:
-        """Return the moves of the program with what holds there."""
+        """Return the moves of the program, each with the state."""
         called = {
             statement.name
             for body in self.program.routines.values()
@@ -365,7 +373,7 @@ class _Machine:
         }
         names_beside = {call.name for call in self.program.beside}
         begins = [name for name in self.program.routines if name not in called and name not in names_beside]
-        # What a routine of the program sets and the controller keeps is not what it is at the beginning.
+        # The controller keeps values set by a routine, so the initial state is uncertain.
         parts: dict[str, Value] = {}
         families: dict[str, Unknown] = {}
         for statement in (statement for body in self.program.routines.values() for statement in body):
@@ -375,19 +383,19 @@ class _Machine:
                 case Lose(family, why) if f"{family}[".startswith(self.program.kept):
                     families[family] = why
         begin = State(parts, families, frozenset({None}))
-        for name in begins or list(self.program.routines)[:1]:  # if they only call each other, it begins at the first
+        # If all routines call each other, the first is the start.
+        for name in begins or list(self.program.routines)[:1]:
             self._cycle(name, replace(begin, stands=frozenset({BEGIN})) if name == self.program.starts else begin)
         self.later |= {name for name in names_beside if name in self.program.routines}
         self._in_any_state()
         reached = {context.routine for context in self.contexts}
-        for name in self.program.routines.keys() - reached:  # called by nobody who is reached: cycles
+        for name in self.program.routines.keys() - reached:  # Cycles of routines that call only each other
             self.later.add(name)
         self._in_any_state()
         return self._usages()
 
     def _cycle(self, name: str, begin: State) -> None:
-        """Go through a routine with which the program begins, and again from where it ends, if it begins again there,
-        until nothing changes."""
+        """Analyse a start routine. If the program cycles, repeat with the final state until the state is stable."""
         while True:
             self.halted.clear()
             after = self.context(name, begin).after
@@ -410,7 +418,7 @@ class _Machine:
                 self.context(name, State({}, {"": why}, frozenset({None})))
 
     def _usages(self) -> list[Usage]:
-        # For each context, the points at which the arm may stand when it begins.
+        # For each context: the points at which the arm may be when it starts.
         stands: list[set[str | None]] = [set() for _ in self.contexts]
         changed = True
         while changed:
@@ -442,7 +450,7 @@ class _Machine:
 
 
 def _resolved(stands: list[set[str | None]], places: Iterable[object]) -> frozenset[str | None]:
-    """Return the points that places are: keys, None, or contexts for where the arm stands when they begin."""
+    """Return the points of positions given as keys, as None, or as contexts for the position at their start."""
     points: set[str | None] = set()
     for place in places:
         points |= stands[place] if isinstance(place, int) else {place if isinstance(place, str) else None}
@@ -450,18 +458,18 @@ def _resolved(stands: list[set[str | None]], places: Iterable[object]) -> frozen
 
 
 def usages_of(program: Program) -> list[Usage]:
-    """Return every move that a program can make, with what is certain there on every way to it."""
+    """Return every move that a program can make, with the state known on every path to it."""
     return _Machine(program).run()
 
 
 def family_of(part: str) -> str:
-    """Return "UFRAME" of "UFRAME[3]"."""
+    """Return the family of a part: "UFRAME" for "UFRAME[3]"."""
     return part.partition("[")[0]
 
 
 def _place_of(body: tuple[Statement, ...], at: int) -> Unknown:
-    """Return what is said where ways with different values come together: before the next move or call."""
-    for place in range(at, len(body)):  # a slice would copy a long routine at each of its joins
+    """Return the reason for a part with different values on joining paths, located at the next move or call."""
+    for place in range(at, len(body)):  # A slice would copy a long routine at each join.
         statement = body[place]
         if isinstance(statement, Move):
             return Unknown(statement.file, statement.line, "it differs between the ways that lead here")
@@ -471,8 +479,8 @@ def _place_of(body: tuple[Statement, ...], at: int) -> Unknown:
 
 
 def _successors(body: tuple[Statement, ...]) -> list[tuple[int, ...]]:
-    """Return where each statement of a routine leads; its length is where it returns. A label that is not there leads
-    to the end of the program."""
+    """Return the successors of each statement of a routine; the length of the body is the return. A jump to a
+    missing label ends the program."""
     places = {statement.name: at for at, statement in enumerate(body) if isinstance(statement, Label)}
     flow: list[tuple[int, ...]] = []
     for at, statement in enumerate(body):
@@ -487,8 +495,10 @@ def _successors(body: tuple[Statement, ...]) -> list[tuple[int, ...]]:
 
 
 class Blocks:
-    """The statements of a routine while its text is read, with blocks as jumps: whatever a condition says, each branch
-    is a way, and a loop runs any number of times."""
+    """Statements of a routine during parsing, with blocks translated to jumps.
+
+    Conditions are not evaluated: each branch is a possible path, and a loop runs any number of times.
+    """
 
     def __init__(self) -> None:
         self.body: list[Statement] = []
@@ -496,7 +506,7 @@ class Blocks:
         self._labels = 0
 
     def add(self, *statements: Statement) -> None:
-        """Take statements in their order."""
+        """Add statements."""
         self.body += statements
 
     def _label(self) -> str:
@@ -504,40 +514,40 @@ class Blocks:
         return f"\0{self._labels}"
 
     def branch(self) -> None:
-        """Begin a block with branches, after what its first condition calls."""
+        """Start a block with branches, after the calls in the first condition."""
         self._open.append(("branch", self._label(), self._label()))
         self.guard()
 
     def cases(self) -> None:
-        """Begin a block whose branches are cases; without one for all others it may be passed by."""
+        """Start a block of cases, which may be skipped if there is no default case."""
         self._open.append(("branch", self._label(), self._label()))
         self.add(Jump((self._open[-1][1],)))
 
     def perhaps(self, *statements: Statement) -> None:
-        """Take statements that a condition may skip."""
+        """Add statements that a condition may skip."""
         self.branch()
         self.add(*statements)
         self.close()
 
     def evaluated(self, before: str, call: Statement) -> None:
-        """Take what an expression calls after the text `before`: behind `and` and `or` it may be left out, since no
-        manual says that both sides are evaluated."""
+        """Add a call in an expression after the text `before`. After `and` or `or` it may be skipped, because no
+        manual guarantees that both sides are evaluated."""
         (self.perhaps if re.search(r"\b(?:and|or)\b", before, re.IGNORECASE) else self.add)(call)
 
     def other(self) -> None:
-        """Begin another branch of the block; without a guard it is taken where no other is."""
+        """Start another branch of the block. A branch with no guard is taken if all others are not."""
         if self._open and self._open[-1][0] == "branch":
             _, branch_label, end = self._open[-1]
             self._open[-1] = ("branch", self._label(), end)
             self.add(Jump((end,)), Label(branch_label))
 
     def guard(self) -> None:
-        """The branch may be skipped, after what its condition calls."""
+        """Make the branch optional, after the calls in its condition."""
         if self._open and self._open[-1][0] == "branch":
             self.add(Jump((self._open[-1][1],), falls=True))
 
     def loop(self) -> None:
-        """Begin a loop at its head, before what its condition calls."""
+        """Start a loop at its head, before the calls in its condition."""
         self._open.append(("loop", self._label(), self._label()))
         self.add(Label(self._open[-1][1]))
 
@@ -572,7 +582,7 @@ class Blocks:
         return len(self._open)
 
     def done(self) -> tuple[Statement, ...]:
-        """Return the routine; blocks that never end do so here."""
+        """Return the statements of the routine, and close all open blocks."""
         while self._open:
             self.close()
         return tuple(self.body)

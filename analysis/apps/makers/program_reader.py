@@ -1,4 +1,4 @@
-"""What a maker's reader offers: the targets of a program, and how a remark is written in its language."""
+"""The interface of the reader of a maker: the targets of a program, and the format of remarks."""
 
 from __future__ import annotations
 
@@ -12,8 +12,11 @@ from analysis.apps.makers.target import Parsed, Texts
 
 @dataclass(frozen=True)
 class Remark:
-    """begins, ends: of each line of a remark, with {} for the line's number; width: how many characters stand between;
-    before: what it stands before in a file of a suffix, in its last place there; it is the last line of other files."""
+    """The format of a remark.
+
+    begins, ends: of each line, with {} for the line number. width: maximum characters between them. before: pattern, by
+    file suffix, of the last text that the remark precedes; in other files the remark is the last line.
+    """
 
     begins: str
     ends: str = ""
@@ -23,9 +26,12 @@ class Remark:
 
 @dataclass(frozen=True)
 class ProgramReader:
-    """parse: the targets of the texts of a program; null_tools, null_frames: the tool and the frame that are nothing,
-    by their names; of_world: such a frame is the cell's, which is the robot's foot where the arm stands upright;
-    beside: the suffixes of files in the directory whose routines and data a program can use."""
+    """The reader of a maker.
+
+    parse: returns the targets of the texts of a program. null_tools, null_frames: names of the tool and frame that are
+    the identity. of_world: the null frame is the world frame of the cell, which equals the robot's foot if the arm is
+    upright. beside: suffixes of files in the directory whose routines and data a program can use.
+    """
 
     parse: Callable[[Texts], Parsed]
     decimals: Decimals

@@ -1,4 +1,4 @@
-"""What a maker's writer offers: the files of a plan, and the interfaces that its controllers serve."""
+"""The interface of the writer of a maker: the files of a plan, and the feedback interfaces of the controllers."""
 
 from __future__ import annotations
 
@@ -12,10 +12,12 @@ BY_ITSELF = "the controller serves it without the program"
 
 @dataclass(frozen=True)
 class ProgramWriter:
-    """write: the files of a plan by their names, lines ending with a line feed; feedbacks: the interfaces that this
-    maker's controllers serve beside Modbus, and what they need for that; newline: what the controller's files end lines
-    with; outputs: the numbers of its digital outputs, which count from 1: some have up to 4096, others
-    fewer."""
+    """The writer of a maker.
+
+    write: returns the files of a plan by name, with lines ending with a line feed. feedbacks: interfaces served by the
+    controllers in addition to Modbus, with the requirements. newline: line end in the files of the controller. outputs:
+    numbers of the digital outputs, starting at 1; some controllers have up to 4096, others fewer.
+    """
 
     write: Callable[[Plan, Demand], dict[str, str]]
     feedbacks: Mapping[type, str] = field(default_factory=dict)

@@ -1,4 +1,4 @@
-"""Reading the files of a program, and a remark in one, in the words and at the place that its language allows."""
+"""Reading the files of a program, and adding a remark in the syntax of the language."""
 
 from __future__ import annotations
 
@@ -13,16 +13,18 @@ from rigs.errors import FileError
 from rigs.files import read_bytes
 
 MOST_BYTES = 10_000_000
-"""A program with a hundred thousand targets is below it; controllers hold less."""
+"""Maximum size of a program: a program with a hundred thousand targets is smaller, and controllers store less."""
 ENCODING = "latin-1"
-"""Every byte is a character of it and back, whatever the file's own encoding: what is not touched stays as it was."""
+"""Encoding that maps every byte to a character and back, so unchanged text keeps its bytes in any encoding."""
 _MOST_BESIDE = 500
 """Maximum number of files in the directory of a program; the backup of a controller contains some hundred."""
 
 
 def program_texts(path: Path) -> tuple[Maker, dict[str, str]]:
-    """Return the maker of a program, and the texts of its files by name, the data list last. Raises FileError for what
-    is no program, or cannot be read."""
+    """Return the maker of a program, and the texts of its files by name, the data list last.
+
+    Raises FileError for a file that is not a program or cannot be read.
+    """
     maker = maker_of_file(path)
     if maker is None:
         raise FileError(str(path), "is no robot program that is known here", f"give a program {suffixes_in_words()}")
@@ -43,8 +45,11 @@ def program_texts(path: Path) -> tuple[Maker, dict[str, str]]:
 
 
 def read_program(path: Path) -> tuple[Maker, Texts]:
-    """Return the maker and the texts of a program's files, with the data list where there is one, and of those beside
-    it. Raises FileError for what is no program, and where too much stands beside it to be read."""
+    """Return the maker of a program, and the texts of its files and of the other files in the directory.
+
+    The data list is included if it exists. Raises FileError for a file that is not a program, and for a directory with
+    too much to read.
+    """
     maker, files = program_texts(path)
     suffixes = maker.reader.beside
     others = [
@@ -64,12 +69,12 @@ def read_program(path: Path) -> tuple[Maker, Texts]:
 
 
 MARK = "corrected by rig"
-"""Begins the remark in a program that rig corrected. It fits into a remark of every maker."""
+"""Start of the remark in a program corrected by rig. It fits into a remark of every maker."""
 _MARKED = re.compile(rf"{MARK}\b", re.IGNORECASE)
 
 
 def refuse_marked(path: Path) -> None:
-    """Raise FileError if a file of the program has rig's mark."""
+    """Raise FileError if a file of the program contains the remark of an earlier correction."""
     for name, text in program_texts(path)[1].items():
         if mark := _MARKED.search(text):
             line = len(re.findall(r"\r\n|\r|\n", text[: mark.start()])) + 1
@@ -91,7 +96,7 @@ _NUMBERED = re.compile(rb"^[ \t]*(\d+):", re.MULTILINE)
 
 
 def with_remark(form: Remark, name: str, data: bytes, remark: str) -> bytes:
-    """Return the bytes of a program's file, by its name, with a remark in lines of their own; all else stays."""
+    """Return the bytes of a program file with an added remark in separate lines."""
     returns = b"\r\n" if b"\r\n" in data else b"\r" if b"\r" in data and b"\n" not in data else b"\n"
     before = form.before.get(Path(name).suffix.lower())
     places = [match.start() for match in before.finditer(data.replace(b"\r", b"\n"))] if before else []

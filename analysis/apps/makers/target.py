@@ -1,5 +1,4 @@
-"""What a robot program says about targets, in terms that all dialects share: points, their numbers in the text,
-moves."""
+"""Targets of robot programs in terms common to all dialects: points, their numbers in the text, and moves."""
 
 from __future__ import annotations
 
@@ -16,7 +15,7 @@ from analysis.robot.kinematics.arm import Arm, Array, Mask
 Form = Literal[
     "joints_rad", "joints_deg", "pulses", "rotation_vector", "roll_pitch_yaw", "yaw_pitch_roll", "quaternion"
 ]
-"""What the numbers of a target are: joint angles 1 to 6, pulses, or a place followed by an orientation."""
+"""The meaning of the numbers of a target: joint angles 1 to 6, pulses, or a position followed by an orientation."""
 JOINT_FORMS: tuple[Form, ...] = ("joints_rad", "joints_deg", "pulses")
 Way = Literal["joint", "line"]
 NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
@@ -28,7 +27,7 @@ _FILLED = re.compile(r"[^\n]")
 
 @dataclass(frozen=True)
 class Number:
-    """A number and its place in the text, from the character `begin` up to `end`."""
+    """A number and its position in the text, from the character `begin` up to `end`."""
 
     begin: int
     end: int
@@ -36,13 +35,13 @@ class Number:
 
 
 Agreeing = Callable[[Arm, Array, tuple[int, ...], float], Mask]
-"""Which of the solutions q (n, 6) rad, n at least 1, agree with the values of flags, as (n,); the last is by how many
-rad an angle may stand beyond its sign, quadrant or turn."""
+"""Function returning a mask (n,) of the solutions q (n, 6) rad, n at least 1, that agree with flag values. The last
+argument is the tolerance in rad of an angle beyond its sign, quadrant or turn."""
 
 
 @dataclass(frozen=True)
 class Flags:
-    """Which of the arm's solutions a target means: values in the words of a maker, who says which solutions agree."""
+    """The posture of a target: flag values in the notation of a maker, and the function that checks solutions."""
 
     values: tuple[int, ...]
     agreeing: Agreeing
@@ -50,10 +49,13 @@ class Flags:
 
 @dataclass(frozen=True)
 class Target:
-    """A target with numbers. `file` counts the program's files; `numbers` stand in the order of the form, whatever
-    their order in the text. `tool` and `frame` are frames (4, 4) in mm, or the program's name for one; `near` (6,) rad
-    are joint angles beside which the program says that the solution lies. A target with an `offset` stands at another
-    one, number `of`, with that added: in the frame, or in the tool, as a frame (4, 4) in mm."""
+    """A target with numbers.
+
+    file: index of the program file. numbers: in the order of the form, regardless of the order in the text. tool,
+    frame: frames (4, 4) in mm, or the name used by the program. near (6,): joint angles in rad close to the solution,
+    as stated by the program. of, offset: index of another target, and the frame (4, 4) in mm added to it, in the frame
+    or in the tool.
+    """
 
     name: str
     file: int
@@ -67,7 +69,7 @@ class Target:
     offset: tuple[str, Array] | None = None
     of: int | None = None
     external: tuple[tuple[str, float], ...] = ()
-    """The coordinates of external axes that the target names; an axis that it does not name stays."""
+    """The coordinates of external axes named by the target; other axes do not move."""
 
     @property
     def joints(self) -> bool:
@@ -77,7 +79,7 @@ class Target:
 
 @dataclass(frozen=True)
 class Left:
-    """What was left as it stood: its place in the program, a name, why, and the places that make it so."""
+    """An uncorrected part of a program: place, name, reason, and the places that cause it."""
 
     file: int
     line: int
@@ -92,8 +94,8 @@ AT_BEGIN = -1
 
 @dataclass(frozen=True)
 class Arc:
-    """An arc that turns the tool with its tangent: the places of the targets from which it can start, of the one
-    through which it passes and of its end, None for a place that is not certain."""
+    """An arc that rotates the tool with the tangent, by target indices: possible starts, via point and end. None is
+    an unknown position."""
 
     starts: frozenset[int | None]
     through: int | None
@@ -102,9 +104,12 @@ class Arc:
 
 @dataclass(frozen=True)
 class Step:
-    """A move to a target, given by its place in the list, from any of others, None for where the arm stands at no
-    certain place, AT_BEGIN for where it stands at the beginning; in the posture that the target says, or else in the
-    one in which the arm comes. `arc` is None if the orientation of the target is the one that is reached."""
+    """A move to a target.
+
+    target: index of the target. comes_from: indices of the possible previous targets, None for an unknown position,
+    AT_BEGIN for the position at the start. by_flags: the posture flags of the target are valid; otherwise the arm keeps
+    the current posture. arc: None if the arm reaches the orientation of the target.
+    """
 
     target: int
     comes_from: frozenset[int | None]
@@ -115,7 +120,7 @@ class Step:
 
 @dataclass(frozen=True)
 class Notice:
-    """A fact at a place in the program that a person should know, and that leaves no target."""
+    """A fact at a place in the program for the user's attention. It does not prevent the correction of a target."""
 
     file: int
     line: int
@@ -124,9 +129,11 @@ class Notice:
 
 @dataclass(frozen=True)
 class Parsed:
-    """The targets of a program, its moves, and what cannot be corrected. `next_to_left` are the targets that are next
-    to a point that is left, one for each such move; `sets` are the tools and frames to which the program itself gives
-    numbers, `named` those of any move that a person can state, by kind and name in lower case."""
+    """The targets of a program, the moves, and the parts that cannot be corrected.
+
+    next_to_left: targets next to an uncorrected point, an entry per move. sets: tools and frames with numbers set by
+    the program itself. named: tools and frames used by moves that the user can state, by kind and name in lower case.
+    """
 
     targets: tuple[Target, ...]
     steps: tuple[Step, ...]
@@ -139,8 +146,8 @@ class Parsed:
 
 @dataclass(frozen=True)
 class Named:
-    """A tool or frame that the program gives the numbers of a frame (4, 4) in mm, under the name with which a person
-    could state it."""
+    """A tool or frame whose numbers, a frame (4, 4) in mm, are set by the program, under the name available to the
+    user."""
 
     name: str
     kind: Literal["tool", "frame"]
@@ -151,8 +158,8 @@ class Named:
 
 @dataclass(frozen=True)
 class Texts:
-    """The texts of a program's files with their names; the first `own` are corrected, the others stand beside them in
-    the directory, and are read for what they do."""
+    """The texts of files with their names. The first `own` texts are corrected; the others in the directory are only
+    read."""
 
     names: tuple[str, ...]
     texts: tuple[str, ...]
@@ -160,8 +167,7 @@ class Texts:
 
 
 def numbers_in(text: str, begin: int, end: int, most: int = 64) -> tuple[Number, ...] | None:
-    """Return the numbers of a list "n, n, n" in the text from `begin` to `end`, or None where anything else stands
-    there."""
+    """Return the numbers of a list "n, n, n" in the text from `begin` to `end`; None for any other text."""
     numbers, at = [], begin
     for part in text[begin:end].split(",", most):
         match = _NUMBER.fullmatch(part.strip())
@@ -174,7 +180,7 @@ def numbers_in(text: str, begin: int, end: int, most: int = 64) -> tuple[Number,
 
 
 def blanked(text: str, pattern: re.Pattern[str]) -> str:
-    """Return a text of the same length with spaces in place of comments and of what stands between quotes."""
+    """Return a text of the same length with spaces in place of comments and quoted text."""
 
     def spaces(match: re.Match[str]) -> str:
         matched = match[0]
@@ -186,7 +192,7 @@ def blanked(text: str, pattern: re.Pattern[str]) -> str:
 
 
 def brackets(text: str) -> dict[int, int]:
-    """Return where each bracket that opens in a text closes; those that never close are left out."""
+    """Return the position of the closing bracket for each opening bracket of a text. Unclosed brackets are omitted."""
     open_at: list[int] = []
     closes: dict[int, int] = {}
     for match in re.finditer(r"[()\[\]{}]", text):
@@ -198,7 +204,7 @@ def brackets(text: str) -> dict[int, int]:
 
 
 def in_one_line(text: str, closes: dict[int, int]) -> str:
-    """Return a text of the same length in which what stands in brackets, which close there, is one line."""
+    """Return a text of the same length with no line breaks inside brackets. closes: result of `brackets`."""
     parts, at = [], 0
     for opening in sorted(closes):
         if opening >= at:
@@ -208,7 +214,7 @@ def in_one_line(text: str, closes: dict[int, int]) -> str:
 
 
 def arguments(text: str, begin: int, end: int) -> list[tuple[int, int]]:
-    """Return the places of what commas outside of brackets separate, without the spaces around it."""
+    """Return the ranges of arguments separated by commas outside brackets, excluding surrounding spaces."""
     places, depth, start = [], 0, begin
     for match in re.compile(r"[()\[\]{},]").finditer(text, begin, end):
         if match[0] == "," and depth == 0:
@@ -226,12 +232,12 @@ def arguments(text: str, begin: int, end: int) -> list[tuple[int, int]]:
 
 @dataclass(frozen=True)
 class Lines:
-    """The line numbers of places in a text, from 1; `ends` are where its lines end."""
+    """Line numbers in a text, from 1. ends: positions of the line ends."""
 
     ends: tuple[int, ...]
 
     def at(self, place: int) -> int:
-        """Return the number of the line in which the character `place` stands."""
+        """Return the line number of a character position."""
         return bisect_left(self.ends, place) + 1
 
 
@@ -246,8 +252,10 @@ def words(text: str) -> frozenset[str]:
 
 
 def with_newlines(text: str) -> str:
-    """Return a text of the same length whose lines end in a newline alone, whatever they end in: a return before a
-    newline becomes a space, and so does the mark of UTF-8 at the beginning."""
+    """Return a text of the same length with a newline at the end of each line.
+
+    A carriage return before a newline and a byte order mark of UTF-8 become spaces.
+    """
     if text.startswith(_MARK):
         text = " " * len(_MARK) + text[len(_MARK) :]
     return text.replace("\r\n", " \n").replace("\r", "\n")

@@ -1,4 +1,4 @@
-"""Path: targets in a CSV table, as joint angles or as poses, in the columns of docs/tables.md.
+"""Paths: targets in a CSV table, as joint angles or as poses, in the columns of docs/tables.md.
 
 Other columns are preserved as text in their positions.
 """
@@ -29,10 +29,12 @@ from rigs.rig import Rig
 
 POSES = (*PLACE, *TURN)
 ADDED = ("missed_mm", "left_out_mm", "u_um", "u_frame_um", "covered", "corrected")
-"""Columns added to a corrected path: error of the uncorrected arm at the target, error of uncorrected effects, standard
-uncertainty of the corrected position, including the latter, in the robot's base and with frame and tool taught with the
-robot, whether all joints are within the range of the runs (yes, no or unknown), and whether the target was corrected
-(yes or no)."""
+"""Columns added to a corrected path.
+
+These are: error of the uncorrected arm at the target, error of uncorrected effects, standard uncertainty of the
+corrected position including these effects, in the robot's base and with frame and tool taught with the robot, whether
+all joints are within the range of the runs (yes, no or unknown), and whether the target was corrected (yes or no).
+"""
 
 AGAINST = "against_verdict"
 """Column of a path corrected against the verdict."""
@@ -40,8 +42,11 @@ AGAINST = "against_verdict"
 
 @dataclass(frozen=True)
 class TargetPath:
-    """Targets: `columns` of the file by name, `lines` (n,) of the rows, and `values` (n, axes or 6) of `names`, in
-    mm and degrees."""
+    """The targets of a table.
+
+    columns: columns of the file by name. lines (n,): line numbers of the rows. values (n, axes or 6): values of the
+    columns `names`, in mm and degrees.
+    """
 
     columns: dict[str, list[str]]
     names: tuple[str, ...]
@@ -50,7 +55,7 @@ class TargetPath:
 
     @property
     def joints(self) -> bool:
-        """Whether the targets are joint angles; otherwise they are poses."""
+        """True for joint angles; otherwise the targets are poses."""
         return self.names != POSES
 
     def angles(self) -> Array:
@@ -69,14 +74,14 @@ class TargetPath:
 
 
 def read_path(path: Path, axes: int = 6, *, rail: bool = False) -> TargetPath:
-    """Read targets of an arm, as joint angles if present in the table, and its rail position.
+    """Read the targets of an arm, as joint angles if the table contains them, and the rail position.
 
     Raises FileError for an invalid path, and TableFileError with every bad cell.
     """
     names, rows = _rows(path)
     joints = (*joint_columns(axes), RAIL) if rail else joint_columns(axes)
     required, others = (joints, POSES) if set(joints) <= set(names) else (POSES, joints)
-    is_corrected = not {*ADDED, AGAINST}.isdisjoint(names)  # reported later
+    is_corrected = not {*ADDED, AGAINST}.isdisjoint(names)  # Reported later
     if not is_corrected and set(required) <= set(names) and (both := [name for name in others if name in names]):
         what = f"has the columns {required[0]} … {required[-1]} and {both[0]}: targets are joint angles or poses"
         raise FileError(str(path), what, "leave out or rename those that are not the targets")
@@ -84,10 +89,10 @@ def read_path(path: Path, axes: int = 6, *, rail: bool = False) -> TargetPath:
 
 
 def read_corrected_path(path: Path) -> tuple[TargetPath, TargetPath]:
-    """Read a path written by `rig correct`: joint angles of its targets, and the poses computed there by the
+    """Read a path written by `rig correct`: joint angles of the targets, and the poses computed there by the
     controller.
 
-    Raises like `read_path`.
+    Raises the same errors as `read_path`.
     """
     names, rows = _rows(path)
     remedy = "give the table corrected-….csv that rig correct --path wrote"
@@ -97,9 +102,8 @@ def read_corrected_path(path: Path) -> tuple[TargetPath, TargetPath]:
 def compensated_plans(plans: Sequence[Plan], path: Path, rig: Rig, rig_file: str, *, anyway: bool) -> list[Plan]:
     """Return the plans with the targets of a corrected path.
 
-    Raises FileError if the model of the rig or path must not be used for correction, unless `anyway`; and like
-    `read_path` and
-    `compensated`.
+    Raises FileError if the model of the rig or the path must not be used for correction, unless `anyway`, and the
+    errors of `read_path` and `compensated`.
     """
     hold_verdict(rig, rig_file, anyway=anyway)
     joints, poses = read_corrected_path(path)
@@ -153,8 +157,8 @@ def hold_uncorrected(path: TargetPath, where: str) -> None:
 def corrected_columns(path: TargetPath, corrected: Corrected, against: str = "") -> pa.Table:
     """Return the table with corrected targets, as joint angles and as poses, and their errors.
 
-    Uncorrected targets are unchanged, and unknown numbers are empty. against: verdict against which the path was
-    corrected, as text; empty if none.
+    Uncorrected targets are unchanged, and unknown numbers are empty. against: text of the verdict against which the
+    path was corrected; empty if there is none.
     """
     columns: dict[str, list[str] | list[float]] = dict(path.columns)
     # A program uses both: the joint angles select the posture of a pose.

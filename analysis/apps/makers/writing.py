@@ -1,4 +1,4 @@
-"""Writing the programs of a test: files that are all new or not written at all."""
+"""Writing the programs of a test: either all files are new, or none is written."""
 
 from __future__ import annotations
 
@@ -15,15 +15,17 @@ from rigs.schema.vocabulary import MakerName
 
 
 def feedback_note(maker: MakerName, feedback: Feedback) -> str:
-    """What the feedback of the rig file needs on a controller, in words."""
+    """Return a sentence on what the feedback in the rig file requires from the controller."""
     served = {ModbusJoints: BY_ITSELF} | dict(maker_by(maker).writer.feedbacks)
     need = served.get(type(feedback), "nothing in this program serves it; provide it yourself")
     return f"feedback {feedback.interface}: {need}"
 
 
 def programs_of(maker: MakerName, plans: Sequence[tuple[Plan, Demand]]) -> dict[str, str]:
-    """The text of each file by its name; what several plans share is one file. Raises FileError where two plans would
-    be one program, and for an output that the controller does not have."""
+    """Return the text of each file by name; a file shared by several plans appears once.
+
+    Raises FileError if two plans would have the same program name, and for an output that the controller does not have.
+    """
     files: dict[str, str] = {}
     writer = maker_by(maker).writer
     outputs = writer.outputs
@@ -38,11 +40,11 @@ def programs_of(maker: MakerName, plans: Sequence[tuple[Plan, Demand]]) -> dict[
 
 
 def write_programs(maker: MakerName, files: dict[str, str], directory: Path) -> list[Path]:
-    """Write the files into a directory, all of them or none. Raises FileError where one is there already."""
+    """Write the files into a directory, all or none. Raises FileError if a file already exists."""
     return write_all_new(directory, encoded_programs(maker, files))
 
 
 def encoded_programs(maker: MakerName, files: dict[str, str]) -> dict[str, Writer]:
-    """The writers of program files, with the line ends of their controller."""
+    """Return the writers of program files, with the line ends of the controller."""
     end = maker_by(maker).writer.newline
     return {name: holding(text.replace("\n", end).encode("ascii")) for name, text in files.items()}

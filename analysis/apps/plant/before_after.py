@@ -1,8 +1,9 @@
-"""Compare runs after a repair with runs before: the difference of each figure, and its significance.
+"""Comparison of runs after a repair with runs before: the difference of each figure, and the significance.
 
-The spread between runs is pooled over both sides, and with the spread of the robot's history if the runs lie in one:
-two runs per side hardly determine it. The difference then follows Student's distribution, and 2 u contain 95.45 %.
-Because many figures are compared, the probability of a false finding is shared among them (Bonferroni).
+The spread between runs is pooled over both sides and, if the runs belong to a history, with the spread of the robot's
+history: two runs per side hardly determine a spread. The difference then follows Student's distribution, and 2 u
+contain 95.45 %. Because many figures are compared, the probability of a false finding is divided among them
+(Bonferroni).
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from daq.store import load_manifest
 from rigs.errors import FileError
 
 _FEWEST_OF_HISTORY = 10
-"""Minimum runs of a series for a spread from the history."""
+"""Minimum number of runs in a series for a spread from the history."""
 _EFFICIENCY = 0.37
 """Efficiency of a median absolute deviation relative to a standard deviation (normal distribution)."""
 Key = tuple[str, str, str, str]
@@ -34,10 +35,10 @@ Key = tuple[str, str, str, str]
 
 @dataclass(frozen=True)
 class Difference:
-    """Difference of a figure before and after.
+    """The difference of a figure before and after.
 
-    difference: after less before, with infinite u if no spread is known. explained: largest difference explained by the
-    spread between runs, infinite if unknown. runs_before, runs_after: numbers of runs.
+    difference: after minus before, with infinite u if no spread is known. explained: largest difference explained by
+    the spread between runs, infinite if unknown. runs_before, runs_after: numbers of runs.
     """
 
     title: str
@@ -51,12 +52,12 @@ class Difference:
 
     @property
     def is_larger(self) -> bool:
-        """Whether the difference exceeds the spread between runs."""
+        """True if the difference exceeds the spread between runs."""
         return abs(self.difference.value) > self.explained
 
     @property
     def sentence(self) -> str:
-        """Describe the change, and whether it exceeds the spread."""
+        """A sentence on the change, stating whether it exceeds the spread."""
         change = self.difference
         if not np.isfinite(change.u):
             return (
@@ -77,13 +78,14 @@ class Difference:
         return f"{words[0].upper()}{words[1:]} of {self.title}"
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain values with the sentence; u is null if no spread is known."""
+        """Return plain values and the sentence. u is null if no spread is known."""
         plain: dict[str, Any] = for_json(asdict(self) | {"is_larger": self.is_larger, "sentence": self.sentence})
         return plain
 
 
 def headlines(compared: Sequence[Difference]) -> list[str]:
-    """Return the leading sentences: one per changed figure, or the reason for none; and the unknowns."""
+    """Return the leading sentences: a sentence per changed figure, or a statement that there is none, and the
+    unknown cases."""
     larger = [difference.sentence for difference in compared if difference.is_larger]
     unknown = sum(not np.isfinite(difference.difference.u) for difference in compared)
     repeat = "record two or more runs on at least one side."
@@ -95,9 +97,10 @@ def headlines(compared: Sequence[Difference]) -> list[str]:
 
 
 def differences(after: Sequence[Path], before: Sequence[Path]) -> list[Difference]:
-    """Return the differences of all figures with runs on both sides, by test and program.
+    """Return the differences of all figures available on both sides, by test and program.
 
-    Raises FileError for a run without figures, repeated readings, different robots, or sides without a common test.
+    Raises FileError for a run that has no figures, for repeated readings, for different robots, and if the sides have
+    no test in common.
     """
     both = {run.resolve() for run in after} & {run.resolve() for run in before}
     for shared in sorted(both):
@@ -124,7 +127,7 @@ def differences(after: Sequence[Path], before: Sequence[Path]) -> list[Differenc
 
 
 def _record(run: Path, histories: dict[Path, dict[str, Record]]) -> Record:
-    """Return the record of a run, from an up-to-date history next to it if possible."""
+    """Return the record of a run, from an up-to-date history in the same directory if possible."""
     path = run.resolve()
     manifest = load_manifest(path)
     try:
@@ -174,7 +177,7 @@ def _difference(
 
 
 def _spread_of_history(key: Key, figure: str, histories: dict[Path, dict[str, Record]]) -> tuple[float, float]:
-    """Return the standard deviation between runs in the longest history, and its degrees of freedom; 0 and 0 if
+    """Return the standard deviation between runs in the longest history, and the degrees of freedom; 0 and 0 if
     there is none."""
     best: list[Record] = []
     for records in histories.values():

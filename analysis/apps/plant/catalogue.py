@@ -1,8 +1,8 @@
-"""Catalogue of a plant: one SQLite file with the figures of each run, so that runs are read once.
+"""Catalogue of a plant: an SQLite file with the figures of each run, so that runs are read only once.
 
-It contains derived data only, and is located outside the plant's directory, which stays unchanged and may be read-only.
-A damaged catalogue, or one of a different version, is rebuilt. SQLite's locks and journal handle concurrent commands
-and crashes.
+It contains derived data only, and is stored outside the plant's directory, which remains unchanged and may be
+read-only. A damaged catalogue, or a catalogue of a different version, is rebuilt. The locks and the journal of SQLite
+handle concurrent commands and crashes.
 """
 
 from __future__ import annotations
@@ -22,15 +22,14 @@ from analysis.apps.plant.seen import Examined, Seen
 from rigs.errors import CellError, FileError
 
 VERSION = 1
-"""Version of the tables; the figures have the versions of the history and of rig."""
+"""Version of the tables. The figures have the versions of the history and of rig."""
 _OURS = 0x52494746
 """SQLite's application_id, `RIGF`."""
 _MAGIC, _ID_AT, _HEADER = b"SQLite format 3\0", 68, 100
-"""Start of an SQLite file, and offset of the application_id in its header (sqlite.org/fileformat.html, 1.3)."""
+"""Start of an SQLite file, and offset of the application_id in the header (sqlite.org/fileformat.html, 1.3)."""
 _WAIT_S = 30.0
-# Tables with records have rowids: without them SQLite stores rows above a quarter of a page in separate pages, doubling
-# the
-# file.
+# Tables with records have rowids. In tables declared `without rowid`, SQLite stores rows above a quarter of a page in
+# separate pages, which doubles the size of the file.
 _TABLES = """
 create table made_by (rig text not null);
 create table rigs (sha256 text primary key, rig_text text not null) without rowid;
@@ -44,12 +43,12 @@ create table states (
 """
 
 Key = tuple[str, str]
-"""Robot: the directory of its runs relative to the plant's, and its name there."""
+"""A robot: the directory of its runs relative to the plant's directory, and its name."""
 
 
 @dataclass(frozen=True)
 class Entry:
-    """Catalogue entry of a run in addition to its figures.
+    """The catalogue entry of a run in addition to its figures.
 
     run: path relative to the plant's directory. signature: empty if a new examination is needed. robot: empty if the
     manifest is unreadable.
@@ -70,7 +69,7 @@ class Damaged(FileError):
 
 
 def default_path(directory: Path) -> Path:
-    """Return the default path of a plant's catalogue: in the user's cache, by a digest of the plant's path."""
+    """Return the default path of a plant's catalogue: in the user's cache, named by a digest of the plant's path."""
     cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     name = hashlib.sha256(os.fsencode(directory.resolve())).hexdigest()[:16]
     return cache / "rig" / f"fleet-{name}.sqlite"
@@ -81,7 +80,7 @@ def refuse_foreign(path: Path) -> None:
     try:
         if not path.exists():
             return
-        if not path.is_file():  # a FIFO would block
+        if not path.is_file():  # Opening a FIFO would block.
             raise FileError(str(path), "is not a regular file", "give another --catalogue")
         with path.open("rb") as file:
             header = file.read(_HEADER)
@@ -132,7 +131,7 @@ def remove(path: Path) -> None:
 
 
 def _set_up(path: Path) -> str:
-    """Create the tables of an empty file; return the reason if an existing file is unusable."""
+    """Create the tables of an empty file. Return the reason if an existing file is unusable."""
     made_by = f"{history_file.made_by()}, figures {history_file.VERSION}"
     with _changing(path) as file:
         if file.execute("select count(*) from sqlite_master").fetchone()[0]:
@@ -183,7 +182,7 @@ def entries(path: Path) -> dict[str, Entry]:
 
 
 def keep(path: Path, examined_runs: Iterable[tuple[Seen, Examined | None]]) -> None:
-    """Store examined runs; None for a deleted run. Raises CellError."""
+    """Store examined runs; None stands for a deleted run. Raises CellError."""
     with _changing(path) as file:
         for seen, examined in examined_runs:
             if examined is None:
@@ -213,7 +212,7 @@ def forget(path: Path, runs: Iterable[str]) -> None:
 
 
 def records_of(path: Path, key: Key) -> tuple[list[Record], dict[str, str]]:
-    """Return the records of a robot's runs, and their rig files by run name. Raises CellError."""
+    """Return the records of a robot's runs, and the rig files by run name. Raises CellError."""
     folder, robot = key
     with _opened(path) as file:
         rows = file.execute(
@@ -240,7 +239,7 @@ def states(path: Path) -> dict[Key, tuple[str, str]]:
 
 
 def keep_states(path: Path, judged: Iterable[tuple[Key, str, str]]) -> None:
-    """Store robot states with their digests. Raises CellError."""
+    """Store robot states with digests. Raises CellError."""
     with _changing(path) as file:
         rows = [(os.fsencode(folder), robot, digest, state) for (folder, robot), digest, state in judged]
         file.executemany("insert or replace into states values (?, ?, ?, ?)", rows)

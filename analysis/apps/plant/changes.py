@@ -1,14 +1,14 @@
-"""Detect changes of a figure beyond the scatter between runs.
+"""Detection of changes in a figure beyond the scatter between runs.
 
-Each series is compared with each shape of a change under each kind of noise (`Shapes`); the score is the log-likelihood
+Each series is compared with each shape of a change under each kind of noise (`Shapes`). The score is the log-likelihood
 ratio between the best shape and no change, both with their best noise, so slow noise is not mistaken for a change.
 After a detection, the runs before and after are searched in the same way (binary segmentation: A. J. Scott and M.
 Knott, Biometrics 30 (1974)). Single outliers are removed first (F. R. Hampel, J. Am. Stat. Assoc. 69 (1974)).
 
-The false alarm probability of a robot is shared among its figures (Bonferroni). `scripts/dev history` measures it, and
-the delay and accuracy of detections.
+The false alarm probability of a robot is divided among the figures (Bonferroni). `scripts/dev history` measures it,
+together with the delay and accuracy of detections.
 
-A shape is a plateau, a straight ramp and a second plateau; a step is the shortest ramp, and slow growth is a ramp up to
+A shape is a plateau, a straight ramp and a second plateau. A step is the shortest ramp, and slow growth is a ramp up to
 the last run. The noise is white plus a slow part common to neighbouring runs (temperature, clamping, set-up), with a
 grid of shares and lengths, as in decision 0011 for laps. Position and size of a change follow from generalised least
 squares: A. C. Aitken, Proc. R. Soc. Edinburgh 55 (1935).
@@ -24,21 +24,22 @@ import numpy as np
 from analysis.robot.kinematics.arm import Array, Integers, Mask
 
 FEWEST = 4
-"""Minimum runs on either side of a step: fewer may be a burst of outliers, or one set-up."""
+"""Minimum number of runs on either side of a step: fewer may be a burst of outliers, or a single set-up."""
 _STARTS = 100
-"""Positions of a change in the first search, evenly over the series; the best is refined to single runs."""
+"""Number of positions of a change in the first search, evenly over the series. The best position is refined to
+single runs."""
 _ENDS = 25
-"""Positions of each end of a ramp in the refinement."""
+"""Number of positions of each end of a ramp in the refinement."""
 _SHARES = (0.25, 0.5, 0.75, 0.9, 0.97)
 _LENGTHS = (1.5, 5.0, 15.0, 50.0)
-"""Share of the slow part in the variance, and its correlation length in runs."""
+"""Shares of the slow part in the variance, and correlation lengths in runs."""
 
 
 @dataclass(frozen=True)
 class Whitening:
-    """Noise model: rows (n, n) whiten it to variance 1, relative to the variance of a run.
+    """A noise model. rows (n, n): whiten it to variance 1, relative to the variance of a run.
 
-    log_det: half the log determinant. level (n,): whitened constant, of length 1.
+    half_log_det: half the log determinant. level (n,): whitened constant of length 1.
     """
 
     rows: Array
@@ -54,7 +55,7 @@ class Whitening:
         return cls(rows, float(np.log(np.diag(lower)).sum()), level / np.linalg.norm(level))
 
     def without_level(self, values: Array) -> Array:
-        """Return whitened values (n, m), in any unit, without their least-squares constant."""
+        """Return whitened values (n, m), in any unit, with their least-squares constant removed."""
         white = self.rows @ values
         without: Array = white - np.outer(self.level, self.level @ white)
         return without
@@ -62,8 +63,10 @@ class Whitening:
 
 @dataclass(frozen=True)
 class Shapes:
-    """Ramps between runs first (c,) and last (c,) (indices), and per noise model their whitened directions (n, c) of
-    length 1."""
+    """Ramps between the runs first (c,) and last (c,), as indices.
+
+    directions: for each noise model the whitened ramps (n, c) of length 1.
+    """
 
     first: Integers
     last: Integers
@@ -71,7 +74,7 @@ class Shapes:
     directions: tuple[Array, ...]
 
 
-@lru_cache(maxsize=3)  # about 80 MB each for the longest series
+@lru_cache(maxsize=3)  # About 80 MB each for the longest series
 def shapes_of(count: int) -> Shapes:
     """Return the shapes for a series of `count` runs."""
     stride = max(1, count // _STARTS)
@@ -86,10 +89,11 @@ def shapes_of(count: int) -> Shapes:
 
 
 def refined(count: int, first: int, last: int) -> tuple[Integers, Integers]:
-    """Return ramps near one of `shapes_of`, to single runs: indices of first (c,) and last (c,) run."""
+    """Return ramps near a ramp of `shapes_of`, refined to single runs, as indices of the first (c,) and last (c,)
+    run."""
     reach = 2 * max(1, count // _STARTS) + (last - first) // 2
     near = [np.arange(max(0, at - reach), min(count, at + reach + 1)) for at in (first, last)]
-    if len(near[0]) > _ENDS:  # a long ramp: noise hides its ends anyway
+    if len(near[0]) > _ENDS:  # A long ramp: noise hides the ends anyway
         near = [np.unique(np.linspace(ends[0], ends[-1], _ENDS).round().astype(int)) for ends in near]
     a, b = (grid.ravel() for grid in np.meshgrid(*near, indexing="ij"))
     return _allowed(np.stack([a, b], axis=1)[a < b], count)
@@ -110,16 +114,16 @@ def directions(noise: Whitening, first: Integers, last: Integers) -> Array:
 
 
 def _allowed(pairs: Integers, count: int) -> tuple[Integers, Integers]:
-    """Return the ramps with enough runs on either side; runs within a long ramp count."""
+    """Return the ramps with enough runs on either side. Runs within a long ramp count."""
     first, last = pairs.T
     within = (last - first - 1) // 2
     enough = (first + 1 + within >= FEWEST) & (count - last + within >= FEWEST)
     return first[enough], last[enough]
 
 
-@lru_cache(maxsize=3)  # about 80 MB each for the longest series
+@lru_cache(maxsize=3)  # About 80 MB each for the longest series
 def whitenings(count: int) -> tuple[Whitening, ...]:
-    """Return the noise models for `count` runs: white, and each kind with a slow part."""
+    """Return the noise models for `count` runs: white noise, and each kind with a slow part."""
     apart = np.abs(np.subtract.outer(np.arange(count), np.arange(count)))
     kinds = [np.eye(count)]
     kinds += [share * np.exp(-apart / length) + (1 - share) * np.eye(count) for share in _SHARES for length in _LENGTHS]
@@ -131,22 +135,23 @@ FALSE_ALARMS = 0.01
 NEWEST = 500
 """Number of newest runs searched: time and memory are quadratic."""
 _CHANCE = 6.5
-"""P(score > s) <= exp(_CHANCE - s) without a change: simulated for 10 to 300 runs, white noise and slow parts of 50 to
-90 % over 1.5 to 50 runs, 1500 to 4000 series each; the worst 99 % quantile was 11.2, the worst 99.9 % quantile 14.1."""
+"""Constant in the bound of the false alarm probability: P(score > s) <= exp(_CHANCE - s) if nothing changes.
+Simulated for 10 to 300 runs, white noise and slow parts of 50 to 90 % over 1.5 to 50 runs, 1500 to 4000 series
+each; the worst 99 % quantile was 11.2, the worst 99.9 % quantile 14.1."""
 _WINDOW, _WILD = 7, 4.0
 """Window of the running median, and outlier limit in spreads."""
 _SLOWER = 2.0
-"""Required score of a longer ramp above that of the best step."""
+"""Required excess of the score of a longer ramp over the best step."""
 _TO_SD, _MEAN_TO_SD = 1.4826, 1.2533
 """Ratios of the standard deviation of a normal distribution to its median and mean absolute deviation."""
 
 
 @dataclass(frozen=True)
 class Change:
-    """Change of a figure from `before` to `after`, in its unit, between runs first and last (indices).
+    """A change of a figure from `before` to `after`, in its unit, between the runs first and last (indices).
 
-    u: standard uncertainty of the difference from the scatter of the runs. chance: probability of such a series without
-    a change, over all figures of the robot. is_last: the ramp reaches the last run and may continue.
+    u: standard uncertainty of the difference by the scatter of the runs. chance: probability of such a series if
+    nothing changes, over all figures of the robot. is_last: the ramp reaches the last run and may continue.
     """
 
     first: int
@@ -160,10 +165,10 @@ class Change:
 
 @dataclass(frozen=True)
 class Trend:
-    """Result for a series.
+    """The result for a series.
 
-    Changes in order of time; wild (n,): mask of outliers; spread: standard deviation between runs in the figure's unit,
-    excluding changes and outliers; zero if most runs repeat a value, nan for a single run.
+    changes: in order of time. wild (n,): mask of outliers. spread: standard deviation between runs in the unit of the
+    figure, excluding changes and outliers; zero if most runs repeat a value, NaN for a single run.
     """
 
     changes: tuple[Change, ...]
@@ -180,20 +185,19 @@ class _Best:
 
 
 def trend_of(values: Array, u: Array, series: int) -> Trend:
-    """Return the changes in values (n,) with standard uncertainties u (n,), in one unit, in order of time.
+    """Return the changes in values (n,) with standard uncertainties u (n,), in the same unit, in order of time.
 
     series: number of series searched for the robot.
     """
     wild = wild_runs(values, u)
-    # Standard deviation between successive runs, hardly affected by a step or slow ramp; nan for a single run.
+    # Standard deviation between successive runs, hardly affected by a step or slow ramp; NaN for a single run.
     steps = np.abs(np.diff(values[~wild]))
     spread = float(_TO_SD * np.median(steps) / np.sqrt(2)) if len(steps) else float("nan")
     kept = np.flatnonzero(~wild)[-NEWEST:]
     candidates = _changes(values[kept], series)
     if spread == 0:
-        # Most runs repeat the previous value: floored at zero, or quantised. Differences below the uncertainty are then
-        # ignored:
-        # among many zeros a few small values may be adjacent.
+        # Most runs repeat the previous value: clipped at zero, or quantised. Differences below the uncertainty are then
+        # ignored: among many zeros a few small values may be adjacent.
         least = float(np.median(u[~wild]))
         candidates = [change for change in candidates if abs(change.after - change.before) > least > 0]
     changes = [replace(change, first=int(kept[change.first]), last=int(kept[change.last])) for change in candidates]
@@ -201,7 +205,7 @@ def trend_of(values: Array, u: Array, series: int) -> Trend:
 
 
 def wild_runs(values: Array, u: Array) -> Mask:
-    """Return a mask (n,) of runs that differ from their neighbours beyond the scatter; values and u (n,) in one
+    """Return a mask (n,) of runs that differ from their neighbours beyond the scatter; values and u (n,) in the same
     unit."""
     count = len(values)
     if count < _WINDOW:
@@ -209,7 +213,8 @@ def wild_runs(values: Array, u: Array) -> Mask:
     medians = np.median(np.lib.stride_tricks.sliding_window_view(values, _WINDOW), axis=1)
     half = _WINDOW // 2
     away = np.abs(values - medians[np.clip(np.arange(count) - half, 0, len(medians) - 1)])
-    usual = _TO_SD * float(np.median(away)) or _MEAN_TO_SD * float(np.mean(away))  # if most runs repeat a value
+    # The mean is used if most runs repeat a value.
+    usual = _TO_SD * float(np.median(away)) or _MEAN_TO_SD * float(np.mean(away))
     scale = max(usual, float(np.median(u)))
     wild: Mask = away > _WILD * scale
     return wild
@@ -225,7 +230,7 @@ def _changes(values: Array, series: int) -> list[Change]:
         return []
     step, rise = _refined(values, step), _refined(values, rise)
     best = rise if rise.score > step.score + _SLOWER else step
-    # change with its levels, by generalised least squares
+    # The change with the levels, by generalised least squares
     shape = rises(count, np.array([best.first]), np.array([best.last]))
     design = best.noise.rows @ np.concatenate([np.ones((count, 1)), shape], axis=1)
     white = best.noise.rows @ values
@@ -238,7 +243,7 @@ def _changes(values: Array, series: int) -> list[Change]:
     )
     earlier = _changes(values[: best.first + 1], series)
     later = _changes(values[best.last :], series)
-    # A ramp ending before the next change has not reached the last run.
+    # A ramp that ends before the next change has not reached the last run.
     return [
         *(replace(change, is_last=False) for change in earlier),
         change,
@@ -247,7 +252,7 @@ def _changes(values: Array, series: int) -> list[Change]:
 
 
 def _best(values: Array) -> tuple[_Best, _Best]:
-    """Return the step and the longer ramp with the highest scores, each with its best noise."""
+    """Return the step and the longer ramp with the highest scores, each with the best noise."""
     shapes = shapes_of(len(values))
     without, scores = -np.inf, []
     for noise, unit in zip(shapes.noises, shapes.directions, strict=True):
@@ -265,8 +270,8 @@ def _best(values: Array) -> tuple[_Best, _Best]:
 
 
 def _refined(values: Array, best: _Best) -> _Best:
-    """Return the shape refined to single runs; the increase of its score is not counted in the false alarm
-    probability."""
+    """Return the shape refined to single runs. The false alarm probability does not include the increase of the
+    score."""
     first, last = refined(len(values), best.first, best.last)
     is_alike = (last - first == 1) == (best.last - best.first == 1)
     first, last = first[is_alike], last[is_alike]
@@ -277,8 +282,8 @@ def _refined(values: Array, best: _Best) -> _Best:
 
 
 def _likelihoods(values: Array, noise: Whitening, unit: Array) -> tuple[float, Array]:
-    """Return the log-likelihoods without a change, and (c,) with each whitened shape (n, c), maximised over noise
-    and size."""
+    """Return the log-likelihood for no change, and for each whitened shape (n, c), as (c,), maximised over noise and
+    size."""
     count = len(values)
     white = noise.without_level(values[:, None])[:, 0]
     total = float(white @ white)

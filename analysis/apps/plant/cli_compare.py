@@ -1,6 +1,7 @@
-"""`rig compare RUN…`: simulation and measurement laid over each other; `--against RUN…`: before and after a repair.
+"""`rig compare RUN…`: compare simulation and measurement, or with `--against RUN…` runs before and after a repair.
 
-Two rig files in the place of runs: two arms of one model, pose by pose; with runs after them: which of both fits these.
+Two rig files in place of runs compare two arms of a model, pose by pose. Runs after two rig files show which of the
+arms fits the runs.
 """
 
 from __future__ import annotations
@@ -141,8 +142,11 @@ def _which_fits(arms: Sequence[Path], runs: Sequence[Path], as_json: bool) -> No
 
 
 def _rig_of(arm: Path, runs: Sequence[Measured]) -> Rig:
-    """Return the rig file of an arm; of a URDF, or a file with a section robot alone, that of the runs with this robot.
-    Raises FileError for one of these with runs of gauges: it does not know where the ball link sits on its flange."""
+    """Return the rig file of an arm. For a URDF, or a file with only the section robot, it is the rig file of the runs
+    with this robot.
+
+    Raises FileError for such a file with runs of gauges: the position of the ball link on the flange is unknown.
+    """
     from analysis.apps.commission.rig_file_text import chosen_arm
     from analysis.apps.interchange.urdf import import_urdf
     from rigs.load import load

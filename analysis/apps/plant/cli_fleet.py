@@ -1,4 +1,4 @@
-"""`rig fleet DIR|URL`: the robots of a plant, what needs attention first."""
+"""`rig fleet DIR|URL`: list the robots of a plant, most urgent first."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def fleet(
         if not catalogue:
             try:
                 kept.hold_writable(file)
-            except CellError as error:  # one for this time, since it only saves time
+            except CellError as error:  # Use a temporary catalogue, which only saves time.
                 say(f"{error.where}: {error.what}; every run is read again each time: give --catalogue FILE", err=True)
                 file = Path(until_written.enter_context(TemporaryDirectory())) / file.name
         try:
@@ -78,7 +78,7 @@ def fleet(
                 plant = gather(directory, file, workers, progress)
             _write(plant, output, parquet, workers, progress)
         except kept.Damaged:
-            kept.remove(file)  # the error says that the next start makes it again
+            kept.remove(file)  # The error message announces that the next start rebuilds it.
             raise
     from analysis.apps.plant import fleet_screen as screen
 
@@ -91,7 +91,7 @@ def fleet(
 
 
 def _write(plant: Fleet, output: Path | None, parquet: Path | None, workers: Workers, progress: Progress) -> None:
-    """Write what was asked for."""
+    """Write the requested files."""
     if parquet:
         from analysis.apps.plant.fleet_screen import write_figures
 

@@ -1,4 +1,4 @@
-"""`rig history ROBOT`: every figure of a robot over its runs, what changed and when."""
+"""`rig history ROBOT`: show every figure of a robot over all runs, with changes and dates."""
 
 from __future__ import annotations
 
@@ -93,7 +93,8 @@ def history(
 
 
 def _collected(data: Path, robot: str, workers: Workers) -> Collected:
-    """The runs of the robot; of those elsewhere the catalogue that `rig fleet` keeps knows what has not changed."""
+    """Return the runs of the robot. For a remote directory, unchanged runs are taken from the catalogue of `rig
+    fleet`."""
     from analysis.runs.batch.remote_path import RemotePath
 
     if isinstance(data, RemotePath):

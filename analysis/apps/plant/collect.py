@@ -1,5 +1,4 @@
-"""Collect the records of a robot from a directory of runs: existing ones are read, new runs are evaluated and
-stored."""
+"""Collection of the records of a robot from a directory of runs: new runs are evaluated and stored, others are read."""
 
 from __future__ import annotations
 
@@ -22,22 +21,22 @@ from rigs.rig import Rig
 from rigs.schema.limits import Limits
 
 Progress = Callable[[int, int], None]
-"""Called with the number of evaluated runs and the total."""
+"""A function called with the number of evaluated runs and the total."""
 _FEW = 4
-"""Up to this number, runs are evaluated in this process, unless jobs are specified."""
+"""Number of runs up to which they are evaluated in this process, unless jobs are specified."""
 _SAVED_EVERY = 50
-"""Runs between two saves: at most a minute of work can be lost."""
+"""Number of runs between two saves: at most a minute of work can be lost."""
 REASONS = {
     "damaged": "its manifest is missing, or it or the marks cannot be read",
     "crashed": "it was cut off: rig recover makes it readable",
     "recording": "it is being recorded",
 }
-"""Reasons for runs without figures, by status."""
+"""Reasons for missing figures, by status of the run."""
 
 
 @dataclass(frozen=True)
 class Workers:
-    """Execution of evaluations, see `analysis.runs.batch.each`."""
+    """The execution of evaluations, see `analysis.runs.batch.each`."""
 
     jobs: int = 0
     scheduler: str | None = None
@@ -48,7 +47,7 @@ _HERE = Workers()
 
 @dataclass(frozen=True)
 class Job:
-    """Run to evaluate, and its name in the history."""
+    """A run to evaluate, and its name in the history."""
 
     run: RunInfo
     name: str
@@ -60,7 +59,7 @@ class Job:
 
 @dataclass(frozen=True)
 class Collected:
-    """Runs of a robot in order of time, runs without figures, notes about the file, and the limits of the newest
+    """The runs of a robot in order of time, runs with no figures, notes about the file, and the limits of the newest
     run."""
 
     robot: str
@@ -71,7 +70,7 @@ class Collected:
 
 
 def collect(directory: Path, robot: str, progress: Progress, how: Workers = _HERE) -> Collected:
-    """Return the records of every run of a robot in or below a directory, by the name of the rig file or its robot.
+    """Return the records of every run of a robot in or below a directory, by the name of the rig file or of the robot.
 
     how: execution of evaluations. Raises FileError if the directory does not exist or contains no run of the robot.
     """
@@ -110,10 +109,9 @@ def collect(directory: Path, robot: str, progress: Progress, how: Workers = _HER
 def collected_of(
     robot: str, records: Sequence[Record], notes: Sequence[str], rig_text_of: Callable[[str], str]
 ) -> Collected:
-    """Combine the records of a robot's runs, in any order; rig_text_of: returns the rig file of a run by name."""
-    # Each run once, even after relabelling a copy or importing a table twice: the newest import of a table is kept,
-    # because its
-    # rig file may have been corrected.
+    """Combine the records of a robot's runs, in any order. rig_text_of: returns the rig file of a run by name."""
+    # Each run counts once, even after relabelling a copy or importing a table twice. The newest import of a table has
+    # priority, because the rig file may have been corrected.
     kept: dict[str, Record] = {}
     copy_notes = []
     for record in in_time(record for record in records if not record.problem):
@@ -134,7 +132,7 @@ def _runs_below(directory: Path) -> list[RunInfo]:
     listed = {run.path.resolve() for run in runs}
     for run in run_directories([directory]):
         if run != directory and run.resolve() not in listed:
-            with suppress(FileNotFoundError, PermissionError):  # as in `survey`
+            with suppress(FileNotFoundError, PermissionError):  # As in `survey`
                 runs.append(look(run))
     return runs
 
@@ -155,7 +153,7 @@ def _in_memory(file: Path, why: str) -> str:
 def _sorted_out(
     directory: Path, runs: Sequence[RunInfo], records_before: dict[str, Record], broken: list[Record]
 ) -> tuple[list[Record], list[Job]]:
-    """Return the valid records, and the runs to evaluate; unreadable runs are added to broken."""
+    """Return the valid records, and the runs to evaluate. Unreadable runs are added to `broken`."""
     records, jobs = [], []
     for run in runs:
         assert run.manifest is not None  # noqa: S101 - as chosen by the caller
@@ -177,12 +175,12 @@ def _sorted_out(
 
 
 def _evaluated(jobs: Sequence[Job], progress: Progress, how: Workers) -> Iterator[list[Record]]:
-    """Yield the records of runs in batches to save, with at least one; finished ones are saved on Ctrl-C."""
+    """Yield the records of runs in batches to save, at least one batch. Finished records are saved on Ctrl-C."""
     piece: list[Record] = []
     outcomes = each(_record, jobs, jobs=1 if len(jobs) <= _FEW and not how.jobs else how.jobs, scheduler=how.scheduler)
     try:
         for done, outcome in enumerate(outcomes, 1):
-            # Record of a run; without its fingerprint if processes were killed, so that it is repeated later
+            # The record of a run; if processes were killed, it has no fingerprint and is therefore repeated later
             record = (
                 outcome.value
                 if isinstance(outcome, Done)
@@ -214,7 +212,7 @@ def is_of(rig_name: str, rig_text: str, robot: str) -> bool:
 
 @lru_cache(maxsize=64)
 def _rig_of(rig_text: str) -> Rig | None:
-    """Return the rig of a run, None if its rig file is unreadable."""
+    """Return the rig of a run, None if the rig file is unreadable."""
     try:
         return parse(rig_text, "rig file")
     except FileError:
@@ -222,7 +220,7 @@ def _rig_of(rig_text: str) -> Rig | None:
 
 
 def no_run_of(robot: str, directory: Path, names: Collection[str]) -> FileError:
-    """Return the error for a directory without runs of a robot; names: of the rig files of its runs."""
+    """Return the error for a directory with no run of a robot. names: rig files of the other runs."""
     remedy = (
         f"give one of {', '.join(sorted(names))}" if names else "give the directory that holds the runs: --runs DIR"
     )

@@ -21,14 +21,14 @@ from analysis.runs.batch.each import each
 from analysis.runs.batch.outcomes import Failed
 
 _STANDINGS: dict[Attention, str] = {"beyond": "fail", "watch": "watch", "unreadable": "watch", "changed": "watch"}
-"""Report colour and sign of a robot's state; the others pass."""
+"""Report colour and sign for the state of a robot; all other states pass."""
 _HEAD_BYTES = 2000
-"""Range at the start of a page that contains the digest of its inputs."""
+"""Range at the start of a page that contains the digest of the inputs."""
 
 
 @dataclass(frozen=True)
 class _Page:
-    """Page of a robot to be written: catalogue and key, inputs, and the page of the plant."""
+    """A page of a robot to be written: catalogue and key, inputs, and the page of the plant."""
 
     path: Path
     catalogue: Path
@@ -38,9 +38,9 @@ class _Page:
 
 
 def write_pages(fleet: Fleet, path: Path, workers: Workers, progress: Progress) -> list[str]:
-    """Write the page of the plant, and the outdated history pages of its robots.
+    """Write the page of the plant, and the outdated history pages of the robots.
 
-    Returns a line for each robot whose page could not be written. Raises FileError if the plant's page cannot be
+    Returns a line for each robot page that could not be written. Raises FileError if the page of the plant cannot be
     written or the catalogue cannot be read.
     """
     folder = path.with_name(f"{path.stem}-robots")
@@ -74,7 +74,7 @@ def write_pages(fleet: Fleet, path: Path, workers: Workers, progress: Progress) 
 def _page(fleet: Fleet, state: State, folder: Path, overview: Path) -> _Page:
     key = (state.folder, state.robot)
     plain = re.sub(r"[^A-Za-z0-9_.-]", "_", state.robot).lstrip(".")[:60]
-    # names may differ in unusual characters only
+    # Names may differ only in unusual characters.
     digest = hashlib.sha256(repr(key).encode("utf-8", "surrogatepass")).hexdigest()[:8]
     made_of = f"{made_by()} {fleet.digests[key]}"
     return _Page(folder / f"{plain}-{digest}.html", fleet.catalogue, key, made_of, quote(f"../{overview.name}"))

@@ -1,5 +1,7 @@
-"""Robots of a plant on a terminal and as JSON; and all figures as a Parquet file, one row each, for DuckDB, pandas and
-Power BI."""
+"""Robots of a plant on a terminal and as JSON, and all figures as a Parquet file for DuckDB, pandas and Power BI.
+
+The Parquet file has a row per figure.
+"""
 
 from __future__ import annotations
 
@@ -55,7 +57,7 @@ def as_screen(fleet: Fleet) -> RenderableType:
         standing = Text(WORDS[state.attention], style=_STYLES.get(state.attention, ""))
         share = [Text(simulated_share(state), style="yellow")] if state.simulated else []
         robot = Text("\n").join([Text(name), *share])
-        # figure closest to its limit, the tests, and doubts, one per line
+        # Figure closest to its limit, the tests, and doubts, one per line
         lines = [Text(state.worst)] if state.worst else []
         lines += [Text(", ".join(state.tests), style="dim")] if state.tests else []
         lines += [Text(plain(", ".join(state.doubts)), style="yellow")] if state.doubts else []
@@ -64,12 +66,12 @@ def as_screen(fleet: Fleet) -> RenderableType:
 
 
 def origin(fleet: Fleet) -> str:
-    """State whether runs are simulated; empty if none."""
+    """Return a statement on simulated runs, empty if there are none."""
     return simulated_runs(sum(state.simulated for state in fleet.robots), sum(state.runs for state in fleet.robots))
 
 
 def simulated_share(state: State) -> str:
-    """Return the number of a robot's simulated runs, displayed with its name; empty if none."""
+    """Return the number of simulated runs of a robot for display with the name, empty if there are none."""
     if not state.simulated:
         return ""
     return "simulated" if state.simulated == state.runs else f"{state.simulated} of {state.runs} simulated"
@@ -83,20 +85,20 @@ def summary(fleet: Fleet) -> str:
 
 
 def reading(fleet: Fleet) -> str:
-    """Return the number of runs, and of runs read."""
+    """Return a sentence with the number of runs, and of runs read."""
     gone = f", {fleet.gone} gone" if fleet.gone else ""
     return f"{fleet.runs} runs, {fleet.examined} of them read (new, changed, or unreadable the last time){gone}"
 
 
 def doubts_of(fleet: Fleet) -> list[str]:
-    """Return notes about the catalogue, and omitted runs: of unknown robots, then of each robot."""
+    """Return notes about the catalogue, and omitted runs: first of unknown robots, then of each robot."""
     left_out = [*fleet.strays]
     left_out += [(str(Path(state.folder, run)), why) for state in fleet.robots for run, why in state.without_figures]
     return [*fleet.notes, *without_figures(left_out)]
 
 
 def names_of(fleet: Fleet) -> list[str]:
-    """Return the names of the robots in order, with the directory if ambiguous."""
+    """Return the names of the robots in order, with the directory if a name is ambiguous."""
     times = Counter(state.robot for state in fleet.robots)
     return [
         plain(state.robot if times[state.robot] == 1 else f"{state.robot} in {state.folder}") for state in fleet.robots
@@ -104,11 +106,11 @@ def names_of(fleet: Fleet) -> list[str]:
 
 
 def as_object(fleet: Fleet) -> dict[str, Any]:
-    """Return plain values for scripts, with every omitted run and its reason."""
+    """Return plain values for scripts, with every omitted run and the reason."""
     plain: dict[str, Any] = for_json(
         {
             "directory": str(fleet.directory),
-            "catalogue": str(fleet.catalogue) if fleet.catalogue.exists() else None,  # temporary
+            "catalogue": str(fleet.catalogue) if fleet.catalogue.exists() else None,  # A temporary catalogue is gone.
             "robots": [
                 asdict(state) | {"attention": state.attention, "without_figures": dict(state.without_figures)}
                 for state in fleet.robots
@@ -124,9 +126,9 @@ def as_object(fleet: Fleet) -> dict[str, Any]:
 
 
 def write_figures(fleet: Fleet, path: Path) -> None:
-    """Write the table, replacing an existing file atomically, with one robot at a time in memory.
+    """Write the table, atomically replacing an existing file, with a single robot in memory at a time.
 
-    A run without figures has one row with its `problem`. Raises FileError if the file cannot be written.
+    A run with no figures has a row with the `problem`. Raises FileError if the file cannot be written.
     """
     import pyarrow as pa  # noqa: PLC0415 - slow to import, needed for Parquet only
     import pyarrow.parquet as pq  # noqa: PLC0415
@@ -185,7 +187,7 @@ def _label(robot: str, folder: str, run: str) -> dict[str, Any]:
 def _of_run(record: Record) -> dict[str, Any]:
     started = None
     with suppress(ValueError):
-        started = record.when.astimezone(UTC).replace(tzinfo=None)  # DuckDB needs pytz for times with a zone
+        started = record.when.astimezone(UTC).replace(tzinfo=None)  # DuckDB needs pytz for times with a zone.
     places = {"test": record.test, "direction": record.direction}
     return (
         {"started_utc": started}

@@ -1,9 +1,9 @@
-"""Collect the states of a plant's robots, reading only new and changed runs.
+"""Collection of the states of a plant's robots, reading only new and changed runs.
 
-Runs are compared with the catalogue by names, sizes and times of files, and examined with `each` if different; deleted
-runs are removed. Robots with changed runs are judged again.
+Runs are compared with the catalogue by names, sizes and times of files, and examined with `each` if they differ.
+Deleted runs are removed. The state of a robot is recomputed if the runs changed.
 
-A remote directory cannot contain history files, and reading each manifest again would cost a request: the catalogue
+A remote directory cannot contain history files, and reading each manifest would cost a request per run: the catalogue
 identifies unchanged runs by listing only.
 """
 
@@ -32,9 +32,9 @@ from rigs.errors import FileError
 
 T = TypeVar("T")
 Progress = Callable[[str, int, int], None]
-"""Called with the present task, the finished number and the total."""
+"""A function called with the current task, the finished number and the total."""
 _SAVED_EVERY_S = 5.0
-"""Interval between saves, which limits the loss of an interruption."""
+"""Interval between saves, which limits the loss by an interruption."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,8 @@ class Known:
 
 
 def seen_below(directory: Path) -> list[Seen]:
-    """Return the runs below a directory. Raises FileError if there are none, CellError if a store does not respond."""
+    """Return the runs below a directory. Raises FileError if there are none, and CellError if a store does not
+    respond."""
     seen = list(seen_runs(directory))
     if not seen:
         raise FileError(str(directory), "holds no runs", "give the directory that holds the plant's runs")
@@ -70,7 +71,7 @@ def remade(file: Path, work: Callable[[str], T]) -> T:
 
 
 def known_of(file: Path, seen: Sequence[Seen], workers: Workers, progress: Progress, why: str) -> Known:
-    """Return the catalogue after examining new and changed runs; why: reason for rebuilding.
+    """Return the catalogue after examining new and changed runs. why: reason for rebuilding.
 
     Raises Damaged, and StoreLost if a store stops responding: previous results are saved.
     """
@@ -84,7 +85,7 @@ def known_of(file: Path, seen: Sequence[Seen], workers: Workers, progress: Progr
     if gone:
         catalogue.forget(file, gone)
     if fresh:
-        paths = [run.path.absolute() for run in fresh]  # a cluster worker has a different working directory
+        paths = [run.path.absolute() for run in fresh]  # A cluster worker has a different working directory.
         with closing(each(examine, paths, jobs=workers.jobs, scheduler=workers.scheduler)) as outcomes:
             examined = ((seen, _examined(outcome)) for seen, outcome in zip(fresh, outcomes, strict=True))
             kept(examined, partial(catalogue.keep, file), lambda done: progress("reading runs", done, len(fresh)))
@@ -95,10 +96,9 @@ def known_of(file: Path, seen: Sequence[Seen], workers: Workers, progress: Progr
 
 
 def _examined(outcome: Outcome[Path, Examined | None]) -> Examined | None:
-    """Return the examination of a run; None, to be repeated later, if it cost a process or memory, or could not be
-    fetched.
+    """Return the examination of a run.
 
-    Raises StoreLost.
+    None, to be repeated later, if it killed a process, exhausted the memory, or could not be fetched. Raises StoreLost.
     """
     if isinstance(outcome, Failed):
         if isinstance(outcome.error, StoreLost):
@@ -124,11 +124,10 @@ def kept(items: Iterable[T], keep: Callable[[Sequence[T]], None], progress: Call
 
 @dataclass(frozen=True)
 class Fleet:
-    """Robots of a plant, most urgent first.
+    """The robots of a plant, most urgent first.
 
-    strays: runs of unknown robots, with the reason. notes: about the catalogue. digests: of all inputs of each robot's
-    state.
-    runs, examined, gone: numbers of runs, of runs read, and of deleted runs.
+    strays: runs of unknown robots, with the reason. notes: about the catalogue. digests: of all inputs of the state of
+    each robot. runs, examined, gone: numbers of runs, of runs read, and of deleted runs.
     """
 
     directory: Path
@@ -143,10 +142,11 @@ class Fleet:
 
 
 def gather(directory: Path, file: Path, workers: Workers, progress: Progress) -> Fleet:
-    """Return the robots of the runs below a directory; file: the catalogue, created if missing.
+    """Return the robots of the runs below a directory. file: the catalogue, created if missing.
 
-    workers: for reading runs; robots are judged by local processes only, with access to the catalogue. Raises FileError
-    if the directory does not exist or contains no run, CellError if the catalogue cannot be written.
+    workers: for reading runs. Only local processes compute the states of robots, because they need the catalogue.
+    Raises FileError if the directory does not exist or contains no run, and CellError if the catalogue cannot be
+    written.
     """
     seen = seen_below(directory)
     return remade(file, partial(_gathered, directory, file, seen, workers, progress))
@@ -156,17 +156,17 @@ def _gathered(
     directory: Path, file: Path, seen: Sequence[Seen], workers: Workers, progress: Progress, why: str
 ) -> Fleet:
     catalogued = known_of(file, seen, workers, progress, why)
-    # digest of all inputs of each robot's state
+    # Digest of all inputs of the state of each robot
     hashes: dict[Key, hashlib._Hash] = {}
     for entry in catalogued.runs.values():
         if entry.key[1]:
             line = json.dumps([entry.run, entry.fingerprint, entry.problem])
             hashes.setdefault(entry.key, hashlib.sha256()).update(line.encode())
     digests = {key: digest.hexdigest() for key, digest in hashes.items()}
-    # States of all robots; stored ones if the runs are unchanged
+    # States of all robots; stored states if the runs are unchanged
     before = catalogue.states(file)
     catalogue.forget_states(file, before.keys() - digests.keys())
-    # Not read back at the end: a parallel command may have stored robots unknown to this one.
+    # Not read back at the end: a parallel command may have stored robots unknown to this command.
     states: dict[Key, State] = {}
     for key, (digest, text) in before.items():
         if digests.get(key) == digest:
@@ -194,7 +194,7 @@ def _gathered(
 def _judged(
     outcome: Outcome[tuple[Path, Key], State], digests: Mapping[Key, str], states: dict[Key, State]
 ) -> tuple[Key, str, str]:
-    """Add a robot's state to the states, and return it for storage; one that could not be judged is repeated later."""
+    """Add the state of a robot to the states, and return it for storage. A failed state is repeated later."""
     _, key = outcome.item
     if isinstance(outcome, Failed):
         if isinstance(outcome.error, Damaged):
@@ -206,7 +206,7 @@ def _judged(
 
 
 def judge(item: tuple[Path, Key]) -> State:
-    """Judge a robot by its records in the catalogue."""
+    """Return the state of a robot from the records in the catalogue."""
     file, (folder, robot) = item
     return state_of(folder, collected_in(file, (folder, robot)))
 
@@ -218,9 +218,9 @@ def collected_in(file: Path, key: Key) -> Collected:
 
 
 def collect_by_catalogue(directory: Path, robot: str, file: Path, workers: Workers, progress: Progress) -> Collected:
-    """Return the records of a robot's runs below a directory; file: the catalogue, created if missing.
+    """Return the records of a robot's runs below a directory. file: the catalogue, created if missing.
 
-    Raises like `analysis.apps.plant.gather.gather`, and FileError if the robot has no run.
+    Raises the errors of `gather`, and FileError if the robot has no run.
     """
     seen = seen_below(directory)
     return remade(file, partial(_collected, directory, robot, file, seen, workers, progress))
@@ -238,7 +238,7 @@ def _collected(
         of_robot, texts = catalogue.records_of(file, (folder, rig_name))
         for record in of_robot:
             is_mine = bool(rig_name) and is_of(rig_name, texts[record.name], robot)
-            if is_mine or not rig_name:  # of no known robot: unreadable manifest
+            if is_mine or not rig_name:  # A run of an unknown robot: the manifest is unreadable.
                 name = str(Path(folder, record.name))
                 records.append(replace(record, name=name))
                 rig_texts[name] = texts[record.name]

@@ -1,13 +1,10 @@
-"""History of a robot: each figure of each test over its runs, its changes with dates, and its standing against the
-limit.
+"""History of a robot: each figure of each test over the runs, with dated changes and the standing against the limit.
 
-Each run is judged by the rule of the report (ISO 14253-1, `rigs.schema.limits`) with its own uncertainty. The standing
-of a
-series is that of its newest run. It crossed a bound at the first run proven beyond it after the last run proven within,
-and
-vice versa: a run whose uncertainty contains the bound moves no date. Outliers are left out, as in the search for
-changes,
-except the newest runs: sudden damage looks like an outlier until it has lasted for some runs.
+Each run is judged by the rule of the report (ISO 14253-1, `rigs.schema.limits`) with its uncertainty. The standing of a
+series is the standing of the newest run. A series crosses a bound at the first run proven beyond it after the last run
+proven within, and vice versa: a run with an uncertainty that contains the bound moves no date. Outliers are excluded,
+as in the search for changes, except in the newest runs: sudden damage looks like an outlier until it has lasted for
+some runs.
 """
 
 from __future__ import annotations
@@ -36,16 +33,16 @@ WATCHED = (
     *("uni_mean_mm", "bi_mean_mm", "reversal_mean_mm"),
     *("rms_mm", "rms_deg", "repeat_mm"),
 )
-"""One characteristic figure of each kind. The others repeat these, or depend on the mounting of ball and gauges."""
+"""A characteristic figure of each kind. The others repeat these, or depend on the mounting of ball and gauges."""
 CORRECTED = {"targets": "corrected programs", "entries": "with values entered"}
-"""Names for series driven with a correction; the arm itself is unchanged."""
+"""Names for series measured with a correction; the arm itself is unchanged."""
 _OF_AN_AXIS = {"play_j": "play", "temperature_j": "mean temperature", "warming_j": "warming within a run"}
 """Names of axis figures, followed by the axis number."""
 
 
 @dataclass(frozen=True)
 class Series:
-    """Figure of a test and program over its runs (n), in order of time; limit: from the rig file, if any."""
+    """A figure of a test and program over the runs (n), in order of time. limit: from the rig file, if any."""
 
     title: str
     figure: str
@@ -55,45 +52,45 @@ class Series:
 
     @property
     def corrected(self) -> str:
-        """Correction of the arm during the runs, according to the manifests; empty if none."""
+        """Correction of the arm during the runs, according to the manifests; empty if there is none."""
         return self.runs[0].corrected
 
     @property
     def quantities(self) -> tuple[Quantity, ...]:
-        """Figure of each run."""
+        """The figure of each run."""
         return tuple(run.figures[self.figure] for run in self.runs)
 
     @property
     def values(self) -> Array:
-        """Figure (n,) in its unit."""
+        """The figure (n,) in its unit."""
         return np.array([quantity.value for quantity in self.quantities])
 
     @property
     def unit(self) -> str:
-        """Unit for display."""
+        """The unit for display."""
         return self.quantities[0].sign
 
     @property
     def label(self) -> str:
-        """Name for display."""
+        """The name for display."""
         return label_of(self.figure)
 
 
 @dataclass(frozen=True)
 class History:
-    """Content of `rig history`. few: series with too few runs to show a change."""
+    """The content of `rig history`."""
 
     collected: Collected
     series: tuple[Series, ...]
 
     @property
     def robot(self) -> str:
-        """Requested name of the robot."""
+        """The requested name of the robot."""
         return self.collected.robot
 
     @property
     def changed(self) -> list[tuple[Series, Change]]:
-        """All changes in order of time; simultaneous ones in order of certainty."""
+        """All changes in order of time; simultaneous changes in order of certainty."""
         changes = [(series, change) for series in self.series for change in series.trend.changes]
         return sorted(changes, key=lambda pair: (pair[0].runs[pair[1].first].when.timestamp(), pair[1].chance))
 
@@ -109,10 +106,10 @@ def label_of(figure: str) -> str:
 def history_of(
     collected: Collected, figure: str | None = None, since: date | None = None, limits: Limits | None = None
 ) -> History:
-    """Return the series of a robot's runs with their changes.
+    """Return the series of a robot's runs with changes.
 
-    figure: only this figure, by its name in docs/figures.md. since: first day. limits: in place of those of the newest
-    run. Raises UseError for an unknown figure, FileError if nothing is left.
+    figure: only this figure, by the name in docs/figures.md. since: first day. limits: replace the limits of the newest
+    run. Raises UseError for an unknown figure, and FileError if no series remains.
     """
     runs = [run for run in collected.runs if since is None or run.when.date() >= since]
     names = {name for run in runs for name in run.figures}
@@ -147,9 +144,9 @@ def title_of(test: str, placement: str, corrected: str) -> str:
 
 
 def _programs(runs: Iterable[Record]) -> list[tuple[str, list[Record]]]:
-    """Group runs by test, direction, placement, program and correction, each group with its title.
+    """Group runs by test, direction, placement, program and correction, each group with a title.
 
-    A corrected program shows the correction, not the state of the arm.
+    Runs of a corrected program show the correction, not the state of the arm.
     """
     groups: dict[tuple[str, str, str, str], list[Record]] = {}
     for run in runs:
@@ -168,15 +165,17 @@ _CROSSED: dict[Standing, tuple[tuple[Standing, ...], Standing]] = {
     "watch": (("watch", "fail"), "pass"),
     "fail": (("fail",), "pass"),
 }
-"""Standing of the first run after the crossing, and of the last run before, against the deciding bound, per
-standing."""
+"""For each standing of the newest run: standing of the first run after the crossing and of the last run before,
+against the deciding bound."""
 
 
 @dataclass(frozen=True)
 class Judged:
-    """Series with its limit. standing: of the newest run. bound: deciding bound. since: first run after the crossing.
-    beyond: all
-    failing runs, in order of time. count: number of judged runs."""
+    """A series judged by its limit.
+
+    standing: of the newest run. bound: the deciding bound. since: first run after the crossing. beyond: all failing
+    runs, in order of time. count: number of judged runs.
+    """
 
     limit: Limit
     standing: Standing
@@ -188,14 +187,14 @@ class Judged:
 
 
 def judge(series: Series) -> Judged | None:
-    """Return the standing of a series, None without a limit."""
+    """Return the standing of a series, None if it has no limit."""
     if series.limit is None:
         return None
     last = max(np.flatnonzero(~series.trend.wild), default=-1)
     kept = enumerate(zip(series.runs, series.quantities, series.trend.wild, strict=True))
     runs = [(run, quantity) for k, (run, quantity, is_wild) in kept if not is_wild or k > last]
     standings = [series.limit.standing(quantity.value, quantity.u) for _, quantity in runs]
-    # Deciding bound: `fail` if exceeded, otherwise the lower bound, in the figure's unit
+    # The deciding bound in the unit of the figure: `fail` if exceeded, otherwise the lower bound
     bounds = [size for size in (series.limit.watch, series.limit.fail) if size is not None]
     bound = bounds[-1] if standings[-1] == "fail" else bounds[0]
     against = [Limit(fail=bound).standing(quantity.value, quantity.u) for _, quantity in runs]

@@ -1,7 +1,7 @@
-"""`.history.sqlite` next to the runs: cached figures, so that a run is evaluated once.
+"""`.history.sqlite` next to the runs: cached figures, so that a run is evaluated only once.
 
-It contains derived data only: if deleted, damaged or of a different version, it is rebuilt with the same content.
-SQLite's locks and journal handle concurrent writers and crashes.
+It contains derived data only: if it is deleted, damaged or of a different version, it is rebuilt with the same content.
+The locks and the journal of SQLite handle concurrent writers and crashes.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from analysis.apps.plant.records import Record
 from rigs.distribution import version
 
 FILE = ".history.sqlite"
-"""Hidden, so that `runs/*` in a shell matches runs only."""
+"""A hidden file, because `runs/*` in a shell should match runs only."""
 VERSION = 6
 """Version of the tables and figures."""
 _OURS = 0x52494748
-"""SQLite's application_id, `RIGH`: databases of other programs are left alone."""
+"""SQLite's application_id, `RIGH`: databases of other programs are not touched."""
 _MOST_BYTES = 1_000_000_000
-"""About 300 000 runs of 40 figures; a larger file is not ours."""
+"""About 300 000 runs of 40 figures; a larger file does not belong to rig."""
 _WAIT_S = 10.0
 _OF_THE_SYSTEM = {
     sqlite3.SQLITE_PERM,
@@ -34,7 +34,7 @@ _OF_THE_SYSTEM = {
     sqlite3.SQLITE_FULL,
     sqlite3.SQLITE_CANTOPEN,
 }
-"""Errors of disk, permissions and locks: the file may be valid, and is kept."""
+"""Errors of disk, permissions and locks: the file may be valid and is not deleted."""
 _TABLES = """
 create table made_by (rig text not null);
 create table runs (name blob primary key, record text not null) without rowid;
@@ -42,14 +42,14 @@ create table runs (name blob primary key, record text not null) without rowid;
 
 
 class Unusable(Exception):
-    """The file can neither be read nor created; the history then exists in memory only."""
+    """The file can neither be read nor created: the history then exists in memory only."""
 
 
 def read_records(path: Path) -> tuple[dict[str, Record], str]:
     """Return the records by name, and the reason for rebuilding the file, if any. Raises Unusable."""
     if not path.exists():
         return {}, ""
-    if not path.is_file():  # a FIFO would block
+    if not path.is_file():  # Opening a FIFO would block.
         raise Unusable("it is not a regular file")
     try:
         if path.stat().st_size > _MOST_BYTES:
@@ -62,7 +62,7 @@ def read_records(path: Path) -> tuple[dict[str, Record], str]:
             for (text,) in file.execute("select record from runs order by name"):
                 record = Record.of_json(text)
                 if not record.problem:
-                    datetime.fromisoformat(record.started)  # ValueError means damage
+                    datetime.fromisoformat(record.started)  # A ValueError means damage.
                 records[record.name] = record
             return records, ""
     except (sqlite3.Error, TypeError, ValueError) as error:
@@ -72,12 +72,12 @@ def read_records(path: Path) -> tuple[dict[str, Record], str]:
 
 
 def is_of_the_system(error: Exception) -> bool:
-    """Return whether disk, permissions or locks are at fault, so that the file may be valid."""
+    """Return whether the error is due to disk, permissions or locks, so that the file may be valid."""
     return getattr(error, "sqlite_errorcode", 0) & 0xFF in _OF_THE_SYSTEM
 
 
 def write_records(path: Path, records: Iterable[Record], gone: Iterable[str], *, from_new: bool) -> None:
-    """Add records and remove those of deleted runs. from_new: rebuild the file. Raises Unusable."""
+    """Add records, and remove the records of deleted runs. from_new: rebuild the file. Raises Unusable."""
     try:
         if from_new:
             for name in (path, path.with_name(path.name + "-journal")):

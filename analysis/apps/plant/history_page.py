@@ -19,9 +19,9 @@ from analysis.report.html_page import environment, write_html
 from analysis.report.still_chart import Sheet
 
 _MOST = 60
-"""Limit of pictures on a page, exceeded limits and changes first: about 20 kB each."""
+"""Maximum number of pictures on a page, exceeded limits and changes first: about 20 kB each."""
 _IN_SIGHT = 2.0
-"""A limit is drawn if below this multiple of the largest run; otherwise the runs would look flat."""
+"""A limit is drawn if it is below this multiple of the largest run; otherwise the runs would look flat."""
 _METADATA = ("Creator", "Date", "Format", "Type")
 _DAY_S = 86400.0
 _MARGIN = 0.04
@@ -30,9 +30,10 @@ _INK, _CHANGE, _WILD, _LIMIT = "#1f5fa8", "#d95f02", "#999999", "#222222"
 
 
 def write_page(history: History, path: Path, *, made_of: str = "", overview: str = "") -> None:
-    """Write the page; made_of: digest of the inputs, stated on the page; overview: address of a linked page.
+    """Write the page.
 
-    Raises FileError if it cannot be written.
+    made_of: digest of the inputs, written into the page. overview: address of a linked page. Raises FileError if it
+    cannot be written.
     """
     shown = sorted(history.series, key=lambda series: (not _is_beyond(series), not series.trend.changes))
     rows = [_Row.of(series) for series in history.series]
@@ -58,7 +59,7 @@ def write_page(history: History, path: Path, *, made_of: str = "", overview: str
 
 @dataclass(frozen=True)
 class _Row:
-    """Row of the table: a figure with its first and newest run as text; first is empty for a single run."""
+    """A row of the table: a figure with the first and the newest run as text; first is empty for a single run."""
 
     title: str
     label: str
@@ -79,7 +80,7 @@ class _Row:
 
 
 def _moment(run: Record) -> str:
-    """Return the start of a run, to the minute."""
+    """Return the start of a run to the minute."""
     return f"{run.when:%Y-%m-%d %H:%M}"
 
 
@@ -89,8 +90,8 @@ def _is_beyond(series: Series) -> bool:
 
 
 def _picture(series: Series) -> Markup:
-    """Return an SVG of a figure over time: runs with 2 u, detected levels, outliers as crosses."""
-    when = np.array([run.when.timestamp() / _DAY_S for run in series.runs])  # matplotlib's days since 1970
+    """Return an SVG of a figure over time: runs with 2 u, detected levels, and outliers as crosses."""
+    when = np.array([run.when.timestamp() / _DAY_S for run in series.runs])  # Matplotlib's days since 1970
     values, wild = series.values, series.trend.wild
     u = np.nan_to_num(np.array([quantity.u for quantity in series.quantities]), posinf=0.0)
     figure = Sheet(8, 2.2)
@@ -103,7 +104,7 @@ def _picture(series: Series) -> Markup:
     bounds = ((series.limit.watch, ":"), (series.limit.fail, "--")) if series.limit else ()
     for bound, style in bounds:
         if bound is not None and bound <= _IN_SIGHT * np.max(np.abs(values)):
-            for side in (1, -1):  # a limit applies to the absolute value
+            for side in (1, -1):  # A limit applies to the absolute value.
                 if np.any(side * values > 0):
                     axes.axhline(side * bound, ls=style, lw=1.0, color=_LIMIT)
     axes.set_xlim(when[0] - _MARGIN * np.ptp(when), when[-1] + _MARGIN * np.ptp(when))
@@ -116,7 +117,7 @@ def _picture(series: Series) -> Markup:
     axes.grid(color="#dddddd", lw=0.5)
     axes.spines[["top", "right"]].set_visible(False)
     drawn = io.StringIO()
-    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": series.figure}):  # text as text, and reproducible
+    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": series.figure}):  # Text as text, and reproducible
         figure.savefig(drawn, format="svg", metadata=dict.fromkeys(_METADATA))
-    # It only contains axis numbers and units, escaped by matplotlib.
+    # The SVG only contains axis numbers and units, escaped by matplotlib.
     return Markup(re.sub(r"^.*?(?=<svg)", "", drawn.getvalue(), flags=re.S))  # noqa: S704

@@ -21,7 +21,7 @@ from analysis.runs.tabular import for_json, table_of_rows
 
 _BARS = "▁▂▃▄▅▆▇█"
 _WIDTH = 20
-"""Characters of a sparkline; each is a median of equally many runs."""
+"""Number of characters of a sparkline; each is the median of an equal share of the runs."""
 
 
 def as_screen(history: History) -> RenderableType:
@@ -37,7 +37,7 @@ def as_screen(history: History) -> RenderableType:
 
 
 def _table(all_series: Sequence[Series], title: str) -> Table:
-    """Return a table with a line per figure: its value for single runs, otherwise first, last and a sparkline."""
+    """Return a table with a line per figure: the value for single runs, otherwise first, last and a sparkline."""
     table = Table(title=title, title_style="dim", header_style="bold", box=None, padding=(0, 1))
     table.add_column("")
     table.add_column("")
@@ -107,7 +107,8 @@ def sparkline(values: Array, width: int = _WIDTH) -> str:
 
 
 def as_object(history: History) -> dict[str, Any]:
-    """Return plain values for scripts: every point, change and run without figures; figure names contain the units."""
+    """Return plain values for scripts: every point, every change, and runs with no figures. Figure names contain the
+    units."""
     plain: dict[str, Any] = for_json(
         {
             "robot": history.robot,
@@ -123,7 +124,7 @@ def as_object(history: History) -> dict[str, Any]:
 
 
 def _series_object(series: Series) -> dict[str, Any]:
-    """Return the points of a series, its changes, and its standing; None without a limit."""
+    """Return the points of a series, the changes, and the standing; None if it has no limit."""
     changes = [
         {
             "after_run": series.runs[change.first].name,

@@ -1,4 +1,4 @@
-"""History in plain sentences."""
+"""The history of a robot in plain sentences."""
 
 from __future__ import annotations
 
@@ -17,10 +17,9 @@ _MONTHS = ("Jan", "Feb", "March", "April", "May", "June", "July", "Aug", "Sept",
 
 
 def sentences(history: History) -> list[str]:
-    """Return a sentence per exceeded limit with its date, then per change with its date; or a statement that there
-    are none."""
+    """Return a sentence per exceeded limit and per change, with dates, or a statement that there are none."""
     limited = [line for series in history.series for line in _limit_sentences(series)]
-    # simultaneous changes of a figure in several tests in one direction, the most certain first
+    # Simultaneous changes of a figure in several tests in the same direction, the most certain first
     groups: list[list[tuple[Series, Change]]] = []
     for candidate in history.changed:
         group = next((group for group in groups if _alike(group[0], candidate)), None)
@@ -47,13 +46,13 @@ def sentences(history: History) -> list[str]:
 
 
 def origin(history: History) -> str:
-    """State whether runs are simulated; empty if none."""
+    """Return a statement on simulated runs, empty if there are none."""
     runs = _runs_of(history)
     return simulated_runs(sum(run.simulated for run in runs), len(runs))
 
 
 def too_few(history: History) -> str:
-    """Return the reason for missing sentences, for example a single run with its day."""
+    """Return the reason for missing sentences, for example a single run and its day."""
     runs = _runs_of(history)
     if not runs:
         return "No run has a figure that is followed."
@@ -92,13 +91,13 @@ def remarks(history: History) -> list[str]:
 
 
 def doubts(history: History) -> list[str]:
-    """Return runs without figures, and notes about the history file."""
+    """Return notes about the history file, and runs with no figures."""
     broken = [(record.name, record.problem) for record in history.collected.broken]
     return [*history.collected.notes, *without_figures(broken)]
 
 
 def without_figures(runs: Sequence[tuple[str, str]]) -> list[str]:
-    """Return the runs left out for missing figures, by name, with the reason; empty if none."""
+    """Return the runs omitted for missing figures, by name, with the reason; empty if there are none."""
     if not runs:
         return []
     lines = [f"{counted(len(runs), 'run has no figures and is', 'runs have no figures and are')} left out:"]
@@ -114,7 +113,7 @@ def is_short(series: Series) -> bool:
 
 
 def against_limit(series: Series) -> str:
-    """Return the standing of a series, such as `beyond 0.1 since 2026-05-03`; empty without a limit."""
+    """Return the standing of a series, such as `beyond 0.1 since 2026-05-03`; empty if it has no limit."""
     judged = judge(series)
     if judged is None:
         return ""
@@ -125,7 +124,7 @@ def against_limit(series: Series) -> str:
 
 
 def _limit_sentences(series: Series) -> list[str]:
-    """Return the dates since which a series exceeds or may exceed its limit, or of a temporary excess."""
+    """Return sentences on a limit: the date since which a series exceeds or may exceed it, or a temporary excess."""
     judged = judge(series)
     if judged is None or (judged.standing == "pass" and not judged.beyond):
         return []
@@ -147,7 +146,7 @@ def _limit_sentences(series: Series) -> list[str]:
 
 
 def dates(series: Series, change: Change) -> str:
-    """Return the dates of a change, such as `between 3 and 17 May 2026`; clock times within a day."""
+    """Return the dates of a change, such as `between 3 and 17 May 2026`, or clock times within a day."""
     first, last = series.runs[change.first].when, series.runs[change.last].when
     if first.date() == last.date():
         return f"on {_day(first)} between {first:%H:%M} and {last:%H:%M}"

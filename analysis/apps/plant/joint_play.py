@@ -2,21 +2,15 @@
 
 Only backlash causes jumps at reversals; the other errors are smooth along the lap. Angle and distance of a lap are
 therefore fitted by low orders and, for each reversing joint, by the modelled change of the readings caused by backlash.
-A
-wide backlash is crossed over many degrees, so its shape depends on its size: shapes are computed for several widths,
-and
-the sizes follow from nonlinear least squares in between. If gravity keeps the gears on one flank, there is no jump and
-the
-figure is near zero. Source: Y. T. Oh, Applied Sciences 9 (2019), 3.2.
+A wide backlash is crossed over many degrees, so the shape depends on the size: shapes are computed for several widths,
+and the sizes follow from nonlinear least squares in between. If gravity keeps the gears on the same flank, there is no
+jump and the figure is near zero. Source: Y. T. Oh, Applied Sciences 9 (2019), 3.2.
 
 A gear wave near a reversal can resemble backlash. A gear error depends on the joint angle, and a reversing joint passes
-the
-same wave twice, which gives a bend instead of a jump. Fitted by backlash alone, a gear error of axis 4 with order 8
-became
-a backlash of axis 5 of -0.30° ± 0.03°. So waves of all axes and usual orders are fitted too, each with a size
-determined by
-the lap (automatic relevance, MacKay 1992): waves not visible in the lap cost nothing, and waves indistinguishable from
-backlash increase its uncertainty.
+the same wave twice, which gives a bend instead of a jump. In a fit of backlash only, a gear error of axis 4 with order
+8 appeared as a backlash of axis 5 of -0.30° ± 0.03°. Waves of all axes and usual orders are therefore fitted too, each
+with a size determined by the lap (automatic relevance, MacKay 1992). Waves not visible in the lap have no effect, and
+waves indistinguishable from backlash increase the uncertainty.
 """
 
 from __future__ import annotations
@@ -46,7 +40,7 @@ if TYPE_CHECKING:
 
 
 ORDERS = (1, 2, 3, 4, 5, 6, 8, 10, 12)
-"""Cycles per turn of a joint: eccentricity, wave generators and their stages; faster waves are rarely as large, and
+"""Cycles per turn of a joint: eccentricity, wave generators and their stages. Faster waves are rarely as large, and
 shorter than the neighbourhood of a jump."""
 _SIZE_DEG = 0.005
 """Initial size of a wave: usual gears have some thousandths of a degree."""
@@ -56,9 +50,11 @@ _ROUNDS = 40
 
 @dataclass(frozen=True)
 class Fitted:
-    """sizes (p,) of the backlash in degrees, their part of the solution (p, m) by the readings (m,), variance of a
-    reading, and
-    misfit: minus twice the log evidence."""
+    """The result of a fit.
+
+    sizes_deg (p,): sizes of the backlash. solve (p, m): linear part of the solution by the readings (m,). u_deg (p,):
+    uncertainties. misfit: minus twice the log evidence.
+    """
 
     sizes_deg: Array
     solve: Array
@@ -67,9 +63,9 @@ class Fitted:
 
 
 def waves_of(slopes: Array, q: Array) -> Array:
-    """Return the response of a lap to waves of one degree: (m, 2 pairs) in mm, alternating sine and cosine.
+    """Return the response (m, 2 pairs) in mm of a lap to waves of one degree, alternating sine and cosine.
 
-    slopes (m, 6) mm per degree of joint error; q (m, 6) rad: joints at the readings.
+    slopes (m, 6): in mm per degree of joint error. q (m, 6): joint angles in rad at the readings.
     """
     turns = q[:, :, None] * np.array(ORDERS)
     both = np.stack([np.sin(turns), np.cos(turns)], axis=3) * slopes[:, :, None, None]
@@ -88,8 +84,8 @@ def fitted(
 ) -> Fitted:
     """Fit backlash and waves to a lap (m,) mm, starting from start_deg (p,).
 
-    curve, slopes: response of the lap to backlash (p,) in degrees, (m,) mm, and its derivatives (m, p); waves (m, k) mm
-    per degree; alike: number of correlated readings.
+    curve, slopes: response (m,) mm of the lap to backlash (p,) in degrees, and the derivatives (m, p). waves (m, k): in
+    mm per degree. alike: number of correlated readings.
     """
     sizes, plays = start_deg.copy(), len(start_deg)
     variances = np.full(waves.shape[1] // 2, _SIZE_DEG**2)
@@ -119,28 +115,32 @@ def fitted(
 
 
 _SMOOTH = 12
-"""Smooth orders: offsets, links and set-up have orders up to 3, eccentric gears some more."""
+"""Number of smooth orders: offsets, links and set-up have orders up to 3, eccentric gears some more."""
 _WIDTHS_DEG = np.concatenate([0.0025 * 2 ** np.arange(0.0, 6.1, 0.25), [0.32]])
-"""Widths with computed responses, interpolated smoothly. Factor of 1.19: with 1.41 the curve of 0.024° was wrong by
-half the noise of a reading, and the backlash of a different joint absorbed the difference."""
+"""Widths with computed responses, interpolated smoothly in between. The factor is 1.19: with 1.41 the curve of
+0.024° was wrong by half the noise of a reading, and the backlash of a different joint absorbed the difference."""
 _BOTH_WAYS_DEG = np.concatenate([-_WIDTHS_DEG[::-1], [0.0], _WIDTHS_DEG])
 _ROWS = 3000
-"""Rows of a modelled lap: four per node."""
+"""Number of rows of a modelled lap: four per node."""
 _INDEPENDENT = 72
-"""Independent sections of a lap: a jump is judged by a neighbourhood of about 5°."""
+"""Number of independent sections of a lap: a jump is judged by a neighbourhood of about 5°."""
 _OUT_DEG = 0.01
-"""Small enough for a proportional response."""
+"""Angle error for derivatives, small enough for a proportional response."""
 _BELOW_ZERO = 3.0
-"""Backlash is never negative. Noise below zero is set to zero; beyond this limit in u, the cause is a different one."""
+"""Limit of negative values in multiples of u. Backlash is never negative, so noise below zero is set to zero; beyond
+this limit the cause is a different one."""
 _WORST_U_DEG = 0.05
-"""Results with a larger uncertainty are left out: their jumps are too small, or too close to those of a different
+"""Maximum uncertainty of a result. Beyond it the jumps are too small, or too close to the jumps of a different
 joint."""
 
 
 @dataclass(frozen=True)
 class _Jumps:
-    """Response of a lap to backlash, smooth in the width: per axis curves (2 widths + 1, 2 NODES) mm, from the widest
-    negative value, a mirror image that noise may resemble, through zero to the widest."""
+    """Response of a lap to backlash, smooth in the width.
+
+    curves (axes, 2 widths + 1, 2 NODES) mm: from the widest negative value, a mirror image that noise may resemble,
+    through zero to the widest.
+    """
 
     curves: Array
     by_width: tuple[CubicSpline, ...]
@@ -179,7 +179,7 @@ def joint_plays(result: Result) -> dict[str, Quantity]:
     basis = np.linalg.qr(_smooth())[0]
 
     def rough(curves: Array) -> Array:
-        """Return curves (..., 2 NODES) mm without their smooth part."""
+        """Return curves (..., 2 NODES) mm with the smooth part removed."""
         rest_mm: Array = curves - (curves @ basis) @ basis.T
         return rest_mm
 
@@ -210,7 +210,7 @@ def _starts(lap: Array, jumps: _Jumps) -> tuple[Array, Array]:
     """Return initial sizes (axes,) in degrees for a lap (2 NODES,) mm: zero, and the widths that explain most of it in
     turn.
 
-    Joints reversing together have similar responses, hence the second start.
+    Joints that reverse together have similar responses, hence the second start.
     """
     none = np.zeros(len(jumps.curves))
     start, residual_mm = none.copy(), lap
@@ -226,7 +226,7 @@ def _starts(lap: Array, jumps: _Jumps) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class _Lap:
-    """Modelled first lap. q (NODES, 6) rad: joints at the nodes."""
+    """The first lap as modelled. q (NODES, 6): joint angles in rad at the nodes."""
 
     rig: Rig
     way: CircleTable
@@ -239,7 +239,7 @@ class _Lap:
     @classmethod
     def of(cls, laps: Laps, table: CircleTable, rig: Rig, half_mm: float) -> _Lap:
         lap = laps.first
-        # With the lead-in, because backlash depends on the history; to the end of the first lap.
+        # Include the lead-in, because backlash depends on the history, and end with the first lap.
         upto = int(np.searchsorted(table.t_s, lap.t_s[-1], side="right"))
         rows = slice(None, upto, max(1, len(lap.t_s) // _ROWS))
         way = replace(table, t_s=table.t_s[rows], q=table.q[rows], g_mm=table.g_mm[rows], u_t_s=None)

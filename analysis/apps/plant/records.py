@@ -1,5 +1,7 @@
-"""History record of a run: description, figures, or the reason for their absence. Joint temperatures are figures too,
-because gears and links expand with them."""
+"""History record of a run: description and figures, or the reason for missing figures.
+
+Joint temperatures are figures too, because gears and links expand with them.
+"""
 
 from __future__ import annotations
 
@@ -29,8 +31,8 @@ from rigs.schema.vocabulary import DrivenTest
 
 
 def joint_warmth(condition: Condition) -> dict[str, Quantity]:
-    """Return `temperature_j1_c` …, the mean over the run, and `warming_j1_c` …, the rise within it, of joints with
-    temperatures.
+    """Return the temperatures of joints as figures: the mean `temperature_j1_c` … and the rise `warming_j1_c` … in the
+    run.
 
     u is the variation of the readings; makers do not state the accuracy of the sensors.
     """
@@ -41,9 +43,9 @@ def joint_warmth(condition: Condition) -> dict[str, Quantity]:
 
 
 _MOST_BYTES = 1_000_000_000
-"""Largest ledger, as in the store."""
+"""Maximum size of a ledger, as in the store."""
 _NOT_OF_THE_PROGRAM = {"eccentricity_mm", "laps", "visits"}
-"""Keys that differ between cells and runs of one program, and only affect the uncertainty of a figure."""
+"""Keys that differ between cells and runs of the same program, and only affect the uncertainty of a figure."""
 
 
 def escaped(text: str) -> str:
@@ -53,9 +55,9 @@ def escaped(text: str) -> str:
 
 @dataclass(frozen=True)
 class Record:
-    """Run in the history: directory name, fingerprint, start (ISO 8601), test, and figures.
+    """A run in the history: directory name, fingerprint, start (ISO 8601), test, and figures.
 
-    problem: one-line reason for missing figures. program: short digest of circle or hemisphere in the rig file.
+    problem: reason for missing figures, in a line. program: short digest of circle or hemisphere in the rig file.
     readings: digest of the measurements, empty if unreadable. simulated: whether no real robot was measured. corrected:
     correction during the run, according to the manifest.
     """
@@ -76,13 +78,13 @@ class Record:
 
     @property
     def as_json(self) -> str:
-        """Return the record as a line of JSON for `of_json`, with lone surrogates escaped."""
+        """The record as a line of JSON for `of_json`, with lone surrogates escaped."""
         figures = {name: astuple(quantity) for name, quantity in self.figures.items()}
         return json.dumps(vars(self) | {"figures": figures, "problem": escaped(self.problem)})
 
     @classmethod
     def of_json(cls, line: str) -> Record:
-        """Parse a line of JSON. Raises TypeError or ValueError if invalid."""
+        """Parse a line of JSON. Raises TypeError or ValueError if it is invalid."""
         fields = json.loads(line)
         try:
             return cls(**fields | {"figures": {name: Quantity(*figure) for name, figure in fields["figures"].items()}})
@@ -101,12 +103,13 @@ class Record:
         when = when if when.tzinfo else when.replace(tzinfo=UTC)
         try:
             return when.astimezone()
-        except OverflowError:  # within a day of the first or last year
+        except OverflowError:  # Within a day of the first or last year
             return when
 
 
 def fingerprint_of(run: Path) -> str:
-    """Return the SHA-256 of a run's manifest, ledger and file sizes; the ledger contains the SHA-256 of every chunk.
+    """Return the SHA-256 of the manifest, ledger and file sizes of a run; the ledger contains the SHA-256 of every
+    chunk.
 
     Raises OSError or FileError.
     """
@@ -120,16 +123,16 @@ def fingerprint_of(run: Path) -> str:
 
 
 def record_of(path: Path, manifest: Manifest, fingerprint: str) -> Record:
-    """Evaluate a single run, independent of other runs; never raises for a bad run."""
+    """Evaluate a run, independent of other runs. Never raises for a bad run."""
     program, problem, readings, simulated = "", "", "", False
     figures: dict[str, Quantity] = {}
     try:
         datetime.fromisoformat(manifest.started)
         with warnings.catch_warnings():
-            warnings.simplefilter("error", RuntimeWarning)  # a figure that becomes nan is not a result
+            warnings.simplefilter("error", RuntimeWarning)  # A figure that becomes NaN is not a result.
             measured = load_measured(path)
             readings, simulated = measured.run.readings_sha256, measured.is_simulated
-            # Digest of the robot program; figures of different programs are not comparable
+            # Digest of the robot program: figures of different programs are not comparable
             is_driven = manifest.test in get_args(DrivenTest)
             part = getattr(measured.rig.tests, kind_named(manifest.test).part) if is_driven else None
             driven = part.model_dump(mode="json", exclude=_NOT_OF_THE_PROGRAM) if part else {}

@@ -1,4 +1,4 @@
-"""State of a robot in a line: standing against its limits, changes with dates, and doubts."""
+"""One-line state of a robot: standing against the limits, changes with dates, and doubts."""
 
 from __future__ import annotations
 
@@ -16,21 +16,22 @@ from analysis.procedures.shared.quantity import Quantity
 from rigs.schema.limits import Standing
 
 Attention = Literal["beyond", "watch", "unreadable", "changed", "within", "unlimited"]
-"""Reason for attention, most urgent first: a figure exceeds its limit, or may exceed it; no run has figures; a figure
-grew beyond its scatter; all figures are within their limits; there are no limits."""
+"""Reasons for attention, most urgent first: a figure exceeds its limit, or may exceed it; all runs lack figures; a
+figure grew beyond its scatter; all figures are within their limits; limits are not defined."""
 ORDER: tuple[Attention, ...] = ("beyond", "watch", "unreadable", "changed", "within", "unlimited")
 
 
 @dataclass(frozen=True)
 class State:
-    """Robot in the list of `rig fleet`; folder: directory of its runs relative to the plant's.
+    """A robot in the list of `rig fleet`.
 
-    tests: such as `yaw acw`. runs: number with figures. last: start of the newest run, ISO 8601. standing: worst
-    standing, empty without limits. worst: figure closest to or furthest beyond its limit, as text, and worst_ratio, its
-    value over the bound. trend: change with its date, as text. changed: its day. grew: whether it is a growth.
-    without_figures: runs by name with the reason. wild: outliers left out. copies: copied runs. simulated: runs without
-    a real robot. corrected: runs with corrected programs or entered values, which say nothing about the arm and are not
-    judged. problem: reason for a missing judgement.
+    folder: directory of the runs relative to the plant's directory. tests: such as `yaw acw`. runs: number of runs with
+    figures. last: start of the newest run, ISO 8601. standing: worst standing, empty if there are no limits. worst:
+    figure closest to or furthest beyond its limit, as text. worst_ratio: value of this figure divided by the bound.
+    trend: change with its date, as text. changed: day of the change. grew: whether it is a growth. without_figures:
+    runs by name with the reason. wild: number of excluded outliers. copies: copied runs. simulated: simulated runs.
+    corrected: runs with corrected programs or entered values, which do not show the arm and are not judged. problem:
+    reason for a missing judgement.
     """
 
     folder: str
@@ -106,12 +107,12 @@ def state_of(folder: str, collected: Collected) -> State:
 
 
 def as_json(state: State) -> str:
-    """Return a state as text for `state_from_json`; invalid Unicode, refused by pydantic, is supported."""
+    """Return a state as text for `state_from_json`, which, unlike pydantic, accepts invalid Unicode."""
     return json.dumps(asdict(state))
 
 
 def state_from_json(text: str) -> State:
-    """Parse a stored state. Raises TypeError or ValueError if damaged."""
+    """Parse a stored state. Raises TypeError or ValueError if it is damaged."""
     fields: dict[str, Any] = json.loads(text)
     names = tuple((run, why) for run, why in fields.pop("without_figures"))
     return State(**fields | {"tests": tuple(fields["tests"]), "without_figures": names})
@@ -125,7 +126,7 @@ def in_order(states: Sequence[State]) -> list[State]:
 
 
 def _worst(all_series: Sequence[Series]) -> tuple[Standing | Literal[""], str, float]:
-    """Return the worst standing, its figure as text, and the ratio to the bound; the largest ratio for equal
+    """Return the worst standing, the figure as text, and the ratio to the bound; the largest ratio for equal
     standings."""
     judgements = []
     for series in all_series:
@@ -141,10 +142,10 @@ def _worst(all_series: Sequence[Series]) -> tuple[Standing | Literal[""], str, f
 
 
 def _trend(all_series: Sequence[Series]) -> tuple[str, str, bool]:
-    """Return the day of a robot's newest change, its text, and whether it is a growth.
+    """Return the day of the newest change of a robot, a text on it, and whether it is a growth.
 
     The last change of each series counts, because it describes the present state: a repaired figure shrank. Growth has
-    precedence, then certainty for changes of one day.
+    precedence, then certainty for changes on the same day.
     """
     last = [(series, series.trend.changes[-1]) for series in all_series if series.trend.changes]
     grown = [pair for pair in last if abs(pair[1].after) > abs(pair[1].before)]

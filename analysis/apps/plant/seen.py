@@ -1,8 +1,7 @@
-"""List the runs of a plant by names, sizes and times of files, without opening them.
+"""Listing of the runs of a plant by names, sizes and times of files, without opening them.
 
-Remote stores provide their own state of a file, such as the ETag of an object store.
-
-A new or changed run is examined: the catalogue stores its record and rig file.
+Remote stores provide a state of each file, such as the ETag of an object store. A new or changed run is examined: the
+catalogue stores the record and the rig file.
 """
 
 from __future__ import annotations
@@ -25,8 +24,11 @@ from rigs.errors import FileError
 
 @dataclass(frozen=True)
 class Seen:
-    """Run on the disk. run: path relative to the plant's directory. signature: digest of names, sizes and times of its
-    files, empty if they cannot be listed or compared."""
+    """A run on the disk.
+
+    run: path relative to the plant's directory. signature: digest of the names, sizes and times of the files, empty if
+    they cannot be listed or compared.
+    """
 
     path: Path
     run: str
@@ -36,7 +38,7 @@ class Seen:
 def seen_runs(directory: Path) -> Iterator[Seen]:
     """Yield every run below a directory in order of path.
 
-    Raises FileError if the directory does not exist, CellError if a store does not respond.
+    Raises FileError if the directory does not exist, and CellError if a store does not respond.
     """
     if isinstance(directory, RemotePath):
         for run in remote_runs(directory):
@@ -49,12 +51,12 @@ def seen_runs(directory: Path) -> Iterator[Seen]:
     if not directory.is_dir():
         raise FileError(str(directory), "no such directory", "give the directory that holds the plant's runs")
     for path in run_directories([directory]):
-        if path != directory:  # returned for itself if there are no runs
+        if path != directory:  # It is returned itself if there are no runs.
             yield Seen(path, os.path.relpath(path, directory), signature_of(path))
 
 
 def signature_of(run: Path) -> str:
-    """Return a digest of the names, sizes and times of a run's files, at one system call per file; empty if
+    """Return a digest of the names, sizes and times of a run's files, with one system call per file; empty if
     unreadable."""
     try:
         with os.scandir(run) as entries:
@@ -74,8 +76,11 @@ def _digest(files: Iterable[tuple[str, int, str]]) -> str:
 
 @dataclass(frozen=True)
 class Examined:
-    """Record of a run. rig_text: its rig file. is_evaluated: whether it was evaluated; then only a change requires a
-    new examination."""
+    """The record of a run.
+
+    rig_text: rig file of the run. is_evaluated: whether it was evaluated; then only a change requires a new
+    examination.
+    """
 
     record: Record
     rig_text: str = ""
@@ -83,9 +88,9 @@ class Examined:
 
 
 def examine(path: Path) -> Examined | None:
-    """Evaluate a run, or return the reason for failure; None if it is gone. Never raises for a bad run.
+    """Evaluate a run, and return the record with figures or the reason for failure; None if the run is gone.
 
-    Raises RigError for a remote run that cannot be fetched.
+    Never raises for a bad run. Raises RigError for a remote run that cannot be fetched.
     """
     with fetched(path) as directory:
         examined = _examined(directory)

@@ -1,4 +1,4 @@
-"""Reversals of the joints, on which hysteresis depends."""
+"""Joint reversals, which hysteresis depends on."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from rigs.schema.scene import play
 _TURN_RAD = np.radians(0.003)
 """Smaller changes are encoder noise, not reversals."""
 _STANDS_S = 0.1
-"""The robot stands if no joint turns by more than encoder noise within this time: every program is faster."""
+"""Window for a standstill: the robot is at rest if all joints turn by less than encoder noise within this time.
+Every program is faster."""
 _INSTANT_S = 1e-6
 """Rounding error of a time."""
 _NEAR_S = 0.25
@@ -23,10 +24,10 @@ _NONE: Integers = np.empty(0, dtype=np.intp)
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Reported angles q (n, axes) rad at t_s (n,). Where its joints turn back is computed once and shared.
+    """Reported angles q (n, axes) rad at times t_s (n,). Joint reversals are computed once and shared.
 
-    `samples_per_visit`: 0 for one trace in order of time. Otherwise each so many samples are a visit by itself: the
-    time between visits and their order are unknown.
+    samples_per_visit: 0 for a single trace in order of time. Otherwise every group of this size is a separate visit:
+    the time between visits and their order are unknown.
     """
 
     t_s: Array
@@ -35,7 +36,7 @@ class Motion:
     _reversals: dict[int, list[tuple[float, float]]] = field(default_factory=dict, init=False, repr=False)
 
     def reversals(self, axis: int) -> list[tuple[float, float]]:
-        """When a joint (from 1) turns back, s, and the direction (±1) it takes then; never within a visit."""
+        """Return the reversals of a joint (from 1): time in s, and new direction (±1). Visits contain no reversals."""
         if self.samples_per_visit:
             return []
         if axis not in self._reversals:
@@ -44,20 +45,19 @@ class Motion:
 
     @cached_property
     def _stand_ends(self) -> Integers:
-        """Return the last rows (s,) of all periods in which the whole robot stands."""
+        """The last rows (s,) of all standstills of the robot."""
         ends = [end - 1 for _, end in standing(self.t_s, self.q, _TURN_RAD, _STANDS_S) if end < len(self.t_s)]
         return np.array(ends, dtype=np.intp)
 
 
 def standing(t_s: Array, q: Array, still_rad: float, window_s: float) -> list[tuple[int, int]]:
-    """Return the rows [begin, end) of each period in which no joint moves by still_rad within window_s, without
-    overlap.
+    """Return the rows [begin, end) of each standstill: all joints move by less than still_rad within window_s.
 
-    Times t_s (n,) s, reported angles q (n, 6) rad.
+    Times t_s (n,) s, reported angles q (n, 6) rad. The standstills do not overlap.
     """
     rows = np.arange(len(t_s))
     ahead = np.searchsorted(t_s, t_s + window_s - _INSTANT_S).clip(max=len(t_s) - 1)
-    # A robot that reverses without a stop returns to its position, but moves in between.
+    # A robot that reverses with no stop returns to the same position, but moves in between.
     moved = np.maximum(np.abs(q[ahead] - q), np.abs(q[(rows + ahead) // 2] - q)).max(axis=1)
     still = (moved < still_rad) & (t_s[ahead] - t_s >= 0.9 * window_s)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(int), [0]])))
@@ -74,8 +74,8 @@ def standing(t_s: Array, q: Array, still_rad: float, window_s: float) -> list[tu
 def turns(t_s: Array, x: Array, stand_ends: Integers = _NONE) -> list[tuple[float, float]]:
     """Return the reversals of x (n,) rad: time in s, and new direction (±1).
 
-    `stand_ends` (s,) contains the last row of each standstill of the whole robot: there a reversal happens at the
-    departure. Otherwise it happens at the vertex of the motion.
+    stand_ends (s,): last row of each standstill of the robot. A reversal in a standstill happens at the departure;
+    otherwise it happens at the vertex of the motion.
     """
     follower = play(x, _TURN_RAD / 2)
     moving = np.flatnonzero(np.diff(follower))
@@ -83,7 +83,7 @@ def turns(t_s: Array, x: Array, stand_ends: Integers = _NONE) -> list[tuple[floa
     changes = np.append(np.flatnonzero(np.diff(x)), len(x) - 1)
     reversals = []
     for k in np.flatnonzero(np.diff(direction)):
-        # The follower moves again only after the gap; the reversal itself was at the previous extreme.
+        # The follower resumes only after the gap; the reversal itself was at the previous extreme.
         between = slice(moving[k], moving[k + 1] + 1)
         extreme = moving[k] + int(np.argmin(direction[k + 1] * x[between]))
         last = int(changes[np.searchsorted(changes, extreme)])
@@ -93,11 +93,10 @@ def turns(t_s: Array, x: Array, stand_ends: Integers = _NONE) -> list[tuple[floa
         if len(ended):
             when = t_s[ended[-1]]
         elif len(_near(t_s, extreme)) < _LEAST:
-            when = t_s[last]  # at a program stop: the joint reverses at the departure
+            when = t_s[last]  # At a program stop the joint reverses at the departure.
         else:
             # Between samples: the vertex of a parabola through the samples around the extreme, which rounding may
-            # flatten. If there is
-            # no parabola, as around a stop, the extreme itself is sufficient.
+            # flatten. If there is no parabola, as around a stop, the extreme itself is sufficient.
             middle = (extreme + last) // 2
             near = _near(t_s, middle)
             since = t_s[near] - t_s[middle]
@@ -109,7 +108,7 @@ def turns(t_s: Array, x: Array, stand_ends: Integers = _NONE) -> list[tuple[floa
 
 
 def _near(t_s: Array, k: int) -> Integers:
-    """Return the indices of samples with times t_s (n,) s close to that of sample k."""
+    """Return the indices of samples with times t_s (n,) s close to the time of sample k."""
     first, end = np.searchsorted(t_s, t_s[k] + 2 * _NEAR_S * np.array([-1, 1]))
     near: Integers = first + np.flatnonzero(np.abs(t_s[first:end] - t_s[k]) <= _NEAR_S)
     return near

@@ -1,9 +1,9 @@
-"""Predict instrument readings from reported joint angles: the forward model used everywhere.
+"""Prediction of instrument readings from reported joint angles: the forward model used everywhere.
 
 reported angles, in order of time  →  effects  →  readings
 
-The same function serves simulated programs and measured tables, so a difference between them lies in the model instead
-of the method.
+The same function serves simulated programs and measured tables. A difference between the two is therefore due to the
+model, not to the method.
 
 The geometric part of a model is an arm: joint zeros and link constants are valid in all postures, so any program for
 rigid arms can use them completely. Compliance, waves, backlash, growth and lag are not included.
@@ -25,18 +25,18 @@ from rigs.schema.scene import STAGES
 
 _NOTHING = np.empty(0)
 _VISIT_S = 4.0
-"""Time between targets for tables without times."""
+"""Time between the targets of an untimed table."""
 _LONG, _KEPT = 20_000, 4
-"""Path length in samples above which scenes are not cached, and the number cached for a shorter path, at most 4 MB
-each."""
+"""Path length in samples above which scenes are not cached, and number of cached scenes for a shorter path, at most
+4 MB each."""
 
 
 @dataclass(frozen=True)
 class Path:
     """Reported motion of a table, including positions between the readings.
 
-    motion: n samples. rows (m,): samples with readings. stands: whether the robot stood at each reading long enough to
-    make clock differences irrelevant. alone: whether the tool is simulated at the readings only, because later effects
+    motion: n samples. rows (m,): samples with readings. stands: whether the robot rested at each reading long enough to
+    make clock differences irrelevant. alone: whether the tool is simulated only at the readings, because later effects
     have little memory.
     """
 
@@ -63,9 +63,9 @@ class Path:
 
 @dataclass(frozen=True)
 class SetUp:
-    """Set-up: estimated in every fit, not part of a rig file.
+    """Set-up: estimated in every fit, and not part of a rig file.
 
-    ball (3,) mm in the world; zeros_mm (k,): negative gauge offsets. For pose tables T_instrument_world and
+    ball (3,) mm in the world. zeros_mm (k,): negative gauge offsets. For pose tables T_instrument_world and
     T_tool_target (4, 4): pose of the instrument, and position of the target on the tool.
     """
 
@@ -77,7 +77,7 @@ class SetUp:
 
 @dataclass(frozen=True)
 class Model:
-    """Arm of a rig with its loads and effects."""
+    """The arm of a rig with loads and effects."""
 
     rig: Rig
     arm: Arm
@@ -86,16 +86,18 @@ class Model:
 
 
 def model_of(rig: Rig, effects: Sequence[Effect] | None = None) -> Model:
-    """Return the model of a rig, with the effects of its file and calibration, or with the given ones."""
+    """Return the model of a rig, with the effects of its file and calibration or with the given effects."""
     if effects is None:
         effects = (*rig.effects, *(rig.calibrated.effects if rig.calibrated else ()))
     return Model(rig, arm_of(rig.robot), load_of(rig.robot), tuple(effects))
 
 
 def stops(q: Array, t_s: Array | None = None, came_from: Array | None = None) -> Path:
-    """The motion of a robot that stands at each reading, in their order, at joints q (n, axes) rad and times t_s (n,) s
-    if they are known; came_from (n, axes) rad: where the joints were before, None if each comes from the reading
-    before."""
+    """Return the motion of a robot that stops at each reading, in the given order.
+
+    q (n, axes): joint angles in rad at the readings. t_s (n,): times in s, if known. came_from (n, axes): joint angles
+    in rad before each reading; None if the robot arrives from the previous reading.
+    """
     t = _VISIT_S * np.arange(1.0, len(q) + 1) if t_s is None or len(t_s) < 2 or np.diff(t_s).min() <= 0 else t_s
     beat = _VISIT_S if len(t) < 2 else float(np.diff(t).min())
     places = [q] * 3 if came_from is None else [came_from, q, q, q]
@@ -107,8 +109,11 @@ def stops(q: Array, t_s: Array | None = None, came_from: Array | None = None) ->
 
 
 def visits(q: Array, came_from: Array | None = None) -> Path:
-    """Return the motion of a robot that stands at joints q (n, axes) rad in an unknown order; came_from (n, axes) rad:
-    where each joint was before, None if it is unknown. Each visit has the same times, since the table has none."""
+    """Return the motion of a robot that stops at each reading in an unknown order.
+
+    q (n, axes): joint angles in rad at the readings. came_from (n, axes): joint angles in rad before each reading, None
+    if unknown. Each visit has the same times, because the table is untimed.
+    """
     places = [q, q] if came_from is None else [came_from, q, q]
     samples = len(places)
     t_s = np.tile(_VISIT_S * np.linspace(0.0, 1.0, samples), len(q))
@@ -125,15 +130,15 @@ def gauged(model: Model, path: Path, scene: Scene, setup: SetUp, g_mm: Array) ->
 def moved(model: Model, path: Path) -> Scene:
     """Return the scene up to the tool stage.
 
-    For short paths recent scenes are cached, because fits, gaps and steps of a diagnosis reuse them.
+    Recent scenes of short paths are cached, because fits, gaps and steps of a diagnosis reuse the scenes.
     """
     if len(path.q) > _LONG:
         return posed(model, path, driven(model, path))
     key = (id(model.arm), id(model.load), *(effect.model_copy(update={"found": None}) for effect in model.effects))
     kept = path._scenes.pop(key, None)
-    if kept is None or kept[0].arm is not model.arm:  # after copying a path the keys belong to other objects
+    if kept is None or kept[0].arm is not model.arm:  # After copying a path the keys belong to other objects.
         kept = (model, posed(model, path, driven(model, path)))
-    path._scenes[key] = kept  # with the model, so that its parts keep their identities
+    path._scenes[key] = kept  # Store the model too, so that the parts keep their identities.
     if len(path._scenes) > _KEPT:
         del path._scenes[next(iter(path._scenes))]
     return kept[1]
@@ -177,12 +182,12 @@ def is_geometric(effect: Effect) -> bool:
 
 
 def geometric_part(model: Model) -> Model:
-    """Return the model without effects that arm constants cannot represent."""
+    """Return the model reduced to effects that constants of the arm can represent."""
     return replace(model, effects=tuple(effect for effect in model.effects if is_geometric(effect)))
 
 
 def geometric_arm(model: Model) -> Arm:
-    """Return the arm with all joint zeros and link constants of a model merged into its constants.
+    """Return the arm with all joint zeros and link constants of a model merged into the constants.
 
     It gives the same poses as the geometric part of the model.
     """

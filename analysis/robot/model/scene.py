@@ -1,5 +1,4 @@
-"""The simulator's scene for effects (`rigs/schema/scene.py`), with an arm, its loads, and gravity on joints and
-base."""
+"""The simulator's scene for effects (`rigs/schema/scene.py`): an arm with loads, and gravity on joints and base."""
 
 from __future__ import annotations
 
@@ -17,12 +16,13 @@ from rigs.schema.robot import Robot
 from rigs.schema.scene import Stage
 
 _G = 9.80665
-"""m/s², standard acceleration of free fall (ISO 80000-3), against z of the world."""
+"""Standard acceleration of free fall in m/s² (ISO 80000-3), opposite to z of the world."""
 
 
 @dataclass(frozen=True)
 class Load:
-    """mass (axes,) kg of each link, centre (axes, 3) mm in its frame, payload_kg at the flange."""
+    """Link masses. mass (axes,) kg of each link, centre (axes, 3) mm in the frame of the link, payload_kg at the
+    flange."""
 
     mass: Array
     centre: Array
@@ -39,8 +39,7 @@ def load_of(robot: Robot) -> Load:
 class Pull:
     """Gravity at n postures.
 
-    torque (n, axes) Nm on each joint of the controller; moment (n, 3) Nm of everything carried by the base, about its
-    origin and in its axes.
+    torque (n, axes) Nm on each joint of the controller. moment (n, 3) Nm on the base, about its origin and in its axes.
     """
 
     torque: Array
@@ -50,7 +49,7 @@ class Pull:
 _recent: deque[tuple[Arm, Load, Array, Pull]] = deque(maxlen=32)
 """Gravity of recent traces: a fit requests the same few repeatedly. Values are never changed in place."""
 _KEPT_ROWS = 50_000
-"""Longer traces are not cached: 32 of them would need 150 MB, and a simulation requests them once."""
+"""Longer traces are not cached: 32 traces would need 150 MB, and a simulation requests each of them once."""
 
 
 def pull(arm: Arm, load: Load, q: Array) -> Pull:
@@ -89,13 +88,11 @@ def pull(arm: Arm, load: Load, q: Array) -> Pull:
 
 @dataclass(frozen=True)
 class Scene:
-    """Scene with n samples in order of time.
+    """A scene with n samples in order of time. Values of later stages are empty.
 
-    motion: as reported; link_q (n, axes) rad; T (n, 4, 4) of the tool in the world; contact (n,) rad: contact angle of
-    the
-    link around the ball; form_mm (n,): distance added by the ball's form; offsets_mm (k,): gauge positions on the
-    baseline;
-    g_mm (n, k): readings. Values of later stages are empty.
+    motion: as reported. link_q (n, axes) rad. T (n, 4, 4): the tool in the world. contact (n,) rad: contact angle of
+    the link around the ball. form_mm (n,): distance added by the form of the ball. offsets_mm (k,): gauge positions on
+    the baseline. g_mm (n, k): readings.
     """
 
     arm: Arm
@@ -120,7 +117,7 @@ class Scene:
 
     @property
     def samples_per_visit(self) -> int:
-        """Samples of each visit of a table without times; 0 for one trace in order of time."""
+        """Number of samples per visit in an untimed table; 0 for a single trace in order of time."""
         return self.motion.samples_per_visit
 
     @property
@@ -129,11 +126,11 @@ class Scene:
         return self.arm.T_world_base[:3, 3]
 
     def reported_at(self, t_s: Array) -> Array:
-        """Reported angles (n, axes) rad at instants t_s (n,), the ends held.
+        """Return the reported angles (n, axes) rad at times t_s (n,), constant beyond the ends.
 
-        By cubics with the slopes of the samples: straight lines would be wrong by more than a millisecond's lag does.
-        A joint that stands beside a sample has no slope there. In a table without times the robot stands at each
-        reading, so that other instants have the same angles.
+        The interpolation is cubic with the slopes of the samples: the error of a linear interpolation exceeds the
+        effect of a lag of a millisecond. The slope is zero next to a standstill of the joint. In an untimed table the
+        robot rests at each reading, so other times have the same angles.
         """
         t = self.t_s
         if self.samples_per_visit:
@@ -145,7 +142,7 @@ class Scene:
         x = np.clip((t_s - t[k]) / width, 0.0, 1.0)
         rise, begin, end = x * x * (3 - 2 * x), width * x * (1 - x) ** 2, width * x * x * (1 - x)
         angles = np.empty((len(t_s), self.q.shape[1]))
-        for axis, q in enumerate(self.q.T):  # one axis after the other, to limit temporary arrays of a long trace
+        for axis, q in enumerate(self.q.T):  # Process the axes in turn, to limit the temporary arrays of a long trace.
             slopes = np.gradient(q, t)
             stands = np.diff(q) == 0
             slopes[:-1][stands] = slopes[1:][stands] = 0.0
@@ -157,7 +154,7 @@ class Scene:
         return self.motion.reversals(axis)
 
     def torques(self, payload_kg: float = 0.0) -> Array:
-        """Return the gravity torque on each joint (n, axes) Nm, with an additional payload, or a smaller one, at
+        """Return the gravity torque on each joint (n, axes) Nm. payload_kg: change of the payload; the sum is at
         least zero."""
         hangs_kg = max(self.load.payload_kg + payload_kg, 0.0)
         return pull(self.arm, replace(self.load, payload_kg=hangs_kg), self.q).torque
@@ -167,9 +164,9 @@ class Scene:
         return pull(self.arm, self.load, self.q).moment
 
     def link_after(self, axis: int) -> tuple[Array, Array, Array]:
-        """Return joint position (n, 3) mm, axis direction (n, 3), and end of the link (n, 3) mm for a joint (from 1).
+        """Return the joint position (n, 3) mm, axis direction (n, 3) and link end (n, 3) mm for a joint (from 1).
 
-        The end is the joint position for a link without length.
+        If the link has no length, the end is the joint position.
         """
         place, direction, end = np.empty((3, len(self.link_q), 3))
         for block in blocks(len(self.link_q)):
@@ -199,7 +196,8 @@ class Scene:
     def along_rail(self, error_mm_m: Array) -> Scene:
         """Return the scene with the tool moved by an error (3,) in mm per metre of the rail position.
 
-        Components: along the rail, across it horizontally in the base frame, and across both. No change without a rail.
+        Components: along the rail, across the rail horizontally in the base frame, and across both. The scene is
+        unchanged if the arm has no rail.
         """
         if self.arm.rail is None:
             return self
@@ -243,7 +241,7 @@ class Scene:
         return replace(self, offsets_mm=offsets_mm)
 
     def read(self, gauge: str, change: Callable[[Array], Array]) -> Scene:
-        """Return the scene with changed readings (n,) mm of a gauge; unchanged in a test without this gauge."""
+        """Return the scene with changed readings (n,) mm of a gauge; unchanged if the test does not use this gauge."""
         column = {"g1": 0, "g2": 1}[gauge]
         if column >= self.g_mm.shape[1]:
             return self

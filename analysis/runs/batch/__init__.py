@@ -1,1 +1,2 @@
-"""Apply a function to many runs: in this process, in several, or on a cluster; a failure affects only one run."""
+"""Apply a function to many runs: in this process, in several processes, or on a cluster. A failure affects a single
+run."""

@@ -1,9 +1,7 @@
-"""`each`: apply a function to many items, in this process, in several, or on the workers of a Dask cluster, with equal
-results.
+"""`each`: apply a function to items in this process, in several processes, or on a Dask cluster, with equal results.
 
-The cluster must be running: nothing here listens. Its scheduler reassigns the items of a dead worker. Workers see the
-same files under the same paths, and have the same versions of numerical packages, so their results equal those of this
-computer.
+The cluster must be running already. The scheduler reassigns the items of a dead worker. Workers see the same files
+under the same paths and have the same versions of numerical packages, so the results equal local results.
 """
 
 from __future__ import annotations
@@ -28,18 +26,16 @@ from rigs.errors import CellError, FileError
 def each(
     work: Callable[[Item], Value], items: Sequence[Item], *, jobs: int = 1, scheduler: str | None = None
 ) -> Generator[Outcome[Item, Value], None, None]:
-    """Yield the outcome for each item in order, as soon as it and its predecessors are available.
+    """Yield the outcome for each item in order, as soon as the outcome and all previous outcomes are available.
 
-    work: a stateless module-level function, importable by other processes. A RigError or numerical error is the outcome
-    of the
-    item; other exceptions are bugs and are raised here. items, values: picklable. jobs: local processes; 0 for one per
-    core.
-    scheduler: address of a Dask scheduler whose workers are used instead.
+    work: a stateless module-level function, importable by other processes. A RigError or a numerical error becomes the
+    outcome of the item; other exceptions are bugs and are raised here. items, values: picklable. jobs: number of local
+    processes; 0 for one per core. scheduler: address of a Dask scheduler to use instead.
 
     Remote runs are always fetched by separate processes: store packages start threads, and a process waiting for a
     store can be ended immediately.
 
-    After a killed process, for example by the out-of-memory killer, the item is repeated once and then fails. Closing
+    If a process is killed, for example by the out-of-memory killer, the item is repeated once and then fails. Closing
     the iteration, as after Ctrl-C, kills the processes.
     """
     if scheduler is not None:
@@ -61,16 +57,16 @@ def each(
 
 
 _AHEAD = 1000
-"""Items submitted to the cluster ahead of the expected one: more than the threads of a cluster."""
+"""Number of items submitted to the cluster ahead of the expected item: more than the threads of a cluster."""
 _CONNECTED_S = 10
 _COMPUTING = (NAME, "numpy", "scipy")
-"""Packages whose versions affect the digits of a result."""
+"""Packages with an influence on the last digits of a result."""
 
 
 def on_cluster(work: Callable[[Item], Value], items: Sequence[Item], address: str) -> Iterator[Outcome[Item, Value]]:
-    """Yield the outcomes in order of the items. Items not yet started are cancelled at the end of the iteration.
+    """Yield the outcomes in order of the items. Items that have not started are cancelled at the end of the iteration.
 
-    Raises FileError if dask.distributed is not installed, CellError for a cluster that does not respond, has no
+    Raises FileError if dask.distributed is not installed, and CellError for a cluster that does not respond, has no
     workers, or has different versions.
     """
     client = _connected(address)
@@ -96,11 +92,11 @@ def _connected(address: str) -> Any:
     except ModuleNotFoundError:
         problem = "needs dask.distributed, which is not installed"
         raise FileError("--scheduler", problem, to_install("distributed")) from None
-    # Its log of a lost connection would appear among the results; relevant errors are raised here.
+    # The log of a lost connection would appear among the results. Relevant errors are raised here.
     for logger in ("distributed", "distributed.client"):
         logging.getLogger(logger).setLevel(logging.CRITICAL)
     try:
-        # A client without a scheduler takes long to close, even after Ctrl-C.
+        # A client of a missing scheduler takes long to close, even after Ctrl-C.
         asyncio.run(asyncio.wait_for(_asked(address), _CONNECTED_S))
         return Client(address, timeout=_CONNECTED_S, set_as_default=False)
     # MemoryError: other programs may announce any message size
@@ -120,7 +116,7 @@ async def _asked(address: str) -> None:
 
 
 def _require_same_versions(client: Any, address: str) -> None:
-    """Raise CellError unless there are workers, all with the versions of this computer."""
+    """Raise CellError unless the cluster has workers, all with the versions of this computer."""
     for package in _COMPUTING:
         ours = metadata.version(package)
         theirs = client.run(metadata.version, package, on_error="return")
@@ -133,7 +129,7 @@ def _require_same_versions(client: Any, address: str) -> None:
 
 
 def _result(future: Any, item: object, address: str) -> Any:
-    """Return the result of `attempt` on a worker, or the error of an item whose workers died."""
+    """Return the result of `attempt` on a worker, or an error if the workers of the item died."""
     from distributed import KilledWorker  # noqa: PLC0415
 
     try:

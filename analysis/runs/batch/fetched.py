@@ -1,4 +1,4 @@
-"""Local copy of a remote run for the duration of its processing."""
+"""Local copies of remote runs during their processing."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ _place: ContextVar[str | None] = ContextVar("place", default=None)
 
 @contextmanager
 def fetched(run: Path) -> Iterator[Path]:
-    """Provide the directory of a run; a remote run is copied, and the copy removed at the end.
+    """Provide the directory of a run. A remote run is copied, and the copy is removed at the end.
 
-    A process has one copy at a time, so it needs space for its largest run only. Errors in the block name the original
-    run. Raises RigError if it cannot be fetched.
+    A process has a single copy at a time and therefore needs space for the largest run only. Errors in the block name
+    the original run. Raises RigError if the run cannot be fetched.
     """
     if not isinstance(run, RemotePath):
         yield run
@@ -43,7 +43,7 @@ def fetched(run: Path) -> Iterator[Path]:
 
 
 def named(text: str, copy: Path, run: Path) -> str:
-    """Replace the copy by the original run in a text."""
+    """Replace the path of the copy by the original run in a text."""
     if copy == run:
         return text
     return text.replace(to_recover(copy), "run `rig recover` on a copy of it").replace(str(copy), str(run))
@@ -51,16 +51,16 @@ def named(text: str, copy: Path, run: Path) -> str:
 
 @contextmanager
 def place_of_copies() -> Iterator[str]:
-    """Provide a directory for the copies of several processes, which survives their deaths.
+    """Provide a directory for the copies of several processes, which remains if a process dies.
 
-    It is removed at the end, also after SIGTERM or a hang-up. Raises CellError if it cannot be created.
+    It is removed at the end, even after SIGTERM or a hang-up. Raises CellError if it cannot be created.
     """
     with _temporary_directory(None) as name, removed_at_signals(name, _kill_workers):
         yield name
 
 
 def fetching_into(place: str, work: Callable[[Item], Value], item: Item) -> Value:
-    """Run the work with copies in a directory that survives this process."""
+    """Run the work with copies in a directory that remains if this process dies."""
     before = _place.set(place)
     try:
         return work(item)

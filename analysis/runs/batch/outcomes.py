@@ -1,4 +1,4 @@
-"""Outcome of an item: a value or an error, never an exception, because one bad run must not end the others."""
+"""The outcome of an item: a value or an error, never an exception, because a bad run must not end the others."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _REMEDY = "check those in its rig file and in its readings"
 
 @dataclass(frozen=True)
 class Done(Generic[Item, Value]):
-    """Item with its value; deaths: processes killed while working on it before."""
+    """An item with a value. deaths: number of processes killed before while working on it."""
 
     item: Item
     value: Value
@@ -25,7 +25,7 @@ class Done(Generic[Item, Value]):
 
 @dataclass(frozen=True)
 class Failed(Generic[Item]):
-    """Item with an error; deaths: processes killed while working on it."""
+    """An item with an error. deaths: number of processes killed while working on it."""
 
     item: Item
     error: RigError
@@ -36,9 +36,9 @@ Outcome = Done[Item, Value] | Failed[Item]
 
 
 def attempt(work: Callable[[Item], Value], item: Item) -> Value | RigError:
-    """Return the value of the work, or the error of the item; other exceptions are bugs and are raised.
+    """Return the value of the work, or the error of the item. Other exceptions are bugs and are raised.
 
-    A RuntimeWarning is an error here in every process: numpy only warns if a figure becomes nan.
+    A RuntimeWarning is an error here in every process: numpy warns only if a figure becomes NaN.
     """
     try:
         with warnings.catch_warnings():
@@ -60,7 +60,7 @@ def outcome_of(item: Item, result: Value | RigError, deaths: int = 0) -> Outcome
 
 
 def is_numerical(error: BaseException) -> bool:
-    """Return whether a computation failed numerically: overflow, nan, or an error of numpy's or scipy's solvers."""
+    """Return whether a computation failed numerically: overflow, NaN, or an error of a solver in numpy or scipy."""
     if isinstance(error, ArithmeticError | RuntimeWarning) or type(error).__name__ == "LinAlgError":
         return True
     trace = error.__traceback__

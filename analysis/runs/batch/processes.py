@@ -1,7 +1,7 @@
-"""Work in several local processes, one item each at a time.
+"""Process items in several local processes, each with one item at a time.
 
-A single item identifies the cause of a killed process; `concurrent.futures` abandons all work in that case. There are
-no threads here, so a fork never copies one in the middle of an operation.
+If a process is killed, the item is therefore known; `concurrent.futures` abandons all work in that case. This process
+has no threads, because a fork could copy a thread in the middle of an operation.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ from analysis.runs.batch.outcomes import Failed, Item, Outcome, Value, attempt, 
 from rigs.errors import CellError
 
 _CONTEXT = mp.get_context("fork") if sys.platform == "linux" else mp.get_context("spawn")
-"""A fork has all modules imported; outside Linux it is unsafe or missing."""
+"""A fork has all modules imported already. Outside Linux it is unsafe or missing."""
 _TRIES = 2
-"""Attempts per item after killed processes: the out-of-memory killer may have chosen the wrong one."""
+"""Attempts per item after a killed process: the out-of-memory killer may have chosen the wrong process."""
 
 _SIGNALS_S = 1.0
-"""Duration of a wait: Python handles Ctrl-C between calls, so a Ctrl-C just before a wait would take effect only at its
+"""Duration of a wait. Python handles Ctrl-C between calls: a Ctrl-C just before a wait would take effect only at the
 end (seen once in a thousand test runs on a busy computer)."""
 
 _AHEAD = 200
-"""Items started ahead of the expected one; their values are kept in memory."""
+"""Number of items started ahead of the expected item; the values stay in memory."""
 
 
 def cores() -> int:
@@ -41,7 +41,7 @@ def cores() -> int:
 
 @dataclass
 class _Worker:
-    """Process and connection; place: index of the present item."""
+    """A process and the connection to it. place: index of the current item."""
 
     process: BaseProcess
     line: Connection[Any, Any]
@@ -64,7 +64,8 @@ def in_processes(
                     place, worker.place = worker.place, None
                     assert place is not None  # noqa: S101 - only those at work are listened to
                     try:
-                        # Result of the work. Raises EOFError if the process has died, and exceptions of bugs
+                        # The result of the work. Raises EOFError if the process has died, and exceptions caused by
+                        # bugs.
                         is_bug, answer = worker.line.recv()
                         if is_bug:
                             raise answer
@@ -90,12 +91,14 @@ def _keep_busy(
     todo: list[int],
     most: tuple[int, int],
 ) -> None:
-    """Give an item to each idle worker, and start workers; most: limit of workers, and the first index not to be
-    started."""
+    """Give an item to each idle worker, and start workers.
+
+    most: maximum number of workers, and the first index that must not start yet.
+    """
     processes, end = most
     while todo and todo[-1] < end:
         idle = next((worker for worker in workers if worker.place is None), None)
-        if idle is not None and not idle.process.is_alive():  # killed while idle: unrelated to an item
+        if idle is not None and not idle.process.is_alive():  # It was killed while idle, independent of any item.
             workers.remove(idle)
             _bury(idle)
             continue
@@ -109,7 +112,7 @@ def _keep_busy(
             idle = _Worker(process, ours)
             workers.append(idle)
         idle.place = todo.pop()
-        with suppress(ConnectionError):  # it has died since, which is detected next
+        with suppress(ConnectionError):  # If it has died in the meantime, this is detected next.
             idle.line.send(items[idle.place])
 
 
@@ -138,12 +141,12 @@ def _killed(item: object, process: BaseProcess) -> CellError:
 
 
 def _serve(work: Callable[[Any], Any], line: Connection[Any, Any]) -> None:
-    """Process items until the parent is gone. The parent handles Ctrl-C, which reaches every process."""
+    """Process items until the parent has ended. The parent handles Ctrl-C, which reaches every process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = mp.parent_process()
     assert parent is not None  # noqa: S101 - this is a child
     with suppress(EOFError, ConnectionError):
-        # Later workers inherit the parent's end, so the death of the parent does not close the connection.
+        # Later workers inherit the end of the parent, so the death of the parent does not close the connection.
         while parent.sentinel not in wait([line, parent.sentinel]):
             item = line.recv()
             try:

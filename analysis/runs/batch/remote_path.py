@@ -1,7 +1,8 @@
 """Remote runs and directories by URL: `s3://bucket/plant`, `sftp://host/srv/plant`.
 
-Commands treat a URL like a path, so it is a path class whose text is the URL. It opens nothing: files are fetched by
-`analysis.runs.batch.fetched`. A password in a URL would appear in process lists, messages and files, so it is rejected.
+Commands treat a URL like a path, so this is a path class with the URL as text. It does not access files:
+`analysis.runs.batch.fetched` does. A password in a URL is rejected, because it would appear in process lists, messages
+and files.
 """
 
 from __future__ import annotations
@@ -14,9 +15,9 @@ from rigs.errors import FileError
 
 _URL = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*)://([^/]*)(.*)", re.DOTALL)
 _SLASHED_PASSWORD = re.compile(r"[^/@]*:(?!\d+/)[^@]*@", re.DOTALL)
-"""Password containing a slash, which ends the host name: the part after the colon is not a port."""
+"""A password that contains a slash, which ends the host name: the part after the colon is not a port."""
 _WITHOUT_HOST = ("file", "local")
-"""Protocols with URLs without host or bucket: three slashes follow."""
+"""Protocols with no host or bucket in the URL: three slashes follow."""
 _WEB = ("http", "https")
 if TYPE_CHECKING:
     _Path = Path
@@ -25,7 +26,7 @@ else:
 
 
 class RemotePath(_Path):
-    """URL with the parts protocol (with colon), host or bucket, and the names below."""
+    """A URL. parts: protocol with a colon, host or bucket, and the names below."""
 
     def __str__(self) -> str:
         """Return the URL, or the names of a relative path."""
@@ -44,17 +45,17 @@ class RemotePath(_Path):
 
     @property
     def protocol(self) -> str:
-        """For example `s3`."""
+        """The protocol, for example `s3`."""
         return self.parts[0][:-1]
 
     @property
     def top(self) -> str:
-        """URL of the host or bucket."""
+        """The URL of the host or bucket."""
         return f"{self.protocol}:///" if self.protocol in _WITHOUT_HOST else f"{self.protocol}://{self.parts[1]}"
 
     @property
     def steps(self) -> tuple[str, ...]:
-        """Names below `top`."""
+        """The names below `top`."""
         return self.parts[1 if self.protocol in _WITHOUT_HOST else 2 :]
 
 

@@ -1,6 +1,6 @@
 """Remote file stores through fsspec: list directories, find runs, and report failures in one line.
 
-fsspec is an optional extra, and each protocol has a package with different errors. They are classified here by the
+fsspec is an optional extra, and the package of each protocol raises different errors. They are classified here by
 remedy: install a package, check the URL, request access, or wait for the network.
 
 Runs below a URL are found by listing file names. An object store lists a thousand objects per request regardless of
@@ -29,17 +29,18 @@ from rigs.distribution import to_install
 from rigs.errors import CellError, FileError, RigError
 
 NO_RUNS = "lost+found"
-"""Directory at the top of a file system, accessible to root only."""
+"""A directory at the top of a file system with access for root only."""
 _CHUNKS = (".parquet", ".arrow")
 
 
 def is_run(names: Iterable[str]) -> bool:
-    """Return whether these file names identify a run, however damaged; a ledger without a manifest suffices."""
+    """Return whether these file names belong to a run, however damaged. A ledger is sufficient, even if the manifest
+    is missing."""
     return not OF_A_RUN.isdisjoint(names)
 
 
 def has_figures(name: str) -> bool:
-    """Return whether figures depend on a file; marks of exports and protection do not affect figures."""
+    """Return whether figures depend on a file. Marks of exports and protection do not affect figures."""
     return name in (MANIFEST, LEDGER) or name.endswith(_CHUNKS)
 
 
@@ -49,13 +50,13 @@ def is_read(name: str) -> bool:
 
 
 _PACKAGES = {"s3": "s3fs", "sftp": "sshfs", "ssh": "sshfs"}
-"""fsspec packages of the protocols with an extra."""
+"""fsspec packages of the protocols available as an extra."""
 _SSH = ("sftp", "ssh")
 _SSH_OPTIONS = {"known_hosts": (), "connect_timeout": 10, "keepalive_interval": 15}
-"""Options of asyncssh: check host keys against ~/.ssh/known_hosts, which sshfs omits; time-outs for unresponsive hosts
-(in s), and for hosts that fall silent (three times the interval)."""
+"""Options of asyncssh: check host keys against ~/.ssh/known_hosts, which sshfs omits; time-outs in s for
+unresponsive hosts, and for hosts that fall silent (three times the interval)."""
 _STAMPS = ("ETag", "etag", "md5Hash", "mtime", "LastModified", "last_modified", "modified", "created")
-"""Keys describing the state of a file, most reliable first, in the notation of fsspec packages."""
+"""Keys for the state of a file in the notations of the fsspec packages, most reliable first."""
 _DENIED = {
     "PermissionError",
     "PermissionDenied",
@@ -72,12 +73,12 @@ _LONGEST = 200
 
 
 class StoreLost(CellError):
-    """A store does not respond, so further requests would fail too."""
+    """The store does not respond: further requests would fail too."""
 
 
 @dataclass(frozen=True)
 class RemoteFile:
-    """File in a directory: name, size in bytes, and a stamp that changes with the file, empty if unavailable."""
+    """A file in a directory: name, size in bytes, and a stamp that changes with the file, empty if unavailable."""
 
     name: str
     size: int
@@ -86,7 +87,7 @@ class RemoteFile:
 
 @contextmanager
 def explained(where: RemotePath) -> Iterator[None]:
-    """Convert exceptions of a store to RigError; StoreLost if it does not respond."""
+    """Convert exceptions of a store to RigError, and to StoreLost if it does not respond."""
     try:
         yield
     except (RigError, MemoryError):
@@ -96,7 +97,7 @@ def explained(where: RemotePath) -> Iterator[None]:
 
 
 def opened(path: RemotePath) -> tuple[Any, str]:
-    """Return the fsspec file system of a URL and its path there. Raises exceptions of the packages."""
+    """Return the fsspec file system of a URL and the path in it. Raises exceptions of the packages."""
     import fsspec  # noqa: PLC0415 - an extra
 
     options: dict[str, Any] = {}
@@ -110,7 +111,7 @@ def opened(path: RemotePath) -> tuple[Any, str]:
 
 
 def entries(store: Any, folder: str) -> tuple[list[RemoteFile], list[str]]:
-    """Return the files and the subdirectory names of a directory, without links to directories.
+    """Return the files and the subdirectory names of a directory, excluding links to directories.
 
     Raises exceptions of the packages.
     """
@@ -131,20 +132,20 @@ def entries(store: Any, folder: str) -> tuple[list[RemoteFile], list[str]]:
 
 
 def remote_file(name: str, info: dict[str, Any]) -> RemoteFile:
-    """Return a file from the store's information."""
+    """Return a file from the information given by the store."""
     stamp = next((str(info[key]) for key in _STAMPS if info.get(key) is not None), "")
     return RemoteFile(name, int(info["size"]), stamp)
 
 
 def name_below(folder: str, path: str) -> str:
-    """Return the relative path of a file below a directory; empty if it is not below."""
+    """Return the relative path of a file below a directory, or an empty text if it is elsewhere."""
     start = folder.rstrip("/") + "/"
     path = "/" + path if start.startswith("/") and not path.startswith("/") else path
     return path[len(start) :].rstrip("/") if path.startswith(start) else ""
 
 
 def is_plain(name: str) -> bool:
-    """Return whether a name is a plain file or directory name; object keys can be any text."""
+    """Return whether a name is a plain file or directory name. Object keys can be any text."""
     return name not in ("", ".", "..") and not {"/", "\\", "\0"} & set(name)
 
 
@@ -202,7 +203,7 @@ def _explanation(where: RemotePath, error: Exception) -> RigError:
 
 
 def _reason(error: Exception) -> str:
-    """Return the text of an error without possible passwords or signatures in URLs."""
+    """Return the text of an error, with possible passwords and signatures removed from URLs."""
     words = " ".join((getattr(error, "strerror", None) or str(error)).split()) or type(error).__name__
     words = re.sub(r"(://[^\s?]*)\?[^\s'\"]*", r"\1", re.sub(r"//[^/@\s]*@", "//", words))
     return words[:_LONGEST].rstrip(".")
@@ -215,14 +216,14 @@ Steps = tuple[str, ...]
 
 @dataclass(frozen=True)
 class RemoteRun:
-    """Remote run; files: in its directory, None if it cannot be listed."""
+    """A remote run. files: in the directory, None if it cannot be listed."""
 
     path: RemotePath
     files: tuple[RemoteFile, ...] | None
 
 
 def remote_runs(top: RemotePath) -> list[RemoteRun]:
-    """Return the runs below a URL, or the run it names, in order of names. Raises RigError."""
+    """Return the runs below a URL, or the run at the URL, in order of names. Raises RigError."""
     (outcome,) = in_processes(listed, [top], 1)
     if isinstance(outcome, Failed):
         raise outcome.error
@@ -230,7 +231,7 @@ def remote_runs(top: RemotePath) -> list[RemoteRun]:
 
 
 def listed(top: RemotePath) -> list[RemoteRun]:
-    """Return runs, and directories that may contain runs, in this process; nested runs are excluded."""
+    """Return runs, and directories that may contain runs, in this process. Nested runs are excluded."""
     runs: list[RemoteRun] = []
     run: Steps | None = None
     with explained(top):
@@ -245,7 +246,7 @@ def listed(top: RemotePath) -> list[RemoteRun]:
 
 
 def _of_objects(store: Any, folder: str) -> Iterator[tuple[Steps, tuple[RemoteFile, ...]]]:
-    """Yield a directory and those below it, from the names of all objects."""
+    """Yield a directory and all directories below it, from the names of all objects."""
     folders: dict[Steps, list[RemoteFile]] = {}
     store.invalidate_cache(folder)
     for name, info in store.find(folder, detail=True).items():
@@ -257,7 +258,8 @@ def _of_objects(store: Any, folder: str) -> Iterator[tuple[Steps, tuple[RemoteFi
 
 
 def _walked(store: Any, top: str, where: RemotePath) -> Iterator[tuple[Steps, tuple[RemoteFile, ...] | None]]:
-    """Yield a directory and those below it by listing each; an inaccessible directory has None in place of files."""
+    """Yield a directory and all directories below it by listing each. Inaccessible directories have None in place of
+    files."""
     todo: list[Steps] = [()]
     while todo:
         steps = todo.pop()

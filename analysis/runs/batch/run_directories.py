@@ -1,4 +1,4 @@
-"""Expand user input to runs: a directory or URL represents all runs below it."""
+"""Expand user input to runs: a directory or URL stands for all runs below it."""
 
 from __future__ import annotations
 
@@ -13,11 +13,10 @@ from rigs.errors import FileError
 
 
 def run_directories(paths: Iterable[Path]) -> list[Path]:
-    """Return the runs represented by the paths, in the given order without repetition; within a directory in order of
-    names.
+    """Return the runs given by paths, in the given order without repetition, and in order of names within a directory.
 
-    A path without runs represents itself, so that reading it reports the problem. Raises CellError if a store does not
-    respond.
+    A path that contains no runs is returned unchanged, and reading it then reports the problem. Raises CellError if a
+    store does not respond.
     """
     runs: dict[Path, Path] = {}
     for path in paths:
@@ -35,9 +34,9 @@ def run_directories(paths: Iterable[Path]) -> list[Path]:
 
 
 def _runs_below(top: Path) -> Iterator[Path]:
-    """Yield the runs below a directory. Each directory is entered once, even with several links.
+    """Yield the runs below a directory. Each directory is entered once, even if several links lead to it.
 
-    An unreadable directory is returned like a run, because it may contain some.
+    An unreadable directory is returned like a run, because it may contain runs.
     """
     entered: set[tuple[int, int]] = set()
     todo = [top]

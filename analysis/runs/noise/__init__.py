@@ -1,1 +1,1 @@
-"""Noise of readings: estimated from repeats, otherwise assumed with a wide prior."""
+"""Noise of readings: estimated from repeats, or assumed with a wide prior."""

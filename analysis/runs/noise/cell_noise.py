@@ -1,4 +1,4 @@
-"""The noise of real robot cells, as ranges that are assumed where a measurement does not determine its own noise.
+"""The noise of real robot cells, as ranges assumed if a measurement does not determine the noise.
 
 A range is a `LogUniform`: a standard deviation that is equally likely anywhere between two bounds on a logarithmic
 scale. Robots: data-sheet repeatability after ISO 9283 (RP ± 10 µm of small arms, ± 20 to 50 µm of others; RT of paths
@@ -19,7 +19,7 @@ from this table."""
 
 
 def least_known(sources: Iterable[NoiseSource]) -> NoiseSource:
-    """Return the least certain of several sources, which is that of a figure made with all of them."""
+    """Return the least certain of several sources, which applies to a figure based on all of them."""
     return max(sources, key=get_args(NoiseSource).index)
 
 
@@ -32,37 +32,38 @@ class LogUniform:
 
     @property
     def middle(self) -> float:
-        """The geometric mean of the bounds."""
+        """Geometric mean of the bounds."""
         return math.sqrt(self.low * self.high)
 
     @property
     def rms(self) -> float:
-        """The root of the mean variance, which determines an uncertainty."""
+        """Root of the mean variance, which determines an uncertainty."""
         return math.sqrt((self.high**2 - self.low**2) / (2 * math.log(self.high / self.low)))
 
 
 WHITE_MM = LogUniform(0.0002, 0.003)
-"""White noise of one gauge: probe, cable and mounting. Each gauge and each run has its own level."""
+"""White noise of a gauge: probe, cable and mounting. The level differs between gauges and between runs."""
 SLOW_MM = LogUniform(0.0005, 0.020)
-"""Slow noise along a lap, common to both gauges and separate: servo ripple, vibration, path repeatability of data
-sheets."""
+"""Slow noise along a lap, for common and separate noise of the gauges: servo ripple, vibration, path repeatability
+of data sheets."""
 JOINT_DEG = LogUniform(0.0003, 0.005)
-"""Scatter of a joint's position between runs, from repeatability and the resolution of encoders."""
+"""Scatter of the position of a joint between runs, from repeatability and the resolution of encoders."""
 BALL_MM = LogUniform(0.001, 0.020)
-"""Scatter of the ball's position between runs, along each axis, from clamping and temperature."""
+"""Scatter of the position of the ball between runs, along each axis, from clamping and temperature."""
 BALL_ELSEWHERE_MM = 3 * BALL_MM.high
-"""A ball that lies so far from where it was, was touched or mounted again."""
+"""Displacement of the ball between runs from which it must have been touched or remounted."""
 TARGET_MM = LogUniform(0.003, 0.060)
-"""Scatter between stops at one target, from ISO 9283 repeatability; each target has its own, with heavy tails."""
+"""Scatter between stops at a target, from ISO 9283 repeatability. Each target has a separate scatter, with heavy
+tails."""
 SEAT_MM = 0.01
-"""Standard uncertainty of a coordinate of a ball that is seated in a cone or three balls by a magnet: kinematic seats
-repeat to some micrometres, and dust and oil are a hundredth of a millimetre."""
+"""Standard uncertainty of a coordinate of a ball held by a magnet in a cone or on three balls. Kinematic seats
+repeat to some micrometres; dust and oil contribute a hundredth of a millimetre."""
 TRACKER_U_MM = 0.02
-"""Standard uncertainty of one coordinate of a laser tracker at some metres, where a table says nothing of it."""
+"""Standard uncertainty of a coordinate measured by a laser tracker at some metres, if a table does not state it."""
 TRACKER_MM = 0.01
-"""Noise of a coordinate that a laser tracker measures at some metres, standard deviation."""
+"""Standard deviation of the noise of a coordinate measured by a laser tracker at some metres."""
 DRIFT_MM_PER_S = 0.020 / 600.0
 """Largest drift in either direction, from temperature and clamping: 20 µm in ten minutes."""
 LEVELS_APART = 4.0
-"""Largest ratio between the noise levels of two runs, or of two gauges, of one cell: the factor of 1 to 4 of real
+"""Largest ratio between the noise levels of two runs, or of two gauges, of a cell: the factor of 1 to 4 of real
 cells."""

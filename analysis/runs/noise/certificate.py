@@ -1,8 +1,8 @@
-"""Corrections of readings by calibration certificates, and the uncertainty that a run does not average out.
+"""Corrections of readings by calibration certificates, and the uncertainty that averaging over a run does not reduce.
 
-A gauge at temperature T shows r for the length (r + correction(r)) (1 + coefficient (T - reference)). Where the rig
-file does not define the temperature of the cell, 20 ± 5 °C with a rectangular distribution is assumed, as in halls
-without air conditioning.
+A gauge at temperature T shows r for the length (r + correction(r)) (1 + coefficient (T - reference)). If the rig file
+does not define the temperature of the cell, 20 ± 5 °C with a rectangular distribution is assumed, as in halls with no
+air conditioning.
 """
 
 from __future__ import annotations
@@ -19,16 +19,15 @@ from rigs.rig import Rig
 from rigs.schema.probe import Certificate, GaugeCertificate, Temperature
 
 _ASSUMED = Temperature(mean_c=20.0, u_c=5.0 / math.sqrt(3))
-"""The temperature of a cell that is assumed where the rig file does not define one: 20 ± 5 °C, rectangular, hence
-divided by √3."""
+"""Temperature of the cell if the rig file does not define it: 20 ± 5 °C, rectangular, hence divided by √3."""
 
 
 @dataclass(frozen=True)
 class Systematic:
-    """Standard uncertainties, in mm, that no number of readings reduces.
+    """Standard uncertainties in mm that no number of readings reduces.
 
-    `gauge_mm` is an error of each gauge in order that varies slowly over its range; `ball_mm` is that of the ball's
-    radius in the direction in which the link touches it; `link_mm` is that of the link's length, common to all targets.
+    gauge_mm: error of each gauge, in order, that varies slowly over the range. ball_mm: error of the ball's radius in
+    the direction of the contact with the link. link_mm: error of the length of the link, common to all targets.
     """
 
     gauge_mm: tuple[float, ...] = ()
@@ -37,11 +36,12 @@ class Systematic:
 
 
 NO_CERTIFICATE = Systematic()
-"""The systematic uncertainty of parts without a certificate."""
+"""The systematic uncertainty of uncertified parts."""
 
 
 def correction_mm(certificate: GaugeCertificate, reading_mm: Array) -> Array:
-    """Return the correction to add to readings (...,) mm; beyond the range of the certificate it is that at its end."""
+    """Return the correction to add to readings (...,) mm. Beyond the range of the certificate the value at the end
+    applies."""
     if certificate.valid_mm is None:
         return np.zeros_like(reading_mm)
     within = np.clip(reading_mm, *certificate.valid_mm)
@@ -54,12 +54,12 @@ def correction_mm(certificate: GaugeCertificate, reading_mm: Array) -> Array:
 
 
 def corrected(certificate: GaugeCertificate, reading_mm: Array, temperature: Temperature | None) -> Array:
-    """Return the lengths (...,) mm that a gauge with this certificate showed as readings (...,) mm."""
+    """Return the lengths (...,) mm for the readings (...,) mm of a gauge with this certificate."""
     return (reading_mm + correction_mm(certificate, reading_mm)) * _growth(certificate, temperature)
 
 
 def as_shown(certificate: GaugeCertificate, length_mm: Array, temperature: Temperature | None) -> Array:
-    """Return the readings (...,) mm by which a gauge with this certificate shows lengths (...,) mm, the inverse of
+    """Return the readings (...,) mm of a gauge with this certificate for lengths (...,) mm: the inverse of
     `corrected`."""
     at_reference = length_mm / _growth(certificate, temperature)
     if certificate.valid_mm is None:
@@ -72,9 +72,10 @@ def as_shown(certificate: GaugeCertificate, length_mm: Array, temperature: Tempe
 
 
 def corrected_gauges(rig: Rig, names: Sequence[str], g_mm: Array) -> tuple[Array, dict[str, int]]:
-    """Return the corrected readings (n, k) mm of the gauges `names`, and how many of each lie beyond its certificate.
+    """Return the corrected readings (n, k) mm of the gauges `names`, and the numbers of readings beyond the
+    certificates.
 
-    Given and returned they grow with the distance from the ball; a certificate is of what the gauge shows.
+    Input and output increase with the distance from the ball, whereas a certificate refers to the displayed reading.
     """
     gauges, beyond = dict(rig.gauges), {}
     certified = [(column, name, held) for column, name in enumerate(names) if (held := gauges[name].certificate)]
@@ -91,7 +92,7 @@ def corrected_gauges(rig: Rig, names: Sequence[str], g_mm: Array) -> tuple[Array
 
 
 def beyond_certificates(rig: Rig, beyond: Mapping[str, int], rows: int) -> list[str]:
-    """Return doubts about so many of the rows of each gauge, which lie beyond its certificate."""
+    """Return doubts about readings beyond the certificates. beyond: number of readings by gauge, of `rows` rows."""
     doubts, gauges = [], dict(rig.gauges)
     for name, count in beyond.items():
         certificate = gauges[name].certificate
@@ -105,17 +106,17 @@ def beyond_certificates(rig: Rig, beyond: Mapping[str, int], rows: int) -> list[
 
 
 def link_excess_mm(rig: Rig) -> float:
-    """Return the length of the link by its certificate, at the temperature of the cell, minus the hemisphere's
-    radius."""
+    """Return the certified length of the link at the temperature of the cell, minus the radius of the hemisphere, in
+    mm."""
     if rig.link is None or rig.tests.hemisphere is None:
         return 0.0
     return rig.link.length_mm * _growth(rig.link, rig.temperature) - rig.tests.hemisphere.radius_mm
 
 
 def systematic(rig: Rig, g_mm: Array) -> Systematic:
-    """Return the uncertainty that certificates leave in a run with readings (n, k) mm of the first k gauges."""
+    """Return the uncertainty by certificates in a run with readings (n, k) mm of the first k gauges."""
     gauges = [gauge.certificate for _, gauge in rig.gauges][: g_mm.shape[1]]
-    # A wave at an unknown place has a standard deviation of 1 / (2 √2) of its peak-to-valley height.
+    # A wave of unknown phase has a standard deviation of 1 / (2 √2) of the peak-to-valley height.
     form_mm = rig.ball.form_mm / (2 * math.sqrt(2)) if rig.ball else 0.0
     return Systematic(
         tuple(
@@ -148,7 +149,7 @@ def _growth(certificate: Certificate, temperature: Temperature | None) -> float:
 
 
 def _u_mm(certificate: Certificate | None, length_mm: float, rig: Rig) -> float:
-    """Return the standard uncertainty of a length by its certificate and by temperature."""
+    """Return the standard uncertainty of a length in mm by the certificate and by temperature."""
     if certificate is None:
         return 0.0
     by_warmth = certificate.coefficient_per_c * length_mm * (rig.temperature or _ASSUMED).u_c

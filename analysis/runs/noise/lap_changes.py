@@ -1,7 +1,7 @@
-"""Changes between the laps of one run: a slow drift, which makes a ramp along each lap, and slips of a clamp.
+"""Changes between the laps of a run: slow drift, which causes a ramp along each lap, and slips of a clamp.
 
-A drift continues all the time and a slip happens once. The difference of two laps is constant around the circle for a
-drift, and has a step for a slip. Both are removed as far as the laps show them.
+A drift continues all the time, and a slip happens once. The difference of two laps is constant around the circle for a
+drift, and has a step for a slip. Both are removed as far as the laps show the changes.
 """
 
 from __future__ import annotations
@@ -15,25 +15,27 @@ from analysis.runs.noise.spectrum import NODES, ORDERS
 
 _WIDE = (24, 8)
 """Nodes on either side of a step over which it is detected: 12°, and 4° near the ends of a lap. In 200 simulated
-pairs of laps with the noise of real cells no slip was invented at this, half or twice the width; of 200 slips of 8
-standard deviations of the slow noise 26 were found, 52 at half the width and 28 at twice."""
+pairs of laps with the noise of real cells there was no false slip at this, half or twice the width. Of 200 slips
+of 8 standard deviations of the slow noise 26 were found, 52 at half the width and 28 at twice."""
 _CLEAR = 8.0
-"""Robust standard deviations of all such differences at which a step is a slip. 700 places are tested, and the
-differences have heavy tails. In the same laps 6 and 10 invent none either, and find 104 and 5 slips."""
+"""Size of a step, in robust standard deviations of all such differences, from which it is a slip. 700 positions are
+tested, and the differences have heavy tails. In the same laps limits of 6 and 10 give no false slip either, and
+find 104 and 5 slips."""
 _SLIPPED = 4.0
-"""Standard deviations of the difference of two laps' levels at which it is a slip. Chosen: noise alone exceeds 4 sigma
-once in 16 000."""
+"""Difference of the levels of two laps, in standard deviations, from which it is a slip. Chosen: noise exceeds 4
+sigma only in 1 of 16 000 cases."""
 _RINGS = 6
 """Nodes on either side of wild readings that change by more than a thousandth through the fitted broken line."""
 _LEVEL = 120
-"""Nodes on either side of a step over which its level is averaged: 60°. Chosen: several correlation lengths of slow
+"""Nodes on either side of a step used for averaging the level: 60°. Chosen: several correlation lengths of slow
 noise."""
 _NEAR = 41
-"""Nodes about a node among which a burst of wild readings stands out: 20°. Chosen: longer than a burst."""
+"""Number of nodes around a node for the detection of a burst of wild readings: 20°. Chosen: longer than a burst."""
 
 
 def without_slips(laps: Array) -> tuple[Array, list[float]]:
-    """Return laps (L, NODES) of one gauge, in order of time, without the steps of its clamp; and those steps."""
+    """Return laps (L, NODES) of a gauge in order of time, corrected for the steps of its clamp, and the list of
+    steps."""
     slips: list[float] = []
     while len(slips) < len(laps) and (clearest := _clearest(laps)):
         lap, node, step = clearest
@@ -41,7 +43,7 @@ def without_slips(laps: Array) -> tuple[Array, list[float]]:
         before = float(np.median(between[max(0, node - _LEVEL) : node]))
         after = float(np.median(between[node : node + _LEVEL]))
         laps = laps.copy()
-        if abs(before) < abs(after):  # the laps agreed up to here: the later one slipped
+        if abs(before) < abs(after):  # The laps agreed until here, so the later lap slipped.
             lap, by = lap + 1, step
         else:
             by = -step
@@ -52,7 +54,7 @@ def without_slips(laps: Array) -> tuple[Array, list[float]]:
 
 
 def _clearest(laps: Array) -> tuple[int, int, float] | None:
-    """Return lap, node and size of the clearest step between a lap and the next, or None where none is clear."""
+    """Return lap, node and size of the clearest step between a lap and the next, or None if no step is clear."""
     clearest: tuple[int, int, float] | None = None
     most = _CLEAR
     for lap, between in enumerate(np.diff(laps, axis=0)):
@@ -60,7 +62,7 @@ def _clearest(laps: Array) -> tuple[int, int, float] | None:
             level = np.median(np.lib.stride_tricks.sliding_window_view(between, width), axis=1)
             steps = level[width:] - level[:-width]
             away = np.abs(steps - np.median(steps))
-            # Most differences of coarse readings are zero; the ninetieth percentile is not.
+            # Most differences of coarse readings are zero, but not the ninetieth percentile.
             spread = max(1.4826 * float(np.median(away)), float(np.quantile(away, 0.9)) / 1.645, 1e-12)
             if width < _WIDE[0]:
                 steps[_WIDE[0] - width : width - _WIDE[0]] = 0.0
@@ -70,21 +72,23 @@ def _clearest(laps: Array) -> tuple[int, int, float] | None:
             if not clear > most:
                 continue
             before, after = between[max(0, node - _LEVEL) : node], between[node : node + _LEVEL]
-            if 0.5 < (float(np.median(after)) - float(np.median(before))) / step < 2.0:  # it keeps the step
+            if 0.5 < (float(np.median(after)) - float(np.median(before))) / step < 2.0:  # The level remains changed.
                 most, clearest = clear, (lap, node, step)
     return clearest
 
 
 def bursts(laps: Array) -> Mask:
-    """Return whether (L, NODES) a lap differs both from its own neighbours and from the other laps: wild readings, too
-    many in a row for their running median. The neighbourhood is wide, because a line through wild readings oscillates.
+    """Return a mask (L, NODES) of nodes at which a lap differs both from its neighbours and from the other laps.
+
+    These are wild readings, too many in a row for their running median. The neighbourhood is wide, because a line
+    through wild readings oscillates.
     """
     odd = np.zeros(laps.shape, dtype=bool)
     for lap in range(len(laps) if len(laps) > 1 else 0):
         others = np.delete(laps, lap, axis=0).mean(axis=0)
         apart = laps[lap] - others
         leaves = np.abs(apart - _around(apart))
-        # Where the curve jumps, laps also differ because their rows are at slightly different angles.
+        # If the curve jumps, laps also differ because their rows are at slightly different angles.
         bad = beyond_neighbours(leaves) & (leaves > changes(others))
         bad &= np.abs(laps[lap] - _around(laps[lap])) > np.abs(others - _around(others))
         if bad.any():
@@ -94,8 +98,11 @@ def bursts(laps: Array) -> Mask:
 
 
 def following(laps: Array, odd: Mask) -> Array:
-    """Return laps (L, NODES) in which the values at `odd` (L, NODES) follow the other laps, at the distance that the
-    lap has from them nearby."""
+    """Return laps (L, NODES) with masked values replaced by the other laps.
+
+    odd (L, NODES): mask of the values to replace. The distance of the new values from the other laps is that of the
+    surrounding nodes.
+    """
     mended = laps.copy()
     for lap in np.flatnonzero(odd.any(axis=1)):
         others = np.delete(laps, lap, axis=0).mean(axis=0)
@@ -106,8 +113,11 @@ def following(laps: Array, odd: Mask) -> Array:
 
 
 def without_level_steps(laps: Array, level_sd: float, apart_s: float, per_mm: float) -> tuple[Array, list[float]]:
-    """Return laps (L, NODES) at the level of the first, and the steps removed, where the levels of two laps differ by
-    more than noise (`level_sd`, of a lap's level) and drift explain, as after a slip on the way back."""
+    """Return laps (L, NODES) shifted to the level of the first lap, and the steps removed.
+
+    A step between the levels of two laps is removed if it exceeds noise and drift, as after a slip on the way back.
+    level_sd: standard deviation of the level of a lap by noise.
+    """
     steps = np.diff(laps.mean(axis=1))
     # Two gauges may drift in opposite directions, each by the largest drift of real cells.
     limit = np.sqrt(2) * DRIFT_MM_PER_S * per_mm * apart_s + _SLIPPED * np.sqrt(2) * level_sd
@@ -117,7 +127,7 @@ def without_level_steps(laps: Array, level_sd: float, apart_s: float, per_mm: fl
 
 
 def changes(lap: Array) -> Array:
-    """Return the change (NODES,) of a lap within two nodes, without its sine and second order."""
+    """Return the change (NODES,) of a lap within two nodes, excluding the sine and the second order."""
     spectrum = np.fft.rfft(lap)
     spectrum[:3] = 0.0
     rough = np.fft.irfft(spectrum, NODES)
@@ -126,7 +136,7 @@ def changes(lap: Array) -> Array:
 
 
 def _around(values: Array) -> Array:
-    """Return the median (NODES,) of the nodes about each, around the lap."""
+    """Return the median (NODES,) of the nodes around each node, cyclic along the lap."""
     half = _NEAR // 2
     windows = np.lib.stride_tricks.sliding_window_view(np.pad(values, half, mode="wrap"), _NEAR)
     median: Array = np.median(windows, axis=1)
@@ -136,11 +146,11 @@ def _around(values: Array) -> Array:
 def without_drift(
     laps: Array, level_variance: float, times_s: tuple[float, float], per_mm: float
 ) -> tuple[Array, float, float]:
-    """Return laps (L, NODES) without the ramp that their means show; the drift in a lap, and its variance.
+    """Return laps (L, NODES) with the ramp of their means removed, the drift in a lap, and the variance of the drift.
 
-    `times_s` has the duration of a lap and the time from one to the next. The ramp is shrunk towards the largest drift
-    of real cells. With noisy levels (`level_variance`, of a lap's mean) and with one lap it cannot be detected, and all
-    of it is uncertainty.
+    times_s: duration of a lap, and time between the starts of two laps. level_variance: noise of the mean of a lap. The
+    ramp is shrunk towards the largest drift of real cells. With noisy levels or a single lap it cannot be detected, and
+    all of it is uncertainty.
     """
     lap_s, apart_s = times_s
     plausible = (DRIFT_MM_PER_S * lap_s * per_mm) ** 2 / 3
@@ -156,8 +166,8 @@ def without_drift(
 
 
 def power_of_ramp(variance: float) -> Array:
-    """Return the mean square (NODES // 2 + 1,), in mm² for a variance in mm², of the Fourier coefficients of a ramp
-    along each lap of this variance."""
+    """Return the mean square (NODES // 2 + 1,), in mm², of the Fourier coefficients of a ramp along each lap with a
+    variance in mm²."""
     power = np.zeros(len(ORDERS))
     power[1:] = variance / (2 * np.pi * ORDERS[1:]) ** 2
     return power

@@ -1,5 +1,8 @@
-"""What readings of a gauge show of it: the step to which they are rounded, the noise beneath it, and wild values, by
-single readings or by a few at stops; and the rounding error that repeated visits do not average out."""
+"""Properties of the readings of a gauge: rounding step, noise before rounding, and wild readings.
+
+They are determined from long series or from a few readings at stops. Also computed is the rounding error that repeated
+visits do not average out.
+"""
 
 from __future__ import annotations
 
@@ -13,25 +16,26 @@ from analysis.robot.kinematics.arm import Array
 Mask = NDArray[np.bool_]
 
 _SAMPLE = 20_000
-"""Number of readings that is sufficient to estimate steps and spreads. Chosen: a standard deviation is then known to
-0.5 %."""
+"""Sufficient number of readings for estimating steps and spreads. Chosen: it determines a standard deviation to 0.5
+%."""
 _SPREADS, _TAIL = 6.0, 2.5
-"""A wild reading differs from the running median by 6 robust standard deviations and by 2.5 times the limit of 98 % of
-all readings. With the first limit alone, steps and slow noise at a high rate would classify 44 % of sound readings as
-wild."""
+"""Limits of a wild reading: it differs from the running median by 6 robust standard deviations and by 2.5 times the
+limit of 98 % of all readings. With only the first limit, steps and slow noise at a high rate would classify 44 %
+of sound readings as wild."""
 _JUMPS = 2.0
 """Factor by which a wild reading must exceed the change of the curve within some rows. In six simulated laps with
-play and 49 wild readings among 28 848, factors of 1 to 4 find 49 to 47 of them, and at most one false one."""
+backlash and 49 wild readings among 28 848, factors of 1 to 4 find 49 to 47 of the wild readings, and at most a
+single false one."""
 _SORTING = ((0, 5), (0, 3), (1, 6), (2, 4), (0, 1), (3, 5), (2, 6), (2, 3), (3, 6), (4, 5), (1, 4), (1, 3), (3, 4))
-"""Pairs to compare and exchange, after which the fourth of seven values is their median (Devillard, Fast median search,
-1998)."""
+"""Pairs to compare and exchange, after which the fourth of seven values is the median (Devillard, Fast median
+search, 1998)."""
 _SEEN = 0.35
-"""Share of a step below which noise cannot be detected: readings without noise show as much where the curve changes by
-about a step from one to the next."""
+"""Share of a step below which noise cannot be detected: noise-free readings appear equally noisy if the curve
+changes by about a step between readings."""
 _HARMONICS = 5
-"""Harmonics of a sawtooth that are used; five contain nine tenths of its energy."""
+"""Number of harmonics of a sawtooth: five contain nine tenths of the energy."""
 _BLOCK = 1 << 16
-"""Rows that are processed at a time, so that they fit in the processor's cache."""
+"""Number of rows processed at a time, to fit into the cache of the processor."""
 
 
 def rms(values: NDArray[Any]) -> float:
@@ -40,8 +44,10 @@ def rms(values: NDArray[Any]) -> float:
 
 
 def running_median(values: Array) -> Array:
-    """Return the median (n,), in the unit of the values, of each value and its three neighbours on either side, with
-    the ends repeated."""
+    """Return the median (n,), in the unit of the values, of each value and three neighbours on either side.
+
+    The values at the ends are repeated.
+    """
     padded = np.pad(values, 3, mode="edge")
     medians = np.empty(len(values))
     for begin in range(0, len(values), _BLOCK):
@@ -54,15 +60,16 @@ def running_median(values: Array) -> Array:
 
 
 def is_wild(values: Array) -> Mask:
-    """Return which readings (n,), in order of time, differ from their neighbours, as from chips, oil or a knock.
+    """Return a mask of readings (n,), in order of time, that differ from their neighbours, as after chips, oil or a
+    knock.
 
-    Where the curve itself jumps, as where a play is crossed, a reading must differ by more than the jump.
+    If the curve itself jumps, as at the crossing of a backlash, a reading must differ by more than the jump.
     """
     if len(values) < 7:
         return np.zeros(len(values), dtype=bool)
     median = running_median(values)
     away = np.abs(values - median)
-    # The change (n,) of a curve within `reach` rows, before or after each; the ends are repeated.
+    # The change (n,) of a curve within four rows before or after each row; the ends are repeated.
     padded = np.pad(median, 4, mode="edge")
     before = np.abs(median - padded[: -2 * 4])
     change: Array = np.maximum(before, np.abs(padded[2 * 4 :] - median))
@@ -70,17 +77,17 @@ def is_wild(values: Array) -> Mask:
 
 
 def beyond_neighbours(away: Array) -> Mask:
-    """Return which distances (n,) are too large to belong to the rest, by two robust limits together."""
+    """Return a mask of distances (n,) too large to belong to the rest, by two robust limits together."""
     seen = away[:: max(1, len(away) // _SAMPLE)]
     limit = max(_SPREADS * 1.4826 * float(np.median(seen)), _TAIL * float(np.quantile(seen, 0.98)))
     return away > limit if limit > 0 else np.zeros(len(away), dtype=bool)
 
 
 def step_of(values: Array) -> float:
-    """Return the step to which readings (n,) are rounded, in their unit, or 0 where they show none.
+    """Return the rounding step of readings (n,) in their unit, or 0 if they show no step.
 
-    All distances between neighbouring distinct values are multiples of the step. Where few values repeat, the distances
-    are multiples of the last written digit only.
+    All distances between neighbouring distinct values are multiples of the step. If few values repeat, the distances
+    are only multiples of the last digit.
     """
     seen = values[:_SAMPLE]
     distinct = np.unique(seen)
@@ -94,18 +101,18 @@ def step_of(values: Array) -> float:
 
 
 def noise_beneath(values: Array, step: float) -> float:
-    """Return the standard deviation of the white noise of readings (n,) before they were rounded to `step`.
+    """Return the standard deviation of the white noise of readings (n,) before rounding to `step`.
 
-    It uses third differences, to which a smooth curve contributes little (Gasser, Sroka and Jennen-Steinmetz 1986), and
-    their median, so that jumps have no influence; the variance of rounding, step²/12, is subtracted. Differences of
-    rounded readings are whole steps, so the median is that of grouped data. Noise below a third of a step is returned
-    as zero.
+    It is based on third differences, to which a smooth curve contributes little (Gasser, Sroka and Jennen-Steinmetz
+    1986), and on their median, so jumps have no influence. The variance of rounding, step²/12, is subtracted.
+    Differences of rounded readings are multiples of the step, so the median is that of grouped data. Noise below a
+    third of a step is returned as zero.
     """
     third = np.abs(np.diff(values[:_SAMPLE], 3))
     if len(third) == 0:
         return 0.0
     median = float(np.median(third))
-    if step:  # as if the differences of one group were evenly distributed in it
+    if step:  # Assume an even distribution of the differences in a group.
         groups, middle = np.rint(third / step), (len(third) - 1) // 2
         group = np.partition(groups, middle)[middle]
         share = (len(third) / 2 - np.sum(groups < group)) / np.sum(groups == group)
@@ -116,12 +123,12 @@ def noise_beneath(values: Array, step: float) -> float:
 
 
 def rounding_error(curve: Array, step: float, noise: float, phase: Array) -> tuple[Array, Array]:
-    """Return the mean errors (m, n) in mm by rounding of a closed curve (n,) of readings with noise, for m positions
-    `phase` (m,) of the steps, and the variance (n,) of a single reading about that mean.
+    """Return the mean rounding errors (m, n) in mm of a closed curve (n,) of noisy readings, and the variance (n,)
+    about them.
 
-    The sawtooth of rounding is expanded in a Fourier series (Widrow and Kollár, Quantization Noise, 2008). Noise
-    smooths it, and so does the slope of the curve between two points, where each reading falls on another part of the
-    sawtooth.
+    phase (m,): positions of the steps. The variance is that of a single reading. The sawtooth of rounding is expanded
+    in a Fourier series (Widrow and Kollár, Quantization Noise, 2008). Noise smooths it, and so does the slope of the
+    curve between two points, because each reading falls on a different part of the sawtooth.
     """
     k = np.arange(1, _HARMONICS + 1)[:, None]
     slope = (np.roll(curve, -1) - np.roll(curve, 1)) / 2
@@ -137,23 +144,23 @@ _COARSEST_MM = 0.03
 _USUAL_MM = np.array([0.010, 0.005, 0.001, 0.0005, 0.0001])
 """Resolutions of data sheets."""
 _FEWEST_GAPS = 6
-"""Smallest number of distances between distinct readings: six are all within 0.05 of a whole number of steps by chance
-in one case of ten."""
+"""Minimum number of distances between distinct readings: in a tenth of all cases six distances are within 0.05 of
+multiples of a step by chance."""
 _NOT_WHOLE = 0.05
-"""Deviation from a whole number of steps that is accepted. Chosen: the rounding of written numbers stays below it."""
+"""Tolerance for multiples of a step. Chosen: above the rounding of written numbers."""
 _STEPS_APART = np.arange(1, 11)
-"""Numbers of steps by which the two closest of a few readings may differ. With any limit from 5 to 30 the same
-299 of 300 steps of simulated tables are found, and none in 300 tables without a step."""
+"""Possible numbers of steps between the two closest of a few readings. With any limit from 5 to 30 the same 299 of
+300 steps of simulated tables are found, and no step in 300 unrounded tables."""
 _SHARED_HARMONICS = np.arange(1, 21)[:, None, None]
-"""Harmonics of the sawtooth of rounding that are used; the omitted ones have less than 3 % of its variance."""
+"""Harmonics of the sawtooth of rounding: the omitted harmonics have less than 3 % of the variance."""
 
 
 def step_of_stops(readings_mm: Array) -> float:
-    """Return the step in mm to which readings (n,) mm of stops are rounded, or 0 where they show none.
+    """Return the rounding step in mm of readings (n,) mm at stops, or 0 if they show no step.
 
-    Few stops repeat a value, and the closest two may be several steps apart. Then the step is the largest of which all
-    distances between distinct readings are multiples. Where that is coarser than any gauge, as where nearly all
-    readings are equal, it is the largest usual resolution of which it is a multiple.
+    Few stops repeat a value, and the closest two may be several steps apart. The step is then the largest divisor of
+    all distances between distinct readings. If this is coarser than any gauge, as for nearly equal readings, the step
+    is the largest usual resolution that divides it.
     """
     step = step_of(readings_mm)
     gaps = np.diff(np.unique(readings_mm))
@@ -171,11 +178,10 @@ def step_of_stops(readings_mm: Array) -> float:
 
 
 def shared_rounding(step_mm: float, noise_sq: Array) -> Array:
-    """Return the variance (m, t) mm² of the rounding error that all readings of one place share, given the variance
-    noise_sq (m, t) mm² of the readings before rounding.
+    """Return the variance (m, t) mm² of the rounding error shared by all readings at a position.
 
-    Without noise it is that of one reading, step²/12; noise of half a step removes it (Widrow and Kollár, Quantization
-    Noise, 2008).
+    noise_sq (m, t): variance in mm² of the readings before rounding. For zero noise the result is the variance of a
+    single reading, step²/12; noise of half a step removes it (Widrow and Kollár, Quantization Noise, 2008).
     """
     if step_mm == 0:
         return np.zeros_like(noise_sq)

@@ -1,10 +1,10 @@
-"""The spectrum of a lap's noise: a white part and a slow part at their most likely sizes.
+"""The noise spectrum of a lap: a white part and a slow part with their most likely sizes.
 
-A robot's error and the noise share every whole order of a lap, so a single lap contains no information about its own
-slow noise; only repeated laps do. The differences between the laps of one run are compared with the spectra of white
-noise and of slow noise (an Ornstein-Uhlenbeck process of some correlation time, or 1/f), over a grid of their sizes, by
-Whittle's likelihood (1953), with the sizes of real cells as prior. For a single lap, robust differences at several
-scales bound the noise from above, and the prior determines the rest.
+The error of a robot and the noise share every integer order of a lap, so only repeated laps contain information about
+slow noise. The differences between the laps of a run are compared with the spectra of white noise and of slow noise (an
+Ornstein-Uhlenbeck process with some correlation time, or 1/f). Whittle's likelihood (1953) is computed over a grid of
+sizes, with the sizes of real cells as the prior. For a single lap, robust differences at several scales limit the noise
+from above, and the prior determines the rest.
 """
 
 from __future__ import annotations
@@ -19,42 +19,44 @@ from analysis.robot.kinematics.arm import Array
 from analysis.runs.noise.cell_noise import DRIFT_MM_PER_S, LEVELS_APART, SLOW_MM, WHITE_MM, NoiseSource
 
 NODES = 720
-"""Circle angles to which a lap is reduced, half a degree apart. Chosen: finer than the stated resolution of 80
-undulations per revolution."""
+"""Number of angles of a reduced lap, half a degree apart. Chosen: finer than the stated resolution of 80 undulations
+per revolution."""
 ORDERS = np.arange(NODES // 2 + 1)
 """The orders of a lap, from 0 to NODES // 2."""
 DRAWS = 400
 """Monte Carlo draws (JCGM 101): 400 determine a standard deviation to 4 %."""
 _TIMES_S = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 6.4, 12.8)
-"""Correlation times of slow noise that are tried: real cells have 0.1 to 5 s."""
+"""Candidate correlation times of slow noise: real cells have 0.1 to 5 s."""
 _PINK_S = np.geomspace(0.005, 100.0, 40)
-"""Correlation times of the processes whose equal parts have a spectrum of 1/f."""
+"""Correlation times of processes that in equal parts have a spectrum of 1/f."""
 _WHITES_MM = np.geomspace(2e-5, 0.012, 30)
-"""White noise that is tried: ten times below to four times above the range of real cells."""
+"""Candidate sizes of white noise: ten times below to four times above the range of real cells."""
 _SLOWS_MM = np.concatenate([[1e-6], np.geomspace(3e-5, 0.05, 40)])
-"""Slow noise that is tried: none, and far below to 2.5 times above the range of real cells."""
+"""Candidate sizes of slow noise: none, and from well below to 2.5 times above the range of real cells."""
 _TOP = 240
-"""Highest order that is compared; the reduction to nodes changes higher ones."""
+"""Highest order in the comparison; the reduction to nodes changes higher orders."""
 _SINGLE = 16
-"""Orders up to this are compared singly, those above in bands that widen by a fifth. Chosen: slow noise falls steeply
-at low orders."""
+"""Orders up to this limit are compared singly, higher orders in bands that widen by a fifth. Chosen: slow noise
+falls steeply at low orders."""
 _SCALES = (1, 2, 4, 8, 16, 32)
-"""Distances in nodes of the differences of a single lap. Chosen: an octave apart, from half a degree to 16°."""
+"""Distances in nodes for the differences of a single lap. Chosen: an octave apart, from half a degree to 16°."""
 _CURVED = (0.15, 0.25, 0.4, 0.6, 0.8, 0.9)
-"""Probability that the curve itself contributes at each of these distances: curves of robots have some 0.7 µm at orders
-16 to 32, and reversals have transits of up to some degrees."""
+"""Probability that the curve itself contributes at each of these distances: curves of robots have some 0.7 µm at
+orders 16 to 32, and transits of reversals cover up to some degrees."""
 _LARGER = 3.0
-"""Scale, in the logarithm of the variance, of the factor by which a curve increases a difference. Chosen: a curve may
-exceed the noise many times."""
+"""Scale, in the logarithm of the variance, of the factor by which a curve increases a difference. Chosen: a curve
+may greatly exceed the noise."""
 
 Integers = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
 class LapNoise:
-    """Likely sizes of the noise in a curve, m draws: `white` (m,) of one reading and `slow` (m,), standard deviations
-    in the curve's unit; `shape` (m,) is the index of the slow part's correlation time; `source` states where they come
-    from."""
+    """m draws of the likely noise in a curve.
+
+    white (m,) of a reading and slow (m,): standard deviations in the unit of the curve. shape (m,): index of the
+    correlation time of the slow part. source: origin of the values.
+    """
 
     white: Array
     slow: Array
@@ -62,14 +64,16 @@ class LapNoise:
     source: NoiseSource
 
     def power(self, laps: int, rows: float, lap_s: float) -> Array:
-        """Return the mean square (m, NODES // 2 + 1) of each complex Fourier coefficient of the mean of some laps with
-        `rows` rows each."""
+        """Return the mean square (m, NODES // 2 + 1) of each complex Fourier coefficient of the mean of laps.
+
+        rows: number of rows in each lap.
+        """
         slow = _shapes(lap_s, laps)[1][self.shape]
         power: Array = self.white[:, None] ** 2 * _white(rows) / laps + self.slow[:, None] ** 2 * slow
         return power
 
     def elsewhere(self, rng: np.random.Generator) -> LapNoise:
-        """Return the noise (m,) of another run of the same cell, whose level differs."""
+        """Return the noise (m,) of a different run of the same cell, with a different level."""
         level = LEVELS_APART ** rng.uniform(-1.0, 1.0, len(self.white))
         return LapNoise(self.white * level, self.slow * level, self.shape, "borrowed")
 
@@ -77,10 +81,10 @@ class LapNoise:
 def noise_of(
     laps: Array, rows: float, times_s: tuple[float, float], per_mm: float, rng: np.random.Generator
 ) -> LapNoise:
-    """Return the noise of a curve driven in laps (L, NODES), in order of time, of `rows` rows each.
+    """Return the noise of a curve measured in laps (L, NODES), in order of time.
 
-    `times_s` has the duration of a lap and the time from one to the next; `per_mm` is the curve's unit per mm of a
-    gauge's noise.
+    rows: number of rows in each lap. times_s: duration of a lap, and time between the starts of two laps. per_mm: unit
+    of the curve per mm of the noise of a gauge.
     """
     lap_s, apart_s = times_s
     if len(laps) > 1:
@@ -96,14 +100,16 @@ def noise_of(
 
 
 def _of_differences(laps: Array, rows: float, lap_s: float, drift_mm: float) -> Array:
-    """Return the log likelihood (whites, slows, shapes) of the differences between laps (L, NODES) mm; `drift_mm` is
-    the largest drift from one lap to the next, which does not count as noise of their levels."""
+    """Return the log likelihood (whites, slows, shapes) of the differences between laps (L, NODES) mm.
+
+    drift_mm: largest drift between successive laps, which does not count as noise of their levels.
+    """
     freedom = len(laps) - 1
     drifted = drift_mm**2 / 3 * len(laps) * (len(laps) + 1) / 12
     spectra = np.fft.rfft(laps - laps.mean(axis=0), axis=1) / NODES
     seen = _banded((np.abs(spectra) ** 2).sum(axis=0) / freedom)
     white, slow = _banded(_white(rows)), _banded(_shapes(lap_s, len(laps))[0])
-    # The number of orders (bands,) in each band; order 0 is one real number and counts half.
+    # The number of orders (bands,) in each band. Order 0 is a single real number and counts half.
     weights = np.diff(_edges()).astype(float)
     weights[0] = 0.5
     weight = freedom * weights
@@ -116,10 +122,10 @@ def _of_differences(laps: Array, rows: float, lap_s: float, drift_mm: float) -> 
 
 
 def _of_scales(lap: Array, rows: float, lap_s: float) -> Array:
-    """Return the log likelihood (whites, slows, shapes) of the third differences of one lap (NODES,) mm at several
+    """Return the log likelihood (whites, slows, shapes) of the third differences of a lap (NODES,) mm at several
     scales.
 
-    Each is a mixture of noise alone, and of noise and curve, which is larger by some factor.
+    Each difference is a mixture of pure noise, and of noise with curve, which is larger by some factor.
     """
     slow = _shapes(lap_s, 1)[0]
     evidence = np.zeros((len(_WHITES_MM), len(_SLOWS_MM), len(slow)))
@@ -127,12 +133,13 @@ def _of_scales(lap: Array, rows: float, lap_s: float) -> Array:
         passed = _third_difference_passes(scale)
         variance = _WHITES_MM[:, None, None] ** 2 * (_white(rows) @ passed)
         variance = variance + _SLOWS_MM[None, :, None] ** 2 * (slow @ passed)
-        # The third differences (NODES,) of means of `scale` nodes, equally far apart, around a closed lap.
+        # The third differences (NODES,) of means of `scale` nodes, spaced by the same number of nodes, around a closed
+        # lap.
         summed = np.cumsum(np.concatenate([[0.0], lap, lap[:scale]]))
         means = (summed[scale:] - summed[:-scale])[:NODES] / scale
         third: Array = means - 3 * np.roll(means, -scale) + 3 * np.roll(means, -2 * scale) - np.roll(means, -3 * scale)
         seen = (1.4826 * float(np.median(np.abs(third)))) ** 2
-        # A median of NODES / scale overlapping differences determines a variance with a quarter as many
+        # The median of NODES / scale overlapping differences determines a variance with a quarter of that number of
         # degrees of freedom.
         spread = np.sqrt(8.0 * scale / NODES)
         off = np.log(max(seen, 1e-18) / variance)
@@ -144,7 +151,7 @@ def _of_scales(lap: Array, rows: float, lap_s: float) -> Array:
 
 @lru_cache(maxsize=16)
 def _third_difference_passes(scale: int) -> Array:
-    """Return the share of the mean square of each order (NODES // 2 + 1,) that a third difference passes, for both
+    """Return the share (NODES // 2 + 1,) of the mean square passed by a third difference at each order, for both
     halves of a spectrum."""
     half = np.pi * ORDERS / NODES
     mean = np.ones(len(ORDERS))
@@ -157,7 +164,7 @@ def _third_difference_passes(scale: int) -> Array:
 @lru_cache(maxsize=4)
 def _prior() -> Array:
     """Return the log prior (whites, slows, 1): uniform on a logarithmic scale over the range of real cells, falling
-    beyond."""
+    outside."""
     white = -2.0 * (_beyond(0.5 * WHITE_MM.low / _WHITES_MM) + _beyond(_WHITES_MM / (2 * WHITE_MM.high)))
     slow = -1.0 * _beyond(0.6 * SLOW_MM.low / _SLOWS_MM) - 2.0 * _beyond(_SLOWS_MM / (1.5 * SLOW_MM.high))
     prior: Array = (white[:, None] + slow[None, :])[:, :, None]
@@ -169,8 +176,8 @@ def _beyond(ratio: Array) -> Array:
 
 
 def _white(rows: float) -> Array:
-    """Return the mean square (NODES // 2 + 1,) of the coefficients of unit white noise in `rows` rows, reduced to
-    nodes."""
+    """Return the mean square (NODES // 2 + 1,) of the coefficients of unit white noise in a number of rows, reduced
+    to nodes."""
     turn = 2 * np.pi * ORDERS / NODES
     return 3 / (2 + np.cos(turn)) / node_response() ** 2 / rows
 
@@ -180,7 +187,7 @@ def node_response() -> Array:
     """Return the response (NODES // 2 + 1,) of the least-squares broken line through NODES to each order of a smooth
     curve.
 
-    A broken line overshoots a curve at its nodes (Unser, Splines: a perfect fit, 1999), by 2 % at order 60.
+    A broken line overshoots a curve at the nodes (Unser, Splines: a perfect fit, 1999), by 2 % at order 60.
     """
     turn = 2 * np.pi * ORDERS / NODES
     response: Array = np.sinc(ORDERS / NODES) ** 2 * 3 / (2 + np.cos(turn))
@@ -189,8 +196,11 @@ def node_response() -> Array:
 
 @lru_cache(maxsize=8)
 def _shapes(lap_s: float, laps: int) -> tuple[Array, Array]:
-    """Return, for each kind of slow noise of unit variance, the mean squares (shapes, orders) of the coefficients of a
-    lap about the mean of some laps (or of a single lap itself), and of that mean."""
+    """Return the mean squares (shapes, orders) of the coefficients of a lap, and of the mean of laps, for slow noise.
+
+    Each shape is a kind of slow noise of unit variance. The coefficients of a lap are relative to the mean of the laps,
+    or absolute for a single lap.
+    """
     turn_s = np.asarray(2 * np.pi * ORDERS / lap_s, dtype=np.float64)
     of_lap = np.array([_coefficients(tau, lap_s, turn_s) for tau in (*_TIMES_S, *_PINK_S)])
     of_mean = np.array([_coefficients(tau, laps * lap_s, turn_s) for tau in (*_TIMES_S, *_PINK_S)])
@@ -204,9 +214,11 @@ def _with_pink(power: Array) -> Array:
 
 
 def _coefficients(tau_s: float, window_s: float, turn_s: Array) -> Array:
-    """Return the mean squares (k,) of Fourier coefficients of an Ornstein-Uhlenbeck process of unit variance at the
-    angular frequencies turn_s (k,), of which the window contains whole turns: the double integral of its covariance
-    over the window."""
+    """Return the mean squares (k,) of Fourier coefficients of an Ornstein-Uhlenbeck process of unit variance.
+
+    turn_s (k,): angular frequencies, for which the window contains full turns. Each result is the double integral of
+    the covariance over the window.
+    """
     rate = 1 / tau_s + 1j * turn_s
     inside = window_s / rate - (1 - np.exp(-window_s / tau_s)) / rate**2
     power: Array = np.maximum(2 / window_s**2 * inside.real, 1e-15)

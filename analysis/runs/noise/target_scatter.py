@@ -1,4 +1,5 @@
-"""The scatter at targets: the noise of readings of the same targets, with an own size for each target and heavy tails.
+"""The scatter at targets: the noise of readings of the same targets, with a separate size for each target and heavy
+tails.
 
 The model. Reading r of cell c (an orientation, a side of approach, a coordinate) of target t is
 
@@ -6,18 +7,18 @@ The model. Reading r of cell c (an orientation, a side of approach, a coordinate
     sigma_t² ~ d0 s0² / χ²(d0).
 
 The last line moderates the variances (Smyth, Stat. Appl. Genet. Mol. Biol. 3, 2004): a target read twice borrows from
-the others to the degree to which those agree (d0). nu accounts for heavy tails and outliers. All unknowns are drawn
-together by Gibbs sampling, in many short parallel chains, so that the uncertainty of the noise is part of every
-uncertainty. Where the gauge reads in steps, all readings of a cell share a part of their rounding error, which is
-larger for smaller scatter.
+the others to the degree of their agreement (d0). nu accounts for heavy tails and outliers. All unknowns are drawn
+together by Gibbs sampling, in many short parallel chains, so the uncertainty of the noise is part of every uncertainty.
+If the gauge reads in steps, all readings of a cell share a part of their rounding error, which is larger for smaller
+scatter.
 
-Each test defines how the cells of a target are related by a `Level`, which draws them. Of a hemisphere it is sphere +
-tilt + error of the target + error of the orientation. A tilt of the tool shifts all targets equally, as a wrong TCP
-does. The errors of targets and of single orientations are the robot's, and their widths are estimated with everything
-else. The value of a cell is then drawn from its readings and from its neighbours in the model, which keeps ranges over
-noisy cells from being too large.
+Each test defines the relation between the cells of a target by a `Level`, which draws the cells. For a hemisphere it is
+sphere + tilt + error of the target + error of the orientation. A tilt of the tool shifts all targets equally, like a
+wrong TCP. The errors of targets and of single orientations belong to the robot, and their widths are estimated too. The
+value of a cell is then drawn from the readings and from the neighbours in the model, which prevents too large ranges
+over noisy cells.
 
-Where nothing is read twice, s0 is restricted to the range of real cells (`cell.TARGET_MM`): the scatter is assumed.
+If no target is read twice, s0 is restricted to the range of real cells (`cell.TARGET_MM`): the scatter is assumed.
 """
 
 from __future__ import annotations
@@ -33,42 +34,44 @@ from analysis.runs.noise.cell_noise import DRIFT_MM_PER_S, TARGET_MM, NoiseSourc
 from analysis.runs.noise.readings import rms, shared_rounding
 
 _SEED = 0
-"""The seed of the sampler, fixed so that a run always gives the same report."""
+"""Seed of the sampler, fixed so that a run always gives the same report."""
 _CHAINS, _FEWEST_CHAINS = 64, 16
-"""Number of parallel chains, and the smallest number for long tables. With the states kept they give 256 and 64 draws,
-which determine a standard deviation to 4 and 9 %."""
+"""Number of parallel chains, and the smallest number for long tables. With the states stored they give 256 and 64
+draws, which determine a standard deviation to 4 and 9 %."""
 _ELEMENTS = 2_000_000
-"""Readings times chains: tables of many thousand readings use fewer chains, and need fewer. Chosen: it limits the
+"""Readings times chains: tables of several thousand readings use fewer chains, and need fewer. Chosen: it limits the
 memory to some 16 MB per array."""
 _SWEEPS, _KEPT, _EVERY = 16, 4, 2
-"""Number of sweeps of every chain, the number of its last states that are kept, and the sweeps between them. The
-median scatter of 24 simulated tables is 18 % larger with 8, 10 % with 16 and 4 % with 32 sweeps than with 64."""
+"""Number of sweeps of every chain, number of last states used, and sweeps between these states. The median scatter
+of 24 simulated tables is 18 % larger with 8, 10 % with 16 and 4 % with 32 sweeps than with 64."""
 _TAILS = np.array([2.2, 3.0, 5.0, 10.0, 50.0])
-"""Degrees of freedom of Student's t that are tried, with equal prior probability; 50 is close to a normal distribution.
-"""
+"""Candidate degrees of freedom of Student's t, with equal prior probability; 50 is close to a normal distribution."""
 _AGREEMENT = np.array([1.0, 1.5, 2.5, 4.0, 8.0, 16.0, 64.0])
-"""Values of d0 that are tried. 1.5 is a log-uniform spread of factor 20, as in `TARGET_MM`; 64 is nearly the same
-scatter at all targets."""
+"""Candidate values of d0. 1.5 is a log-uniform spread of factor 20, as in `TARGET_MM`; 64 is nearly the same scatter
+at all targets."""
 _MEASURED_FREEDOM = 3
-"""Degrees of freedom below which a scatter counts as not measured: three determine a standard deviation to 41 %."""
+"""Degrees of freedom from which a scatter counts as measured: three determine a standard deviation to 41 %."""
 _LEAST_MM = 1e-6
 """Smallest uncertainty of a reading, 1 nm, which avoids a division by zero."""
 _FIRST_D0 = 2.0
-"""The value of d0 for the variances at which the chains start. It has no effect once the chains have mixed."""
+"""Value of d0 for the initial variances of the chains. It has no effect after the chains have mixed."""
 _DRIFT_DEGREE = 3
-"""Degree of the polynomial of the drift. Chosen: a cubic follows warming and one reversal."""
+"""Degree of the polynomial of the drift. Chosen: a cubic follows warming and a reversal."""
 
 Level = Callable[[np.random.Generator, Array, Array], tuple[Array, Array]]
-"""A function that returns, from weights and weighted means (m, t, k) of the cells, their expected values and a draw of
-them, both (m, t, k)."""
+"""A function that returns, from weights and weighted means (m, t, k) of the cells, their expected values and a draw,
+both (m, t, k)."""
 
 
 @dataclass(frozen=True)
 class Scatter:
-    """m draws of the scatter. `sd_mm` (m, t) is that of one reading and `tail` (m,) its degrees of freedom. `best_mm`
-    (t, k) are expected values and `cell_mm` (m, t, k) draws of the cells at the middle of the run. `drift_mm` (t, k, n)
-    is the expected drift of each reading since then, and `drifted_mm` the root mean square of the drift between the
-    start and then. `step_mm` is the step of the gauge, whose rounding is part of sd_mm."""
+    """m draws of the scatter.
+
+    sd_mm (m, t): standard deviation of a reading. tail (m,): degrees of freedom. best_mm (t, k), cell_mm (m, t, k):
+    expected values and draws of the cells at the middle of the run. drift_mm (t, k, n): expected drift of each reading
+    since then. drifted_mm: root mean square of the drift between the start and then. step_mm: step of the gauge; sd_mm
+    includes the rounding.
+    """
 
     sd_mm: Array
     tail: Array
@@ -80,8 +83,8 @@ class Scatter:
     step_mm: float = 0.0
 
     def beneath(self, rng: np.random.Generator) -> Scatter:
-        """Return the scatter (m, t) before readings are rounded; where steps hide it, it is uniform between zero and
-        its apparent size."""
+        """Return the scatter (m, t) before rounding. If steps hide it, it is uniform between zero and the apparent
+        size."""
         if self.step_mm == 0:
             return self
         noise_sq = np.maximum(self.sd_mm**2 - self.step_mm**2 / 12, 0.0)
@@ -100,22 +103,22 @@ class Scatter:
 
 
 def separate(rng: np.random.Generator, weight: Array, mean: Array) -> tuple[Array, Array]:
-    """Return expected values and draws (m, t, k) of cells that are independent: a `Level`."""
+    """Return expected values and draws (m, t, k) of independent cells: a `Level`."""
     return mean, mean + rng.standard_normal(mean.shape) / np.sqrt(np.maximum(weight, 1e-12))
 
 
 def freedom_of(readings_mm: Array) -> int:
-    """Return the degrees of freedom within the cells of readings (t, k, n), NaN where there is none."""
+    """Return the degrees of freedom within the cells of readings (t, k, n), NaN for missing readings."""
     return int((np.isfinite(readings_mm).sum(axis=-1) - 1).clip(min=0).sum())
 
 
 def scatter_of(
     readings_mm: Array, u_mm: float, t_s: Array | None = None, level: Level = separate, step_mm: float = 0.0
 ) -> Scatter:
-    """Return the scatter of readings (t, k, n) mm of k cells at each of t targets, NaN where there is none.
+    """Return the scatter of readings (t, k, n) mm of k cells at each of t targets, NaN for missing readings.
 
-    `u_mm` is the standard uncertainty of one gauge reading beside its rounding to step_mm (variance step²/12), a lower
-    limit of the scatter. `t_s` has the times of the readings, where drift is to be separated from scatter.
+    u_mm: standard uncertainty of a gauge reading in addition to the rounding to step_mm (variance step²/12), a lower
+    limit of the scatter. t_s: times of the readings, if drift is to be separated from scatter.
     """
     measured = freedom_of(readings_mm) >= _MEASURED_FREEDOM
     sampler = _Sampler(readings_mm, max(math.hypot(u_mm, step_mm / math.sqrt(12)), _LEAST_MM), measured, t_s, step_mm)
@@ -133,13 +136,14 @@ def scatter_of(
 
 
 def _typical(away_mm: Array, least_mm: float) -> float:
-    """Return the standard deviation of readings (n,) mm from their median distance from the mean of two or three."""
+    """Return the standard deviation of readings (n,) mm from the median distance to the mean of two or three
+    readings."""
     return max(2.0 * float(np.median(np.abs(away_mm))), least_mm) if len(away_mm) else least_mm
 
 
 def _drift_shapes(t_s: Array) -> Array:
-    """Return polynomials (t, k, n, d) of the time of each reading, with mean zero over the run, in mm of the drift that
-    a real cell may have over it."""
+    """Return polynomials (t, k, n, d) of the time of each reading with zero mean over the run, in mm of the drift of
+    a real cell."""
     read = np.isfinite(t_s)
     begin, end = float(t_s[read].min()), float(t_s[read].max())
     x = np.where(read, 2 * (t_s - begin) / max(end - begin, 1e-9) - 1, 0.0)
@@ -151,8 +155,11 @@ def _drift_shapes(t_s: Array) -> Array:
 
 @dataclass
 class _Sampler:
-    """All chains: variance (m, t) mm² of the scatter, share (m, t, k, n) of a reading's weight in it, tail, s0² and d0
-    (m,), drift (m, d) in units of its shapes."""
+    """State of all chains.
+
+    variance (m, t) mm² of the scatter; share (m, t, k, n) of the weight of a reading in it; tail, s0² and d0 (m,);
+    drift (m, d) in units of its shapes.
+    """
 
     readings_mm: Array
     least_mm: float
@@ -169,7 +176,8 @@ class _Sampler:
         return away
 
     def begin(self) -> None:
-        """Set the first state of the chains: s0² and the variances from the differences of repeats without drift."""
+        """Set the initial state of the chains: s0² and the variances from the differences of drift-corrected
+        repeats."""
         self.there = np.isfinite(self.readings_mm)
         self.y = np.where(self.there, self.readings_mm, 0.0)
         self.chains = int(np.clip(_ELEMENTS // self.y.size, _FEWEST_CHAINS, _CHAINS))
@@ -197,7 +205,7 @@ class _Sampler:
         self.variance = (_FIRST_D0 * self.s0_sq[:, None] + (away**2).sum(axis=(1, 2))) / chi2
 
     def sweep(self, level: Level) -> tuple[Array, Array]:
-        """Draw all unknowns once and return the cells' expected values and draws (m, t, k) in mm."""
+        """Draw all unknowns once, and return the expected values and draws (m, t, k) of the cells in mm."""
         weight = self.share / self.variance[:, :, None, None]
         total = weight.sum(axis=-1)
         y = self._without_drift(weight, total)
@@ -220,8 +228,7 @@ class _Sampler:
         return best, cell
 
     def _read(self, cell: Array, shared: Array, total: Array, mean: Array) -> Array:
-        """Return the average readings of the gauge at the cells (m, t, k), with a draw of their shared
-        rounding error."""
+        """Return the average readings of the gauge at the cells (m, t, k), with a draw of the shared rounding error."""
         if self.step_mm == 0:
             return cell
         prior = shared / (1 + shared * total)
@@ -229,8 +236,8 @@ class _Sampler:
         return drawn
 
     def _without_drift(self, weight: Array, total: Array) -> Array:
-        """Return the readings minus a drift drawn from the differences of repeats of the same cell, never from their
-        values."""
+        """Return the readings minus a draw of the drift, based on the differences of repeats of the same cell, never
+        on values."""
         if self.t_s is None:
             return np.broadcast_to(self.y, weight.shape)
         d = self.shapes.shape[-1]
@@ -266,8 +273,8 @@ class _Sampler:
         self.d0 = self._chosen(_AGREEMENT, fit)
 
     def _chosen(self, values: Array, fit: Array) -> Array:
-        """Return one of the values for each chain, with the probabilities of the log-likelihoods fit (m, values)
-        (Gumbel's method)."""
+        """Return a value for each chain, with the probabilities of the log-likelihoods fit (m, values) (Gumbel's
+        method)."""
         chosen: Array = values[np.argmax(fit + self.rng.gumbel(size=fit.shape), axis=1)]
         return chosen
 
@@ -277,18 +284,23 @@ _LEAST_MM2 = 1e-12
 
 
 class SphereLevel:
-    """For each of m chains: the tilt (m, o), the target error (m, t) without the sphere and the tilt, and the variances
-    (m,) of both kinds of error."""
+    """The `Level` of a hemisphere.
+
+    For each of m chains: the tilt (m, o), the target error (m, t) excluding sphere and tilt, and the variances (m,) of
+    both kinds of error.
+    """
 
     @classmethod
     def at(cls, direction: Array, orientations: int) -> SphereLevel:
-        """direction (t, 3): unit vectors to the targets; orientations: the number of orientations of each."""
+        """Create a level. direction (t, 3): unit vectors to the targets. orientations: number of orientations of
+        each target."""
         design = np.column_stack([direction, np.ones(len(direction))])
         basis, s, _ = np.linalg.svd(design, full_matrices=False)
         return cls(basis[:, s > 1e-6 * s[0]] * np.sqrt(len(direction)), orientations == 1)
 
     def __init__(self, basis: Array, alone: bool) -> None:
-        """basis (t, c): the shapes of a sphere at the targets; alone: there is one orientation of each."""
+        """Create a level. basis (t, c): shapes of a sphere at the targets. alone: whether each target has a single
+        orientation."""
         self._basis, self._alone = basis, alone
         self._begun = False
         self._tilt: Array
@@ -297,9 +309,9 @@ class SphereLevel:
         self._orientation_mm2: Array
 
     def __call__(self, rng: np.random.Generator, weight: Array, mean: Array) -> tuple[Array, Array]:
-        """Return expected values and draws (m, t, o) of the cells, from their weights and weighted means (m, t, o)."""
+        """Return expected values and draws (m, t, o) of the cells from their weights and weighted means (m, t, o)."""
         if not self._begun:
-            # Initialise from plain means, with the noise known so far subtracted.
+            # Initialise from plain means, with the noise known at this point subtracted.
             seen_cells = weight > 0
             self._target = (weight * mean).sum(axis=2) / weight.sum(axis=2)
             self._tilt = np.zeros((len(weight), weight.shape[2]))
@@ -332,7 +344,7 @@ class SphereLevel:
         return best, cell
 
     def _tilt_from(self, rng: np.random.Generator, precision: Array, mean: Array) -> None:
-        """Draw the tilt, which has mean zero over the orientations because their common part belongs to the targets."""
+        """Draw the tilt with zero mean over the orientations, because their common part belongs to the targets."""
         if self._alone:
             return
         total = precision.sum(axis=1)
@@ -341,7 +353,7 @@ class SphereLevel:
         self._tilt = tilt - tilt.mean(axis=1, keepdims=True)
 
     def _sphere(self, rng: np.random.Generator, precision: Array, seen: Array) -> tuple[Array, Array]:
-        """Return the sphere's distance (m, t) at the targets, and the difference of a draw of it."""
+        """Return the distance (m, t) of the sphere at the targets, and the difference of a draw from it."""
         size = self._basis.shape[1]
         pairs = (self._basis[:, :, None] * self._basis[:, None, :]).reshape(-1, size * size)
         normal = (precision @ pairs).reshape(-1, size, size)

@@ -1,9 +1,9 @@
-"""Outliers: readings too far from all others for any effect of a robot. The rule is common to all tests.
+"""Outliers: readings farther from all others than any effect of a robot can explain. All tests use this rule.
 
 A fit to all readings follows an outlier: a single lost point of a tracker among 130 poses moved the base and increased
-an rms of 0.14 mm to 165 mm. The fit is therefore repeated a few times with the readings that were near, and readings
-still far away are outliers. Many distant readings, or distant readings sharing a range of a joint, are no accident of
-an instrument: they show an error of the model, and none of them is an outlier.
+an rms of 0.14 mm to 165 mm. The fit is therefore repeated a few times with the readings near the previous fit. Readings
+that are still distant are outliers. However, if there are many distant readings, or if they share a range of a joint,
+the cause is an error of the model and not an accident of the instrument. None of them is then an outlier.
 """
 
 from __future__ import annotations
@@ -15,38 +15,42 @@ import numpy as np
 from analysis.robot.kinematics.arm import Array, Mask
 
 SPREADS, NEAR = 10.0, 2.5
-"""Robust standard deviations from which a reading is wild, and up to which it counts in the fit. Chosen: as for the
-sphere of a radial test, and usual; the 2127 poses of the measured UR10 lie within 2 of the nominal arm."""
+"""Limits in robust standard deviations: from the first a reading is wild, and up to the second it counts in the fit.
+Chosen: as for the sphere of a radial test, and usual; the 2127 poses of the measured UR10 are within 2 of the
+nominal arm."""
 FITTED_SPREADS = 5.0
 """Robust standard deviations from which a pose is an outlier for an arm with fitted constants, both at import and
-among held-out poses. Measured: of 1600 poses of a UR10 and a UR5, in sets of 30 to 400, the farthest was at 4.2;
-on the UR5, with a residual of 0.1 mm, a reading wrong by 0.8 mm is seen in 14 of 14 sets (6 of 14 from 6 on), and
-also at 1 mm."""
+among held-out poses. Measured: of 1600 poses of a UR10 and a UR5, in sets of 30 to 400, the farthest was at 4.2.
+On the UR5, with a residual of 0.1 mm, a reading wrong by 0.8 mm is detected in 14 of 14 sets (6 of 14 with a
+limit of 6), and also at 1 mm."""
 STEPS = 4
-"""Number of fits, each to the readings near the previous fit (Rousseeuw's concentration steps): in a fit to all of
-them, a single outlier in nine was hidden."""
+"""Number of fits, each to the readings near the previous fit (Rousseeuw's concentration steps): a fit to all
+readings did not reveal a single outlier in nine."""
 _FEW = 30
-"""Number of readings up to which each is first left out singly, at the cost of as many fits."""
+"""Number of readings up to which each reading is first omitted in turn, at the cost of a fit per reading."""
 MOST = 0.1
-"""Share of readings above which, if there are at least two, they are no accident."""
+"""Share of readings above which two or more outliers are not an accident."""
 _RANGE = 3
-"""Number of outliers with a separate range of a joint that is no accident: of three in 130 placed at random, the
+"""Number of outliers in a separate range of a joint that is not an accident: for three in 130 placed at random, the
 chance is 0.002 for six joints."""
 
 
 def spreads_of(distances: Array, least: float) -> Array:
-    """Distances (n,) from a model, in mm or rad, in robust standard deviations, taken to be `least` at the least."""
+    """Return distances (n,) from a model, in mm or rad, as multiples of the robust standard deviation, which is at
+    least `least`."""
     sd = max(1.4826 * float(np.median(distances)), least)
     return distances / sd
 
 
 def far_from_fit(distances_of: Callable[[Mask], Array], count: int, least: float) -> tuple[Array, Array]:
-    """Return the distances (n,) in mm or rad of `count` readings from a model fitted to the near readings, and the
-    same in robust standard deviations. distances_of: fits the model to some of the readings, and returns the
-    distances of all."""
+    """Return the distances (n,) in mm or rad of `count` readings from a model fitted to the near readings.
+
+    The second result is the same in robust standard deviations. distances_of: fits the model to some of the readings,
+    and returns the distances of all.
+    """
     near = np.ones(count, dtype=bool)
-    # Of a few, all except the reading whose removal improves the fit most, unless all fit with a scale of `least`.
-    # Among nine, fitted by nine unknowns, the steps alone do not always find it.
+    # For a small number of readings, first omit the reading whose omission gives the smallest rms, unless all fit with
+    # a scale of `least`. For nine readings and nine unknowns, the steps do not always find the outlier.
     if count <= _FEW and not float(np.sqrt(np.mean(distances_of(near) ** 2))) < SPREADS * least / np.sqrt(count):
         but_one = ~np.eye(count, dtype=bool)
         rms = [float(np.sqrt(np.mean(distances_of(those)[those] ** 2))) for those in but_one]
@@ -60,7 +64,8 @@ def far_from_fit(distances_of: Callable[[Mask], Array], count: int, least: float
 
 
 def by_accident(far: Mask, q: Array) -> bool:
-    """Return whether distant readings (n,) are few, and have no separate range of any joint: angles q (n, 6) rad."""
+    """Return whether distant readings (n,) are few and have no separate range of any joint. q (n, 6): joint angles
+    in rad."""
     count = int(far.sum())
     if count > max(1.0, MOST * len(far)):
         return False

@@ -1,6 +1,7 @@
-"""ABB: RAPID, and the topic Motion.
+"""ABB controllers: the RAPID language, and the configuration topic Motion.
 
-An axis reads (motor angle - calibration offset) / gear ratio, so the calibration offset falls.
+The reading of an axis is (motor angle - calibration offset) / gear ratio. A larger reading therefore requires a smaller
+calibration offset.
 """
 
 import math

@@ -1,7 +1,9 @@
-"""RAPID: a module of data and one procedure. ABB, Technical reference manual 3HAC050917: tooldata, wobjdata, robtarget
-with a quaternion q1 … q4 (the scalar first), jointtarget in degrees, speeddata, fine and z0; MoveC turns the tool from
-beginning to end relative to its path, or evenly in space (CirPathMode PathFrame, ObjectFrame). A name has 32 characters
-at most."""
+"""Interpreter of RAPID for emulated controllers: a module with data and one procedure.
+
+Source: ABB, Technical reference manual 3HAC050917. Supported are tooldata, wobjdata, jointtarget in degrees, speeddata,
+fine and z0, and robtarget with the quaternion q1 … q4, scalar first. MoveC rotates the tool from start to end relative
+to the path, or evenly in space, as set by CirPathMode PathFrame or ObjectFrame. Names have at most 32 characters.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +39,7 @@ _KINDS = {
     "robtarget": "[nnn][nnnn][nnnn][nnnnnn]",
     "speeddata": "nnnn",
 }
-"""The format of each kind of data: b a boolean, n a number, t a text, p a pose."""
+"""Format of each data type: b is a Boolean, n a number, t a text, p a pose."""
 _STREAMS = (
     "EGMGetId @",
     "EGMReset @",
@@ -45,11 +47,11 @@ _STREAMS = (
     "EGMStreamStart @ \\ SampleRate := 4",
     'EGMSetupUC ROB_1 , @ , "default" , "rig" \\ Joint',
 )
-"""The instructions of a stream of joint angles, with @ for its egmident."""
+"""Instructions of a stream of joint angles; @ is the egmident."""
 
 
 def run(text: str, _: str, machine: Machine) -> None:
-    """Drive the machine with a module. Raises ProgramError for one that is refused."""
+    """Execute a module on the machine. Raises ProgramError if the controller would reject it."""
     if "\r\n" not in text or any(len(line) > 250 for line in text.split("\r\n")):
         raise ProgramError("lines end with CR LF and have 250 characters at most")
     tokens = Tokens.of(text, _TOKEN, "RAPID")
@@ -65,7 +67,7 @@ def run(text: str, _: str, machine: Machine) -> None:
     tokens.take(")")
     controller = _Controller(data, machine)
     while tokens.peek()[1] != "ENDPROC":
-        # The name and the arguments of an instruction; switches and optional arguments as they stand.
+        # Name and arguments of an instruction, including switches and optional arguments as written.
         words = [_name(tokens)]
         while tokens.peek()[1] != ";":
             words.append(tokens.take("name", "number", "text", ",", "\\", ":="))
@@ -205,4 +207,4 @@ DRIVER = ProgramDriver(
     run,
     (READING, Parameter("MOTOR_CALIB rob1_{axis} cal_offset", "rad", "reading", -1 / GEAR_RATIO)),
 )
-"""An axis reads (motor angle - offset) / gear ratio."""
+"""The reading of an axis is (motor angle - offset) / gear ratio."""

@@ -1,9 +1,10 @@
-"""Targets in RAPID: jointtarget in degrees, robtarget in mm with a quaternion, declared or within a move.
+r"""Reader of targets in RAPID: jointtarget in degrees, and robtarget in mm with a quaternion.
 
-Source: ABB, Technical reference manual, RAPID Instructions, Functions and Data types (3HAC050917). Confdata says the
-posture, unless ConfL\\Off or ConfJ\\Off: then lines, or joint moves, keep the one in which the arm stands. tool0 and
-wobj0 are the flange and the world, which is taken for the robot's base. Modules beside the program are read for the
-routines, tools and work objects that they declare. What an instruction does stands in `statements`.
+Targets are declared as data or written in a move. Source: ABB, Technical reference manual, RAPID Instructions,
+Functions and Data types (3HAC050917). Confdata selects the posture, except after ConfL\Off for lines and ConfJ\Off for
+joint moves: the arm then keeps the current posture. tool0 is the flange, and wobj0 is the world, which is assumed to be
+the robot's base. Other modules in the same directory are read for the routines, tools and work objects they declare.
+`statements` contains the effect of each instruction.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from analysis.apps.makers.program_reader import ProgramReader, Remark
 from analysis.apps.makers.target import Left, Named, Parsed, Texts, blanked, lines_of, with_newlines
 
 _DECIMALS = Decimals(place=(4, 7), turn=(8, 12))
-"""0.1 µm and 1e-8 of a quaternion or of a degree: a num has about seven digits."""
+"""Decimals for 0.1 µm, and 1e-8 of a quaternion or of a degree: a num has about seven digits."""
 _BLANK = re.compile(r"\"[^\"\n]*\"|![^\n]*|%%%[^%]*%%%")
 _DATA = re.compile(
     r"(?<![\w\\])(?P<local>LOCAL\s+|TASK\s+)?(?P<storage>CONST|PERS|VAR)\s+(?P<kind>\w+)\s+(?P<name>\w+)\s*"
@@ -29,21 +30,22 @@ _DATA = re.compile(
     re.IGNORECASE,
 )
 _ELEMENT = re.compile(r"\[(?=\s*\[\s*[-+.\d])")
-"""The start of a target in the value of an array: [[x, y, z], …] or [[q1, …, q6], …]."""
+"""Start of a target in the value of an array: [[x, y, z], …] or [[q1, …, q6], …]."""
 _PARAMETERS = re.compile(r"\b(?:PROC|FUNC\s+\w+)\s+\w+\s*\(([^()]*)\)", re.IGNORECASE)
 _LAST = re.compile(r",\s*([A-Za-z]\w*)\s*(?=[\\;])")
 _WOBJ = re.compile(r"\\\s*WObj\s*:=\s*(\w+)", re.IGNORECASE)
-"""The tool or the work object in a move."""
+"""The work object of a move."""
 _WORD = re.compile(r"[A-Za-z]\w*")
 _NULL = {"tool tool0": np.eye(4), "frame wobj0": np.eye(4)}
 
 
 def parse(texts: Texts) -> Parsed:
-    """Return the targets of a module."""
+    """Parse the targets of a module."""
     blank = tuple(blanked(with_newlines(text), _BLANK) for text in texts.texts)
     reader = Reader(texts.names, blank, tuple(map(lines_of, blank)), Points(texts.own))
     stated: dict[str, Value] = {key: as_value(frame) for key, frame in _NULL.items()}
-    reader.of |= dict.fromkeys(_NULL, len(blank))  # of a module of the system, BASE.sys, which may stand beside
+    # They belong to the system module BASE.sys, which may be in the same directory.
+    reader.of |= dict.fromkeys(_NULL, len(blank))
     for file in range(len(blank)):
         _declare(reader, file, stated)
     for text in blank:
@@ -81,8 +83,11 @@ def parse(texts: Texts) -> Parsed:
 
 
 def _other_tasks(reader: Reader) -> None:
-    """Take the tools and work objects that modules beside set, whose own main begins another task or another program:
-    persistent data of one name may be one for all of them."""
+    """Add the tools and work objects set by other tasks and programs.
+
+    A module with a main routine belongs to another task or program. Persistent data with the same name may be shared by
+    all tasks.
+    """
     if not any(f"{file}:main" in reader.routines for file in range(reader.points.files)):
         return
     for file in range(reader.points.files, len(reader.texts)):
@@ -104,7 +109,7 @@ def _other_tasks(reader: Reader) -> None:
 
 
 def _declare(reader: Reader, file: int, stated: dict[str, Value]) -> None:
-    """Take the points, tools and work objects that a module declares; those of the program itself come first."""
+    """Add the points, tools and work objects declared by a module. Modules of the program are read first."""
     text, declares = reader.texts[file], set()
     for declared in _DATA.finditer(text):
         kind, name = declared["kind"].lower(), declared["name"].lower()
@@ -132,8 +137,11 @@ def _declare(reader: Reader, file: int, stated: dict[str, Value]) -> None:
 def _declare_frame(
     reader: Reader, file: int, kind: str, declared: re.Match[str], stated: dict[str, Value], *, shares: bool
 ) -> None:
-    """Take a tool or work object; one without numbers is that of its name, which a person can state. A name for two is
-    unknown, unless it stands for persistent data that tasks share, with the same numbers."""
+    """Add a declared tool or work object.
+
+    If the value is not numeric, the user can state the frame by name. If a name is declared twice, the frame is
+    unknown, except for persistent data shared by tasks with the same numbers.
+    """
     family: Literal["tool", "frame"] = "tool" if kind == "tooldata" else "frame"
     name, line = declared["name"].lower(), reader.lines[file].at(declared.start("name"))
     part = f"{family} {name}"

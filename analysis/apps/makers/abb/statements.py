@@ -1,8 +1,8 @@
-"""What the instructions of RAPID do to tool, work object, displacement and arm: the closed list of the dialect.
+"""Effects of RAPID instructions on tool, work object, displacement and arm: the closed list of the dialect.
 
 Source: ABB, Technical reference manual, RAPID Instructions, Functions and Data types (3HAC050917). PDispOn and PDispSet
-displace poses, not joint angles. Handlers (ERROR, UNDO) and traps may run at any moment, and a routine with a handler
-may be left at any place.
+displace poses, not joint angles. Handlers (ERROR, UNDO) and traps may run at any moment, and may end a routine with a
+handler at any statement.
 """
 
 from __future__ import annotations
@@ -54,15 +54,15 @@ _HANDED = re.compile(r"\[\s*\[[^\[\]]*\](?:\s*,\s*\[[^\[\]]*\])+\s*\]")
 """A literal target among the arguments of a routine."""
 _SHAPE = {"robtarget": (3, 4, 4, 6), "jointtarget": (6, 6)}
 _EXTERNAL = tuple("abcdef")
-"""The external axes of a target, in their order."""
+"""The external axes of a target, in order."""
 _ANY_AXIS = "any"
-"""Placeholder for the axes moved by an instruction not naming them."""
+"""Placeholder for the axes moved by an instruction that does not name the axes."""
 _EXTERNAL_MOVES = words("moveextj actunit deactunit eoffson eoffsoff eoffsset")
-"""Instructions that move external axes, or count their places otherwise."""
+"""Instructions that move external axes or change the origin of their coordinates."""
 _EXTERNAL_MOVED = re.compile(
     r"\b(?:MoveExtJ|ActUnit|DeactUnit|EOffsOn|EOffsSet|Ind[ARCD]Move)\b|\.\s*(?:extax|eax_[a-f])\b", re.IGNORECASE
 )
-"""Where a text moves external axes, whichever these are."""
+"""Pattern of a text that moves any external axes."""
 _COORDINATES = re.compile(rf"\[((?:\s*{NUMBER}\s*,){{5}}\s*{NUMBER}\s*)\]\s*\]")
 """The coordinates of external axes at the end of a target."""
 _NO_AXIS = 8.9e9
@@ -84,7 +84,7 @@ _UNTIL = {
     "MODULE": re.compile(r"\n|\)"),
     "RECORD": re.compile(r"\bENDRECORD\b", re.IGNORECASE),
 }
-"""The end of a header not ending with a semicolon."""
+"""The end of a header that does not end with a semicolon."""
 _OPERATORS = ("AND", "OR", "XOR", "NOT", "DIV", "MOD")
 _MOVE = re.compile(
     r"(?:Move(?P<move>AbsJ|J|L|C)(?:DO|AO|GO|Sync)?|Trigg(?P<trigg>J|L|C)(?:IOs)?|Arc(?P<arc>L|C)(?:Start|End)?|"
@@ -92,7 +92,7 @@ _MOVE = re.compile(
     re.IGNORECASE,
 )
 _TOOL_THIRD = re.compile(r"Move(?:J|L|C)(?:DO|AO|GO|Sync)", re.IGNORECASE)
-"""These have more arguments after the tool."""
+"""Moves with more arguments after the tool."""
 _NOTHING = words("""
     set reset setdo setao setgo pulsedo invertdo waittime waitdi waitdo waituntil waitai waitao waitgi waitgo waitrob
     waitsynctask waittestandset waitload waitsensor tpwrite tperase tpreadfk tpreadnum tpreaddnum tpshow uimsgbox uishow
@@ -112,13 +112,13 @@ _NOTHING = words("""
     textget texttabinstall
     testsigndefine testsignreset sensdevice startmove stopmove cornerpathwarning
     """)
-"""Instructions that change neither tool, work object nor displacement, nor where the arm stands: signals, waiting, the
-pendant, files, sockets, interrupts, speeds, loads, world zones."""
+"""Instructions that change neither tool, work object, displacement nor arm position: signals, waiting, the pendant,
+files, sockets, interrupts, speeds, loads, world zones."""
 _WRITES = words("""
     strtoval unpackrawbytes testandset readrawbytes defaccframe getnextmechunit getsysdata getsysinfo readstrbin readstr
     readnum readbin uimessagebox uinumentry uinumtune uialphaentry uilistview uidnumentry uidnumtune egmgetstate
     """)
-"""Functions that write what they are given, or can by an optional argument."""
+"""Functions that write to their arguments, always or through an optional argument."""
 _SWITCHES: dict[str, tuple[str, str]] = {
     "pdispon": ("shift", "on"), "pdispset": ("shift", "on"), "pdispoff": ("shift", OFF),
     "softact": ("tracking", "on"), "softdeact": ("tracking", OFF),
@@ -138,12 +138,14 @@ _FUNCTIONS = words("""
     testsignread unpackrawbytes distance dotprod vectmagn crossprod egmgetstate tasksinsync modexist modtime
     getsysdata ipers and or xor not if then elseif while for case test return from to step do
     """)
-"""Functions of RAPID, which change nothing, and words of the language before a bracket."""
+"""Functions of RAPID without side effects, and keywords that can precede a bracket."""
 
 
 def literal_frames(kind: str, text: str) -> Array | None:
-    """Return the frame (4, 4), in mm, of a literal of tooldata or wobjdata that the robot holds, or does not, as it
-    should."""
+    """Return the frame (4, 4) in mm of a literal of tooldata or wobjdata.
+
+    None if the literal is not a tool held by the robot, or a work object not held by the robot.
+    """
     shape = {
         "tooldata": "[TRUE,[[000],[0000]],[0,[000],[0000],000]]",
         "wobjdata": '[FALSE,TRUE,"",[[000],[0000]],[[000],[0000]]]',
@@ -160,7 +162,7 @@ def literal_frames(kind: str, text: str) -> Array | None:
 
 @dataclass
 class Reader:
-    """A program while it is read: names in lower case."""
+    """State of a program during parsing, with names in lower case."""
 
     names: tuple[str, ...]
     texts: tuple[str, ...]
@@ -175,20 +177,21 @@ class Reader:
     beside: list[Call] = field(default_factory=list)
     broken: list[Call] = field(default_factory=list)
     shadowed: dict[str, Unknown] = field(default_factory=dict)
-    """Tools and work objects whose name stands for something else in a routine."""
+    """Tools and work objects whose name has a different meaning in a routine."""
     by_name: Unknown | None = None
-    """Where the program writes data that it names in a text."""
+    """The place at which the program writes data selected by a name in a string."""
     file: int = 0
     blocks: Blocks | None = None
     routine: str = ""
     _defined: dict[str, list[str]] | None = None
 
     def why(self, begin: int, fact: str) -> Unknown:
-        """Return a reason at a place of the module that is read."""
+        """Return a reason at a position in the current module."""
         return Unknown(self.file, self.lines[self.file].at(begin), " ".join(fact.split())[:80])
 
     def defined(self, name: str) -> list[str]:
-        """Return the routines that a name can stand for: that of the module, or those that all modules see."""
+        """Return the candidate routines for a name: routines of the current module or, if there are none, global
+        routines."""
         if self._defined is None:
             self._defined = {}
             for file, text in enumerate(self.texts):
@@ -201,14 +204,16 @@ class Reader:
         return self._defined.get(f"{self.file}:{key}") or self._defined.get(key) or []
 
     def called(self, begin: int, name: str) -> Statement:
-        """Return the call of a routine, if its name stands for one."""
+        """Return the call of a routine, or `Forget` if the name is not unique or not known."""
         routines = self.defined(name)
         why = self.why(begin, f"{name} is called" if len(routines) == 1 else f"{name} is not known here")
         return Call(routines[0], why) if len(routines) == 1 else Forget(why)
 
     def literal(self, file: int, kind: str, begin: int, end: int, name: str) -> tuple[Target | None, Reason | None]:
-        """Return the target of [[…],[…]…], with the reason why it cannot be corrected; None for what is no such
-        literal."""
+        """Return the target of [[…],[…]…], and the reason if it cannot be corrected.
+
+        The target is None for text of any other form.
+        """
         text = self.texts[file]
         groups = list(re.compile(r"\[([^\[\]]*)\]").finditer(text, begin, end))
         outside = re.sub(r"\s", "", re.sub(r"\[[^\[\]]*\]", "g", text[begin:end]))
@@ -233,7 +238,7 @@ class Reader:
 
 
 def external_axes_in(text: str) -> set[str]:
-    """Return the external axes that a text moves from zero."""
+    """Return the external axes that a text moves away from zero."""
     axes = {_ANY_AXIS} if _EXTERNAL_MOVED.search(text) else set[str]()
     for coordinates in _COORDINATES.finditer(text):
         values = map(float, coordinates[1].split(","))
@@ -242,7 +247,7 @@ def external_axes_in(text: str) -> set[str]:
 
 
 def read_module(reader: Reader, file: int) -> None:
-    """Read the routines of a module."""
+    """Parse the routines of a module."""
     reader.file = file
     for begin, end, head in _statements(reader.texts[file]):
         if head is not None and head["routine"]:
@@ -252,7 +257,7 @@ def read_module(reader: Reader, file: int) -> None:
                 reader.beside.append(
                     Call(reader.routine, reader.why(head.start("name"), f"the trap {head['name']} may run"))
                 )
-            elif reader.routine in reader.routines:  # which one is called is not certain
+            elif reader.routine in reader.routines:  # The name is ambiguous, so calls of it are uncertain.
                 reader.routine = f"{reader.routine} {len(reader.routines)}"
             reader.blocks = Blocks()
         elif reader.blocks is None:
@@ -267,7 +272,7 @@ def read_module(reader: Reader, file: int) -> None:
 
 
 def _statements(text: str) -> Iterator[tuple[int, int, re.Match[str] | None]]:
-    """Yield the places of statements, and of headers with their match."""
+    """Yield the ranges of statements and headers; headers also with their match."""
     at = 0
     while at < len(text):
         head = _HEAD.match(text, at)
@@ -298,7 +303,7 @@ def _close(reader: Reader) -> None:
 
 
 def _flow(reader: Reader, blocks: Blocks, word: str, begin: int, end: int) -> None:
-    """Take a header, from `begin` to `end` what it says, or a word that ends a block."""
+    """Parse a block header with its condition in [begin, end), or a keyword that ends a block."""
     text = reader.texts[reader.file]
     match word:
         case "IF":
@@ -334,8 +339,10 @@ def _flow(reader: Reader, blocks: Blocks, word: str, begin: int, end: int) -> No
 
 
 def _handler(reader: Reader, begin: int, word: str) -> None:
-    """End the routine before its handler, which may run at any moment, and after which the routine may go on
-    anywhere."""
+    """End the routine before its handler.
+
+    The handler may run at any moment, and the routine may then continue at any statement.
+    """
     routine = reader.routine.removesuffix(" handler")
     _close(reader)
     reader.routine = f"{routine} handler"
@@ -348,7 +355,7 @@ def _handler(reader: Reader, begin: int, word: str) -> None:
 
 
 def _after_condition(text: str, begin: int, end: int) -> int:
-    """Return where the statement of IF condition statement; begins: at the word that follows a value."""
+    """Return the start of the statement in `IF condition statement;`: the first word directly after a value."""
     value, depth = False, 0
     for token in re.compile(r"[A-Za-z]\w*|[\d.]+|\"|[()\[\]{}]|[^\s]").finditer(text, begin, end):
         part = token[0]
@@ -366,7 +373,7 @@ def _after_condition(text: str, begin: int, end: int) -> int:
 
 
 def _functions(reader: Reader, begin: int, end: int) -> None:
-    """Take the calls of functions with a value."""
+    """Parse the function calls in an expression."""
     assert reader.blocks is not None  # noqa: S101 - within a routine
     text = reader.texts[reader.file]
     closes = brackets(text[begin:end])
@@ -380,8 +387,7 @@ def _functions(reader: Reader, begin: int, end: int) -> None:
 
 
 def _handed(reader: Reader, begin: int, end: int) -> None:
-    """Tools and work objects that a routine is given may be written by it, where they are not constants, and it may
-    move to targets."""
+    """Parse the arguments of a routine: it may write to tools and work objects, and move to targets."""
     assert reader.blocks is not None  # noqa: S101 - within a routine
     text = reader.texts[reader.file]
     for handed in _HANDED.finditer(text, begin, end):
@@ -395,7 +401,7 @@ def _handed(reader: Reader, begin: int, end: int) -> None:
 
 
 def _statement(reader: Reader, begin: int, end: int) -> None:
-    """Take an instruction, an assignment or a call."""
+    """Parse an instruction, an assignment or a call."""
     assert reader.blocks is not None  # noqa: S101 - within a routine
     text, blocks = reader.texts[reader.file], reader.blocks
     begin += len(text[begin:end]) - len(text[begin:end].lstrip())
@@ -432,13 +438,13 @@ def _statement(reader: Reader, begin: int, end: int) -> None:
     elif name in _NOTHING:
         _handed(
             reader, instruction.start("rest"), end
-        )  # Incr, Add, UnpackRawBytes and others write what they are given
+        )  # Incr, Add, UnpackRawBytes and others write to their arguments.
     else:
         blocks.add(Forget(reader.why(at, f"{instruction['name']} is not known here")))
 
 
 def _switch(name: str, rest: str) -> Set | None:
-    """Return what an instruction switches, if it does."""
+    """Return the state change of an instruction that switches a mode, or None for any other instruction."""
     if name in ("confl", "confj"):
         off = re.search(r"\\\s*Off\b", rest, re.IGNORECASE)
         return Set(f"conf {name[-1]}", "off" if off else "on")
@@ -452,7 +458,7 @@ def _switch(name: str, rest: str) -> Set | None:
 
 
 def _assigned(reader: Reader, begin: int, assignment: re.Match[str]) -> None:
-    """Take an assignment to a tool or a work object; points are watched where they stand."""
+    """Parse an assignment to a tool or a work object. Assigned points are detected elsewhere, by name."""
     assert reader.blocks is not None  # noqa: S101 - within a routine
     name, right = assignment["name"].lower(), assignment["right"].strip()
     for kind, data in (("tool", "tooldata"), ("frame", "wobjdata")):
@@ -489,7 +495,7 @@ def _move(reader: Reader, at: int, instruction: re.Match[str], move: re.Match[st
     for family, name in names.items():
         part = f"{family} {name.lower()}"
         active[family] = reader.shadowed.get(part) or Ref(part)
-        if not _WORD.fullmatch(name):  # parts of records and elements of arrays are not followed
+        if not _WORD.fullmatch(name):  # Parts of records and elements of arrays are not tracked.
             active[family] = reader.why(at, f"{name} is a part of other data")
     if wobj and wobj["given"] == "?":
         active["frame"] = reader.why(at, f"{names['frame']} is what a routine may be given")
@@ -507,7 +513,7 @@ def _move(reader: Reader, at: int, instruction: re.Match[str], move: re.Match[st
 
 
 def _target(reader: Reader, begin: int, end: int, move: Move, kind: str, instruction: str) -> None:
-    """Take a target of a move: a point, numbers, or a point with an offset."""
+    """Parse the target of a move: a point, a literal, or a point with an offset."""
     assert reader.blocks is not None  # noqa: S101 - within a routine
     text, of_program = reader.texts[reader.file], reader.file < reader.points.files
     name = text[begin:end].partition("\\")[0].strip() if not _OFFSET.match(text, begin, end) else text[begin:end]
@@ -541,8 +547,10 @@ def _target(reader: Reader, begin: int, end: int, move: Move, kind: str, instruc
 
 
 def _shift(function: str, texts: list[str]) -> Array | None:
-    """Return the frame (4, 4) in mm of the arguments of Offs or RelTool, None unless all are numbers. RelTool turns
-    about x, then the new y, then the new z."""
+    """Return the frame (4, 4) in mm of the arguments of Offs or RelTool, or None if an argument is not a number.
+
+    RelTool rotates about x, then the new y, then the new z.
+    """
     parts = [part.strip(" \n\t,") for part in re.split(r"(?=\\)", ",".join(texts))]
     places, turns = [place.strip() for place in parts[0].split(",")], {"x": 0.0, "y": 0.0, "z": 0.0}
     for text in parts[1:]:
@@ -552,7 +560,7 @@ def _shift(function: str, texts: list[str]) -> Array | None:
         turns[turn[1].lower()] = float(turn[2])
     if len(places) != 3 or not all(map(_NUMBER.fullmatch, places)):
         return None
-    T = frame_of("roll_pitch_yaw", [0, 0, 0, *(-turn for turn in turns.values())]).T  # the inverse of that turn
+    T = frame_of("roll_pitch_yaw", [0, 0, 0, *(-turn for turn in turns.values())]).T  # Inverse of the rotation
     T[:3, 3] = [float(place) for place in places]
     return T
 
@@ -570,9 +578,11 @@ def _list(reader: Reader, begin: int, reason: Reason, name: str) -> None:
 
 
 def agreeing(arm: Arm, q: Array, values: tuple[int, ...], slack_rad: float) -> Mask:
-    """Return which solutions q (n, 6) rad agree with confdata: the quadrants of axes 1, 4, 6. cfx, which some arms do
-    not have and then show as 0, only decides between what is left: 4 for a wrist behind axis 1, 2 for one behind the
-    lower arm, 1 for a negative axis 5."""
+    """Return a mask (n,) of the solutions q (n, 6) rad that agree with confdata: the quadrants of axes 1, 4, 6.
+
+    cfx only decides between the remaining solutions, because some arms do not use it and show 0. It is the sum of 4 for
+    a wrist behind axis 1, 2 for a wrist behind the lower arm, and 1 for a negative axis 5.
+    """
     low = np.array(values[:3]) * np.pi / 2
     turned = q[:, [0, 3, 5]]
     good: Mask = np.all((turned > low - slack_rad) & (turned < low + np.pi / 2 + slack_rad), axis=1)

@@ -1,8 +1,8 @@
-"""RAPID of ABB: one module with its targets and one procedure.
+r"""Writer of RAPID: a module with the targets and one procedure.
 
-Source: ABB, Technical reference manual, RAPID Instructions, Functions and Data types (3HAC050917). MoveC turns the tool
-relative to its path, unless CirPathMode says otherwise, so that a tool that points to the centre keeps doing so. With
-ConfL\\Off lines and arcs keep the arm's posture, whatever a target's confdata says; joint moves have joint targets.
+Source: ABB, Technical reference manual, RAPID Instructions, Functions and Data types (3HAC050917). By default MoveC
+rotates the tool relative to the path, so a tool pointing to the centre keeps pointing there. After ConfL\Off lines and
+arcs keep the posture of the arm, regardless of the confdata of a target. Joint moves have joint targets.
 """
 
 from __future__ import annotations
@@ -37,21 +37,21 @@ from analysis.robot.kinematics.arm import Array
 from rigs.schema.feedback import ABBEGM
 
 _NAME_LENGTH = 30
-"""A name has 32 characters, and the module's has two more than the procedure's."""
+"""Maximum length of a procedure name. RAPID allows 32 characters, and the name of the module has two more."""
 _WORDS = Words("WaitTime\\InPos,{};", 3, "SetDO rig_do{},1;", "SetDO rig_do{},0;", "! {}", 76, "Stop;")
-"""A line of RAPID has 80 characters in the editor of the FlexPendant."""
+"""The editor of the FlexPendant shows 80 characters per line."""
 _QUATERNION_DECIMALS = 12
 _NO_EXTERNAL = "[9E9,9E9,9E9,9E9,9E9,9E9]"
 _TURN_DEG_S, _OTHER_AXES = 500, "5000,1000"
-"""Reorientation and external axes of the predefined speeddata."""
+"""Speeds of reorientation and of external axes in the predefined speeddata."""
 _LIGHTEST_KG = 0.001
-"""The mass of tool0; RAPID refuses a tool without one."""
+"""Mass of tool0. RAPID rejects a tool without a mass."""
 _JOINT_MOVE_MM_S = 250.0
-"""Greatest speed of the tool in joint moves, that of manual mode at reduced speed (ISO 10218-1)."""
+"""Maximum speed of the tool in joint moves: the limit of manual mode at reduced speed (ISO 10218-1)."""
 
 
 def write(plan: Plan, demand: Demand) -> dict[str, str]:
-    """The module, with LOCAL data, so that several can be loaded together."""
+    """Write the module. All data are LOCAL, so several modules can be loaded together."""
     name = identifier(plan.name, _NAME_LENGTH)
     data: dict[str, str] = {}
     T = start_of(plan).T
@@ -67,7 +67,8 @@ def write(plan: Plan, demand: Demand) -> dict[str, str]:
         setup = '    EGMSetupUC ROB_1,rig_stream,"default","rig"\\Joint;'
         start = ["    EGMGetId rig_stream;", setup, "    EGMStreamStart rig_stream\\SampleRate:=4;"]
         moves = [*start, *moves, "    EGMStreamStop rig_stream;", "    EGMReset rig_stream;"]
-    # The tool's frame and load; its centre of mass is taken half way to the ball, since the rig file does not say
+    # Frame and load of the tool. The rig file does not contain the centre of mass: half the distance to the ball is
+    # used.
     T_tool = plan.arm.T_flange_tool
     mass = max(plan.payload_kg, _LIGHTEST_KG)
     centre = T_tool[:3, 3] / 2 if np.linalg.norm(T_tool[:3, 3]) > 1 else np.array([0.0, 0.0, 1.0])
@@ -115,7 +116,7 @@ def _speed(speed_mm_s: float, turn_deg_s: float, data: dict[str, str]) -> str:
 
 
 def _named(text: str, letter: str, data: dict[str, str]) -> str:
-    """The name of an item, which is declared once however often it is used."""
+    """Return the name of a data item, declared on first use."""
     return data.setdefault(text, f"{letter}_{len(data) + 1}")
 
 
@@ -124,7 +125,7 @@ def _pose(T: Array) -> str:
 
 
 def _quaternion(T: Array) -> Array:
-    """q1 … q4 (4,) of a frame (4, 4): the scalar first, not below zero."""
+    """Return the quaternion q1 … q4 (4,) of a frame (4, 4): scalar first and not negative."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
     values: Array = Rotation.from_matrix(T[:3, :3]).as_quat(canonical=True, scalar_first=True)

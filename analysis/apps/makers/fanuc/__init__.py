@@ -1,6 +1,7 @@
-"""FANUC: listings of the teach pendant's programs, KAREL for the feedback, and the system variables.
+"""FANUC controllers: listings of teach pendant programs, KAREL for the feedback, and the system variables.
 
-An axis reads (count - count at zero) / counts per degree, so the count at zero falls.
+The reading of an axis is (count - count at zero) / counts per degree. A larger reading therefore requires a smaller
+count at zero.
 """
 
 from analysis.apps.makers import LATER, ConstantParameter, Controller, ProgramFiles

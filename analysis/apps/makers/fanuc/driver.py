@@ -1,8 +1,11 @@
-"""FANUC's teach pendant programs in ASCII (.LS). FANUC, R-30iB Operator's Manual B-83284EN, chapter 4: J, L, C moves,
-FINE and CNT, WAIT, DO, remarks of 32 characters, UFRAME and UTOOL; W, P, R turn about the fixed x, y, z axes, in this
-order. A circular move turns the tool evenly from where it stands to the end; a move to a position of another tool or
-user frame than the selected one is refused. CONFIG: F or N for a wrist that is flipped or not, then how often J4, J5
-and J6 are turned beyond -180° to 180° (HandlingTool, section 11.21.2: 1 from 180° to 539°)."""
+"""Interpreter of FANUC's teach pendant language (.LS) for emulated controllers.
+
+Source: FANUC, R-30iB Operator's Manual B-83284EN, chapter 4. Supported are J, L and C moves, FINE and CNT, WAIT, DO,
+UFRAME, UTOOL, and remarks of 32 characters. W, P, R rotate about the fixed x, y, z axes in this order. A circular move
+rotates the tool evenly from start to end. A move to a position of a tool or user frame that is not selected is
+rejected. CONFIG contains F or N for the wrist, flipped or not, and the turns of J4, J5 and J6 beyond -180° to 180°
+(HandlingTool, section 11.21.2: 1 from 180° to 539°).
+"""
 
 from __future__ import annotations
 
@@ -52,7 +55,7 @@ class _Position:
 
 
 def run(text: str, _: str, machine: Machine) -> None:
-    """Drive the machine with a program. Raises ProgramError for one that is refused."""
+    """Execute a program on the machine. Raises ProgramError if the controller would reject it."""
     if "\r\n" not in text:
         raise ProgramError("lines end with CR LF")
     match = _HEADER.fullmatch(text.replace("\r\n", "\n"))
@@ -165,4 +168,4 @@ DRIVER = ProgramDriver(
         Parameter("$PARAM_GROUP[1].$DH_D[{axis}]", "mm", "d", 1.0, grows=True),
     ),
 )
-"""An axis reads (count - count at zero) / counts per degree."""
+"""The reading of an axis is (count - count at zero) / counts per degree."""

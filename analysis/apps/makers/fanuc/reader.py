@@ -1,9 +1,9 @@
-"""Targets in a listing of FANUC's teach pendant language (.LS): P[n] with joints, or with a pose and its CONFIG.
+"""Reader of targets in listings of FANUC's teach pendant language (.LS): P[n] with joints, or a pose with CONFIG.
 
 Source: FANUC, R-30iB Operator's Manual (Basic Operation) B-83284EN, chapter 4, and public backups in .LS. A position
-names its user frame UF and its tool frame UT; UF 0 is the world, taken for the robot's base as the library's arms have
-it, and UT 0 the flange. INC makes a move relative; Offset and Tool_Offset add a register, which stands in the
-controller. A listing is one program; those beside it are followed where it calls them.
+contains the user frame UF and the tool frame UT. UF 0 is the world, assumed to be the robot's base as in the arms of
+the library, and UT 0 is the flange. INC makes a move relative. Offset and Tool_Offset add a register stored in the
+controller. A listing is a single program. Other listings in the directory are read if the program calls them.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ from analysis.correction.reasons import Reason
 from analysis.robot.kinematics.arm import Arm, Array, Mask
 
 _DECIMALS = Decimals(place=(3, 7), turn=(3, 9))
-"""A controller prints three decimals; whether it takes more is not known, so no decimals are added."""
+"""A controller prints three decimals. Whether it accepts more is unknown, so no decimals are added."""
 _BLANK = re.compile(
     r"(?<=:)[ \t]*(?:!|//|--eg:)[^\n]*|^[ \t]*(?:\d+[ \t]*)?:[ \t]*(?:!|//)[^\n]*|\"[^\"\n]*\"|MESSAGE\[[^\n]*",
     re.MULTILINE,
@@ -92,12 +92,15 @@ _NOTHING = re.compile(
     r"SCR\.\$\w+|PRGOVERRIDE|TIMER\[[^\]]*\]\S*)\s*=.*|--.*|)",
     re.IGNORECASE,
 )
-"""Instructions changing neither frames nor the position and motion of the arm: registers, signals, waiting, speeds,
-messages, welding."""
+"""Instructions that change neither frames nor the position and motion of the arm: registers, signals, waiting,
+speeds, messages, welding."""
 _SELECTED = re.compile(r"(UFRAME_NUM|UTOOL_NUM)\s*(?:\[\s*GP1\s*\])?\s*=\s*(.*)", re.IGNORECASE)
-"""A controller refuses a position whose UF and UT are not the numbers that are selected (INTP-250 to 253), unless a
-system variable switches the check off ($FRM_CHKTYP, on some $MCR.$UFRCHK). Which of the two counts then was found
-nowhere, so they have to be the same."""
+"""Pattern of the selection of a frame.
+
+A controller rejects a position if UF and UT differ from the selected numbers (INTP-250 to 253). A system variable can
+disable this check ($FRM_CHKTYP, in some controllers $MCR.$UFRCHK). No source describes which number then applies, so
+both have to agree.
+"""
 _FRAME = re.compile(r"(UFRAME|UTOOL)\s*\[\s*(?:GP\d\s*:\s*)?(.*?)\]\s*=.*", re.IGNORECASE)
 _REGISTER = re.compile(r"PR\[\s*(?:GP1\s*:\s*)?((?:[^\[\]]|\[[^\[\]]*\])*)\]\s*=\s*(.*)")
 _WHOLE = re.compile(r"PR\[\s*(?:GP1\s*:\s*)?(\d+)\s*(?::[^\]]*)?\]")
@@ -117,7 +120,7 @@ _JOINT = re.compile(rf"\bJ([1-6])\s*=\s*({NUMBER})\s*deg")
 _AXIS = re.compile(rf"\b([XYZWPR])\s*=\s*({NUMBER})\s*(?:mm|deg)")
 _OTHERS = re.compile(r"\bGP[2-9]\b|\bE\d\s*=|\bJ[7-9]\s*=")
 _OTHER_AXIS = re.compile(rf"\b(E\d|J[7-9])\s*=\s*({NUMBER})|\b(GP[2-9])\s*:(?=\s*(?:[^\]\s]|\n))")
-"""An extended axis with its coordinate, or the positions of another group, which are not followed."""
+"""An extended axis with the coordinate, or the positions of another group, which are not tracked."""
 
 
 @dataclass
@@ -143,14 +146,14 @@ class _Reader:
             self.points.leave(Left(0, line, name[:60], reason))
 
     def called(self, name: str) -> Statement:
-        """Return the call of another program: the only listing that has its name."""
+        """Return the call of another program, or `Forget` if the name is not unique or not known."""
         files = self.programs.get(name.upper(), [])
         why = self.why(f"{name} is called" if len(files) == 1 else f"{name} is not known here")
         return Call(str(files[0]), why) if len(files) == 1 else Forget(why)
 
 
 def parse(texts: Texts) -> Parsed:
-    """Return the targets of a listing."""
+    """Parse the targets of a listing."""
     blank = tuple(blanked(with_newlines(text), _BLANK) for text in texts.texts)
     reader = _Reader(texts.names, blank, tuple(map(lines_of, blank)), Points(1))
     for file, text in enumerate(blank):
@@ -158,7 +161,7 @@ def parse(texts: Texts) -> Parsed:
         for name in {texts.names[file].rpartition(".")[0].upper(), *((named[1].upper(),) if named else ())}:
             reader.programs.setdefault(name, []).append(file)
     for name, files in reader.programs.items():
-        if 0 in files:  # the program itself comes first
+        if 0 in files:  # the program itself has priority
             reader.programs[name] = [0]
     for text in blank:
         positions = text[_section(text, "POS", len(text)) :]
@@ -207,14 +210,14 @@ def _position(position: re.Match[str], lines: Lines) -> tuple[Target, Reason | N
 
 
 def _others(text: str) -> Iterator[tuple[str, float]]:
-    """Yield the extended axes of positions with their coordinates, and other groups as ones that moved."""
+    """Yield the extended axes of positions with the coordinates. Other groups count as moved."""
     for axis in _OTHER_AXIS.finditer(text):
         yield (axis[3], 1.0) if axis[3] else (axis[1], float(axis[2]))
 
 
 def _agreeing(arm: Arm, q: Array, values: tuple[int, ...], slack_rad: float) -> Mask:
-    """Return the solutions q (n, 6) rad matching flip, up, front and the turns of axes 4 to 6, as used by `rig
-    program`."""
+    """Return a mask (n,) of the solutions q (n, 6) rad that agree with flip, up, front and the turns of axes 4 to 6,
+    in the sense of `rig program`."""
     return agreeing(arm, q, values[:3], dict(zip((3, 4, 5), values[3:], strict=True)), turns, slack_rad)
 
 
@@ -223,7 +226,7 @@ def _number(component: re.Match[str], begin: int) -> Number:
 
 
 def _read(reader: _Reader, file: int) -> None:
-    """Read the instructions of a listing."""
+    """Parse the instructions of a listing."""
     text = reader.texts[file]
     middle = _section(text, "POS", len(text))
     begin = _section(text, "MN", 0, middle)
@@ -231,7 +234,7 @@ def _read(reader: _Reader, file: int) -> None:
     reader.labels = tuple(re.findall(r"\bLBL\[\s*(\d+)", text[begin:middle]))
     if _TRACKING.search(text, 0, begin):
         reader.blocks.add(Set("tracking", "on"))
-    statements: list[list[tuple[int, str]]] = []  # each as the lines over which it goes, with where they begin
+    statements: list[list[tuple[int, str]]] = []  # Each statement is a list of lines, as start and text.
     for line in _LINE.finditer(text, begin, middle):
         if line["number"] or not statements or statements[-1][-1][1].endswith(";"):
             statements.append([])
@@ -254,7 +257,7 @@ def _statement(reader: _Reader, text: str, last_line: int) -> None:
 
 
 def _flow(reader: _Reader, text: str, last_line: int) -> bool:
-    """Parse an instruction of flow control; False for any other."""
+    """Parse an instruction of flow control; False for any other instruction."""
     blocks = reader.blocks
     word = (re.match(r"[A-Za-z_]+", text) or [""])[0].upper()
     if word in ("IF", "ELSEIF", "SELECT", "ELSE", "FOR") or text.startswith("="):
@@ -279,7 +282,7 @@ def _flow(reader: _Reader, text: str, last_line: int) -> bool:
 
 
 def _sets(reader: _Reader, text: str) -> bool:
-    """Parse an instruction setting a frame, a register or a mode; False for any other."""
+    """Parse an instruction that sets a frame, a register or a mode; False for any other instruction."""
     blocks, why = reader.blocks, reader.why(f"{text} sets it")
     if selected := _SELECTED.fullmatch(text):
         number = selected[2].strip()
@@ -300,7 +303,7 @@ def _sets(reader: _Reader, text: str) -> bool:
 
 
 def _register(text: str, why: Unknown) -> Value | Built:
-    """Return the frame in a position register, whose six numbers the program has to have set."""
+    """Return the frame in a position register; unknown unless the program has set all six numbers."""
     whole = _WHOLE.fullmatch(text.strip())
     if whole is None:
         return why
@@ -313,9 +316,9 @@ def _register(text: str, why: Unknown) -> Value | Built:
 
 
 def _set_register(reader: _Reader, assignment: re.Match[str]) -> None:
-    """Take an assignment to a position register, or to one of its numbers."""
+    """Parse an assignment to a position register, or to an element of it."""
     index, _, axis = assignment[1].partition(",")
-    # The remark stands behind the last number: PR[5:base], PR[5,1:base]
+    # The remark follows the last number: PR[5:base], PR[5,1:base]
     number, axis = (text.partition(":")[0].strip() for text in (index, axis))
     right = assignment[2].strip().strip("()")
     why = reader.why(f"{assignment[0]} sets it")
@@ -347,7 +350,7 @@ def _branch(reader: _Reader, text: str, word: str, last_line: int) -> None:
         else:
             blocks.branch()
     else:  # IF …, action; and the lines of SELECT
-        depth, action = 0, ""  # behind the comma that is outside of brackets
+        depth, action = 0, ""  # The action follows the first comma outside brackets.
         for at, letter in enumerate(text):
             depth += (letter in "([") - (letter in ")]")
             if letter == "," and depth == 0:
@@ -359,7 +362,7 @@ def _branch(reader: _Reader, text: str, word: str, last_line: int) -> None:
 
 
 def _mentioned(reader: _Reader, text: str) -> None:
-    """Take the points that an instruction has otherwise than as a target: any, where a register says which."""
+    """Mark the points in an instruction as changed: all points if the number is in a register."""
     if reader.file:
         return
     for mention in _ANY_POINT.finditer(text):
@@ -374,7 +377,7 @@ def _move(reader: _Reader, move: re.Match[str], last_line: int) -> None:
     along = _ALONG.search(options)
     if along:
         options = options[: along.start()]
-        # What happens along the way may happen before or after the target is reached.
+        # An action along the way may happen before or after the arm reaches the target.
         reader.blocks.branch()
         _statement(reader, along["action"].strip(), last_line)
         reader.blocks.close()
@@ -395,7 +398,7 @@ def _move(reader: _Reader, move: re.Match[str], last_line: int) -> None:
 
 
 def _offset(reader: _Reader, texts: Sequence[str]) -> tuple[str, Value | Built] | None:
-    """Return the offset of a move: a register, in the user frame or in the tool; None for a move without one."""
+    """Return the offset of a move: a register, in the user frame or in the tool; None if there is no offset."""
     if not texts:
         return None
     if len(texts) > 1:
@@ -409,7 +412,7 @@ def _offset(reader: _Reader, texts: Sequence[str]) -> tuple[str, Value | Built] 
 
 
 def _selected(number: str, values: tuple[Value, ...]) -> Value:
-    """Return whether the selected number is that of a position: F stands for the selected one."""
+    """Return OFF if the number of a position is the selected number or F, else the selected number."""
     selected = values[0]
     return OFF if number in ("F", selected) else selected
 
@@ -452,7 +455,7 @@ def _target(reader: _Reader, kind: str, text: str, line: int, modifiers: str) ->
 
 
 def _any_target(reader: _Reader, kind: str, line: int, modifiers: str) -> None:
-    """Take a move to a point that a register names: to any of them."""
+    """Parse a move to a point selected by a register: any point is possible."""
     reader.blocks.cases()
     for key in tuple(reader.points.keys()):
         reader.blocks.other()
@@ -469,4 +472,4 @@ READER = ProgramReader(
     null_frames=("0",),
     beside=(".ls",),
 )
-"""A remark of the pendant has 32 characters (B-83284EN, 4.13), so a longer one takes several lines."""
+"""Remarks have at most 32 characters (B-83284EN, 4.13). Longer remarks take several lines."""

@@ -1,15 +1,15 @@
-"""FANUC's teach pendant language (.LS), which moves the robot on every controller, and KAREL for the feedback.
+"""Writer of FANUC's teach pendant language (.LS) for the motion, and of KAREL for the feedback.
 
-Sources: FANUC, R-30iB Operator's Manual (Basic Operation) B-83284EN, chapter 4 (motion, registers, WAIT, I/O; CONFIG,
-which counts the turns of J4, J5 and J6), and programs as controllers print them (public backups in .LS). Circular
-motion C turns the tool evenly from where it stands to the end of the arc. Joint moves have joint positions, so that no
-posture can be mistaken; lines and arcs have Cartesian ones, since an arc's points need micrometres. KAREL has had no
-motion statements since the R-30iB.
+Sources: FANUC, R-30iB Operator's Manual (Basic Operation) B-83284EN, chapter 4 (motion, registers, WAIT, I/O; CONFIG
+with the turns of J4, J5 and J6), and programs as printed by controllers (public backups in .LS). Circular motion C
+rotates the tool evenly from start to end of the arc. Joint moves have joint positions, so the posture is unambiguous.
+Lines and arcs have Cartesian positions, because the points of an arc need micrometres. KAREL has had no motion
+statements since the R-30iB.
 
-The KAREL program prints the joint angles, one line a sample, as `line_feed` reads them. Source: FANUC, R-30iB KAREL
-Reference Manual B-83144EN (CURJPOS, CNV_JPOS_REL, MSG_CONNECT, CONNECT TIMER, formats of WRITE; lines end with CHR(13)
-and CHR(10), since what CR sends depends on the port). It needs the option of user socket messaging and a server tag S3
-in the controller's host communication set-up. It moves nothing.
+The KAREL program prints the joint angles, a line per sample, in the format read by `line_feed`. It moves nothing.
+Source: FANUC, R-30iB KAREL Reference Manual B-83144EN (CURJPOS, CNV_JPOS_REL, MSG_CONNECT, CONNECT TIMER, formats of
+WRITE; lines end with CHR(13) and CHR(10), because the output of CR depends on the port). It needs the option of user
+socket messaging and a server tag S3 in the host communication set-up of the controller.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ from rigs.schema.feedback import SIGNAL, FANUCStreamMotion, LineFeed
 from rigs.schema.links import tcp_address
 
 _PERIOD_MS = 8
-"""Interpolation time of R-30iB controllers; after a shorter pause the same angles would be printed twice."""
+"""Interpolation time of R-30iB controllers. With a shorter pause the same angles would be printed twice."""
 _CLOCK = {"t_s": "clock / 1000.0::12::3", "t_ms": "clock::12", "t_us": "clock::12, '000'"}
 _RAD_PER_DEG = "0.017453293"
 _PROGRAM = """\
@@ -89,7 +89,7 @@ END rigfeed
 
 
 def feed(plan: Plan) -> dict[str, str]:
-    """The program for a rig that calls it and reads lines over TCP; nothing for others."""
+    """Write the KAREL program for a rig that reads lines over TCP as the client; an empty dictionary otherwise."""
     if not isinstance(plan.feedback, LineFeed) or plan.feedback.listens:
         return {}
     if (address := tcp_address(plan.feedback.port)) is None:
@@ -97,12 +97,13 @@ def feed(plan: Plan) -> dict[str, str]:
     separator = plan.feedback.separator
     if not separator.isascii():
         raise FileError("feedback", f"KAREL cannot print the separator {separator!r}", "choose one in ASCII")
-    # What cannot stand between quotes is written by its number.
+    # Characters that cannot be quoted are written as numbers.
     parts = [char if char.isprintable() and char != "'" else f"', CHR({ord(char)}), '" for char in separator]
     literal = f"'{''.join(parts)}'".removeprefix("'', ").removesuffix(", ''")
     line = f", {literal}, ".join(map(_field, plan.feedback.fields))
     numbered = []
-    if SIGNAL in plan.feedback.fields:  # the number that the outputs show, the first output the least
+    # The number shown by the outputs; the first output is the least significant bit.
+    if SIGNAL in plan.feedback.fields:
         numbered = ["signal = 0"]
         for bit, number in enumerate(plan.signal_place.outputs):
             numbered += [f"IF DOUT[{number}] THEN", f"  signal = signal + {1 << bit}", "ENDIF"]
@@ -129,11 +130,11 @@ _WORDS = Words("  WAIT {}(sec)", 2, "  DO[{}]=ON", "  DO[{}]=OFF", "  !{}", 32, 
 TOOL_NUMBER = 9
 """The last tool frame that every controller has."""
 _REGISTER = 99
-"""The last position register of a controller's 100; UTOOL takes its frame from one."""
+"""The last of the 100 position registers of a controller. UTOOL is set from a register."""
 
 
 def write(plan: Plan, demand: Demand) -> dict[str, str]:
-    """The program, and the feed of its joint angles where the rig file reads lines."""
+    """Write the program and, if the rig file reads lines, the program sending the joint angles."""
     name = identifier(plan.name, _NAME_LENGTH).upper()
     positions: dict[str, int] = {}
     T = start_of(plan).T
@@ -142,7 +143,7 @@ def write(plan: Plan, demand: Demand) -> dict[str, str]:
     begin = f"(world) X {x:.1f} Y {y:.1f} Z {z:.1f} mm W {w:.2f} P {p:.2f} R {r:.2f} deg"
     remarks = _WORDS.remarks(*heading(plan, demand, begin))
     moves = [line for step in plan.steps for line in _WORDS.lines(plan, step, partial(_move, plan.arm, positions))]
-    # The world frame, and the tool's frame from the rig file by way of a position register
+    # The world frame, and the frame of the tool from the rig file, set through a position register
     values = [*plan.arm.T_flange_tool[:3, 3], *fixed_xyz_deg(plan.arm.T_flange_tool)]
     texts = [f"({text})" if text.startswith("-") else text for text in (fixed(value, 6) for value in values)]
     elements = [f"  PR[{_REGISTER},{place}]={text}" for place, text in enumerate(texts, start=1)]
@@ -150,7 +151,7 @@ def write(plan: Plan, demand: Demand) -> dict[str, str]:
     frames = ["  UFRAME_NUM=0", f"  PR[{_REGISTER}]=LPOS", *elements, *set_tool]
     numbered = []
     for number, instruction in enumerate([*remarks, *frames, *moves], start=1):
-        first, *continued = instruction.split("\n")  # its second line, the end of an arc, has no number
+        first, *continued = instruction.split("\n")  # The second line of an arc has no number.
         numbered.append("\n".join([f"{number:4d}:{first}", *(f"    :{text}" for text in continued)]) + " ;")
     points = [f"P[{number}]{{\n   GP1:\n{text}\n}};" for text, number in positions.items()]
     head = [f"/PROG  {name}", "/ATTR", 'COMMENT\t\t= "RIG PROGRAM";', "DEFAULT_GROUP\t= 1,*,*,*,*;", "/MN"]
@@ -177,7 +178,7 @@ def _move(arm: Arm, positions: dict[str, int], step: Move) -> list[str]:
 
 
 def _number(text: str, positions: dict[str, int]) -> int:
-    """The number of a position, which is listed once however often it is used."""
+    """Return the number of a position, listed on first use."""
     return positions.setdefault(text, len(positions) + 1)
 
 

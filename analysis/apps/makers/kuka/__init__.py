@@ -1,6 +1,6 @@
-"""KUKA: KRL, and the machine data.
+"""KUKA controllers: the KRL language, and the machine data.
 
-At the mastering notch an axis reads $MAMES, so $MAMES grows by the same degrees.
+An axis reads $MAMES at the mastering notch. A larger reading therefore requires $MAMES to grow by the same angle.
 """
 
 from analysis.apps.makers import ConstantParameter, Controller, ProgramFiles

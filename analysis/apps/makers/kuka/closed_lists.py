@@ -1,4 +1,4 @@
-"""What of KUKA's language changes nothing of tool, base and arm, and which functions write what they are given.
+"""Closed lists of KRL: statements without effect on tool, base and arm, and functions that write to their arguments.
 
 Source: KUKA System Software 8.x, Operating and Programming Instructions for System Integrators; KUKA.Ethernet KRL.
 """
@@ -14,8 +14,7 @@ NOTHING = re.compile(
     r"SREAD|SWRITE|SPLINE|ENDSPLINE|PTP_SPLINE)\b.*",
     re.IGNORECASE,
 )
-"""Statements after which tool, base and arm are as they were, but for what a function in them does: waiting, inputs
-and outputs."""
+"""Statements that change neither tool, base nor arm, except through function calls: waiting, inputs and outputs."""
 SYSTEM = re.compile(
     r"\$(?:VEL|ACC|APO|VEL_AXIS|ACC_AXIS|VEL_EXTAX|ACC_EXTAX|OV_PRO|OV_APPL|ADVANCE|OUT|ANOUT|FLAG|CYCFLAG|TIMER|"
     r"TIMER_STOP|TIMER_FLAG|CIRC_TYPE|CIRC_MODE|SPL_ORI_JOINT_AUTO|BWDSTART|H_POS|LOAD|LOAD_A1|LOAD_A2|LOAD_A3|"
@@ -24,8 +23,8 @@ SYSTEM = re.compile(
     r"SOFTPLCINT|SOFTPLCREAL)",
     re.IGNORECASE,
 )
-"""System variables that change neither tool nor base nor where the arm goes: speeds, accelerations, blending, outputs,
-flags, timers, loads."""
+"""System variables that change neither tool, base nor the target of a move: speeds, accelerations, blending,
+outputs, flags, timers, loads."""
 FUNCTIONS = words("""
     SIN COS TAN ACOS ASIN ATAN ATAN2 SQRT ABS ROUND EXP LOG MIN MAX INV_POS INVFRAME
     STRCOMP STRDECLLEN STRFIND STRLEN VARSTATE GETVARSIZE EXISTS_KRLMSG EXISTS_KRLDLG SET_KRLMSG SET_KRLDLG CLEAR_KRLMSG
@@ -37,12 +36,12 @@ FUNCTIONS = words("""
     EKI_INIT EKI_OPEN EKI_CLOSE EKI_CLEAR EKI_SEND EKI_CHECKBUFFER
     EKI_SETBOOL EKI_SETINT EKI_SETREAL EKI_SETSTRING EKI_SETFRAME
     """)
-"""Functions of the system that compute, speak or communicate and leave what they are given, and words of the language
-before a bracket."""
+"""System functions that compute, show or communicate without writing to their arguments, and keywords that can
+precede a bracket."""
 WRITING = words("""
     INVERSE FORWARD STRADD STRCLEAR STRCOPY STRDELIM STRTOINT STRTOREAL STRTOBOOL STRTOSTRING
     STRTOSTRUCT STRTOFRAME STRTOPOS STRTOE3POS STRTOE6POS STRTOAXIS STRTOE3AXIS STRTOE6AXIS
     CIOCTL GET_MSGBUFFER MSGDIALOG GET_SYSTEM_DATA EKI_GETBOOL EKI_GETINT EKI_GETREAL EKI_GETSTRING EKI_GETFRAME
     CREAD SREAD SWRITE CWRITE COPEN CCLOSE
     """)
-"""Functions of the system that return values through what they are given, and change nothing else."""
+"""System functions that return values through their arguments and change nothing else."""

@@ -1,8 +1,11 @@
-"""KUKA Robot Language, a .src with its .dat. KUKA System Software 8.x: $TOOL, $BASE, $VEL in m/s, PTP, LIN, CIRC with
-C_DIS, WAIT SEC, HALT, $OUT. A, B, C turn about z, then the new y, then the new x. With $CIRC_TYPE = #PATH and
-$ORI_TYPE = #VAR the tool turns from beginning to end relative to the path, with #BASE evenly in space. Declarations
-come before instructions; a name has 24 characters at most. $BASE counts in $WORLD, where the robot stands at $ROBROOT:
-points in the robot's base frame need $BASE = $ROBROOT."""
+"""Interpreter of KRL for emulated controllers: a .src file with the .dat file of the same name.
+
+Source: KUKA System Software 8.x. Supported are $TOOL, $BASE, $VEL in m/s, PTP, LIN, CIRC with C_DIS, WAIT SEC, HALT and
+$OUT. A, B, C rotate about z, then the new y, then the new x. With $CIRC_TYPE = #PATH and $ORI_TYPE = #VAR the tool
+rotates from start to end relative to the path, with #BASE evenly in space. Declarations precede instructions, and names
+have at most 24 characters. $BASE refers to $WORLD, and $ROBROOT is the robot in $WORLD: points in the robot's base
+frame need $BASE = $ROBROOT.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +38,7 @@ _CALLS = {"BAS": ["#INITMOV", ",", "0"], "RSI_ON": ["#RELATIVE"], "RSI_OFF": []}
 
 
 def run(source: str, data: str, machine: Machine) -> None:
-    """Drive the machine with a module, its source and its data list. Raises ProgramError for one that is refused."""
+    """Execute a module, given as source and data list. Raises ProgramError if the controller would reject it."""
     if not data:
         raise ProgramError("its data list, the .dat beside it, is missing")
     name, statements = _inside(source, "DEF", "END", r"(\w+)\(\)")
@@ -46,7 +49,7 @@ def run(source: str, data: str, machine: Machine) -> None:
 
 
 def _inside(text: str, opening: str, closing: str, form: str) -> tuple[str, list[list[str]]]:
-    """Return the name of a module and the tokens of each line in the module."""
+    """Return the name of a module and the tokens of each line inside."""
     if "\r\n" not in text:
         raise ProgramError("lines end with CR LF")
     lines = [line.split(";")[0].strip() for line in text.replace("\r\n", "\n").split("\n")]
@@ -152,7 +155,7 @@ class _Controller:
             case ["$OUT", "[", number, "]", "=", "TRUE" | "FALSE" as state]:
                 self._machine.events.append(Switched(int(number), state == "TRUE"))
             case ["HALT"]:
-                if not self._opened:  # the IF of a failed RSI call, which never fails here
+                if not self._opened:  # The IF handles a failed RSI call, and RSI calls never fail here.
                     self._machine.events.append(Held())
             case ["IF", "(", name, "<>", "RSIOK", ")", "THEN"] if name in self._variables:
                 self._opened += 1
@@ -184,4 +187,4 @@ DRIVER = ProgramDriver(
         Parameter("length in $TFLWP", "mm", "d", 1.0, axis=6, grows=True),
     ),
 )
-"""An axis is mastered so that it reads $MAMES at its notch."""
+"""Mastering makes an axis read $MAMES at the notch."""

@@ -1,11 +1,11 @@
-"""Targets in KUKA's language: E6AXIS and AXIS in degrees, E6POS, POS and FRAME in mm and degrees, in a .src or its
-.dat.
+"""Reader of targets in KRL: E6AXIS and AXIS in degrees; E6POS, POS and FRAME in mm and degrees.
 
-Source: KUKA System Software 8.x, Operating and Programming Instructions for System Integrators, and public programs
-with the inline forms of the pendant (FDAT_ACT = F…, PTP X…, SLIN … WITH $TOOL = STOOL2(F…)). The numbers of a tool and
-of a base stand in $config.dat, which a person states, or puts beside the program. $NULLFRAME and base 0 are $WORLD,
-which is taken for the robot's foot where the arm of the rig file stands upright, as KUKA delivers it ($ROBROOT zero).
-What a statement does stands in `statements`.
+Targets are in a .src file or in the .dat file of the same name. Source: KUKA System Software 8.x, Operating and
+Programming Instructions for System Integrators, and public programs with the inline forms of the pendant (FDAT_ACT =
+F…, PTP X…, SLIN … WITH $TOOL = STOOL2(F…)). The numbers of tools and bases are in $config.dat: the user states them, or
+copies that file into the directory of the program. $NULLFRAME and base 0 are $WORLD. This is assumed to be the robot's
+foot if the arm of the rig file is upright, as KUKA delivers it ($ROBROOT zero). `statements` contains the effect of
+each statement.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from analysis.apps.makers.program_reader import ProgramReader, Remark
 from analysis.apps.makers.target import Named, Parsed, Texts, blanked, lines_of, with_newlines
 
 _DECIMALS = Decimals(place=(4, 7), turn=(6, 9))
-"""0.1 µm, and 1e-6°, which is 0.02 µm at 1 m: a REAL of KRL has about seven digits."""
+"""0.1 µm and 1e-6°, which is 0.02 µm at 1 m: a REAL of KRL has about seven digits."""
 _BLANK = re.compile(r"\"[^\"\n]*\"|;[^\n]*|^[ \t]*&[^\n]*", re.MULTILINE)
 _DECLARED = re.compile(
     r"\s*(?:(?:DECL|GLOBAL|CONST)\s+)*(?:(?P<type>E6POS|POS|FRAME|E6AXIS|AXIS)\s+)?(?P<name>[A-Z_]\w*)\s*=\s*"
@@ -40,18 +40,18 @@ _FDAT = re.compile(r"\s*(?:(?:DECL|GLOBAL)\s+)*FDAT\s+(\w+)\s*=\s*\{([^{}]*)\}?"
 _ROUTINE = re.compile(r"\s*(GLOBAL\s+)?(?:DEF|DEFFCT\s+\w+(?:\s*\[[^\]]*\])?)\s+(\w+)\s*\(", re.IGNORECASE)
 _TYPED = re.compile(r"\s*(?:(?:DECL|GLOBAL)\s+)*(?:E6POS|POS|FRAME|E6AXIS|AXIS)\s+([\w\s,]+)", re.IGNORECASE)
 _TAKEN = re.compile(r"(?:FDAT_ACT\s*=|\bFDAT|\b(S(?:TOOL2?|BASE|IPO_MODE|LOAD))\s*\()\s*$", re.IGNORECASE)
-"""What stands before a set of tool and base that is only read."""
+"""Text before a set of tool and base that is only read."""
 _GLOBAL = re.compile(r"\bGLOBAL\b", re.IGNORECASE)
 _WORD = re.compile(r"[A-Za-z_]\w*")
 _IMPORT = re.compile(r"\bIMPORT\b[^\n]*\.\.\s*(\w+)", re.IGNORECASE)
-"""Another name for a point of this program, under which it may be written."""
+"""Another name for a point of this program, which other programs can write to."""
 _CONFIG = "$config.dat"
 _OWN_LIST = re.compile(r"\s*(?:(?:DECL|GLOBAL|CONST)\s+)*FRAME\s+(?:.*,\s*)?(TOOL_DATA|BASE_DATA)\b", re.IGNORECASE)
-"""A list of tools or bases that hides the controller's."""
+"""A list of tools or bases that hides the list of the controller."""
 
 
 def parse(texts: Texts) -> Parsed:
-    """Return the targets of a .src and, if it is given as the second text, of its .dat."""
+    """Parse the targets of a .src file and, if given as the second text, of the .dat file."""
     blank = tuple(blanked(with_newlines(text), _BLANK) for text in texts.texts)
     reader = Reader(texts.names, blank, tuple(map(lines_of, blank)), Points(texts.own))
     reader.points.axes.update(*map(external_axes_in, blank))
@@ -97,7 +97,7 @@ def parse(texts: Texts) -> Parsed:
 
 
 def _watch_points(reader: Reader) -> None:
-    """Take the points that stand anywhere but in a move, or that a file has under another name, as written."""
+    """Mark points as changed if they appear outside a move or are imported under another name."""
     for file, text in enumerate(reader.texts):
         for word in _WORD.finditer(text):
             key = word[0].upper()
@@ -113,7 +113,7 @@ def _watch_points(reader: Reader) -> None:
 
 
 def _configured(reader: Reader, file: int, begin: int, data: re.Match[str], stated: dict[str, Value]) -> None:
-    """Take the numbers that $config.dat has for a tool or base."""
+    """Add the numbers of a tool or base in $config.dat."""
     frame = reader.frame(data[3])
     if frame is not None:
         value, kind = as_value(frame), data[1].upper()
@@ -123,7 +123,7 @@ def _configured(reader: Reader, file: int, begin: int, data: re.Match[str], stat
 
 
 def _declare(reader: Reader, file: int, begin: int, line: str) -> None:
-    """Take the points and the sets of tool and base that a line declares."""
+    """Add the points and the sets of tool and base declared in a line."""
     if fdat := _FDAT.match(line):
         name = fdat[1].upper()
         if name in reader.fdat:
@@ -147,14 +147,15 @@ def _declare(reader: Reader, file: int, begin: int, line: str) -> None:
 
 
 def _watch_fdat(reader: Reader) -> None:
-    """Take the sets of tool and base that the program itself writes as unknown."""
+    """Mark the sets of tool and base that the program writes to as unknown."""
     for file, text in enumerate(reader.texts):
         for _, line in lines_in(text):
             for word in _WORD.finditer(line):
                 if word[0].upper() not in reader.fdat:
                     continue
                 taken = _TAKEN.search(line[: word.start()])
-                if not taken or (taken[1] and reader.defined(file, taken[1])):  # a routine of their own may write it
+                # A routine of the program with this name may write to it.
+                if not taken or (taken[1] and reader.defined(file, taken[1])):
                     reader.fdat_written.add(word[0].upper())
         if file + 1 == reader.points.files:
             return

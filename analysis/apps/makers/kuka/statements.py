@@ -1,10 +1,10 @@
-"""What the statements of KUKA's language do to tool, base and arm: the closed list of the dialect.
+"""Effects of KRL statements on tool, base and arm: the closed list of the dialect.
 
 Source: KUKA System Software 8.x, Operating and Programming Instructions for System Integrators. BAS(#PTP_PARAMS),
-BAS(#CP_PARAMS) and BAS(#FRAMES) take tool, base and the frame of interpolation from FDAT_ACT, BAS(#TOOL, n) and
-BAS(#BASE, n) from the lists; BAS(#INITMOV) sets what the controller's own bas.src has. IR_STOPM handles stops, and
-stands in every program of the pendant; SET_CD_PARAMS and USE_CM_PRO_VALUES, which set how easily a collision is
-detected, stand in every inline form of KSS 8.5 and newer.
+BAS(#CP_PARAMS) and BAS(#FRAMES) use tool, base and interpolation frame of FDAT_ACT; BAS(#TOOL, n) and BAS(#BASE, n) use
+the lists. BAS(#INITMOV) sets the values in the controller's bas.src. IR_STOPM handles stops and appears in every
+program of the pendant. SET_CD_PARAMS and USE_CM_PRO_VALUES set the sensitivity of collision detection and appear in
+every inline form of KSS 8.5 and newer.
 """
 
 from __future__ import annotations
@@ -54,11 +54,11 @@ from analysis.correction.reasons import Reason
 from analysis.robot.kinematics.arm import Arm, Array, Mask
 
 LINES = "flags of lines"
-"""The part that says whether the flags of posture count where a line ends."""
+"""Name of the part with the validity of posture flags at the end of a line."""
 _EXTERNAL_MOVED = re.compile(
     rf"(?<![\w$.])(E[1-6])\s+({NUMBER})|\.\s*(E[1-6])\b|\bASYPTP\b|\$EX_AX_\w+|\$ASYNC_\w+", re.IGNORECASE
 )
-"""Where a text moves an external axis, or assigns one."""
+"""Pattern of a text that moves or assigns an external axis."""
 LITERAL_TYPE = re.compile(r"^\s*(?:E6POS|POS|FRAME|E6AXIS|AXIS)\s*:", re.IGNORECASE)
 """The type before the numbers of an aggregate, {E6POS: X …}."""
 
@@ -76,19 +76,19 @@ _WITH_PART = re.compile(r"\$(TOOL|BASE|IPO_MODE)\s*=\s*((?:[^,()]|\([^()]*\))*)"
 _WITH_FDAT = re.compile(r"S(?:TOOL2?|BASE|IPO_MODE)\s*\(\s*(\w+)(?:\.\w+)?\s*\)", re.IGNORECASE)
 _ENDS = re.compile(r"\s(?:C_DIS|C_PTP|C_VEL|C_ORI|C_SPL)\b.*", re.IGNORECASE)
 _CONSTANT = re.compile(r"\bORI_TYPE?\s*=?\s*#CONST", re.IGNORECASE)
-"""A line keeps the orientation of its start, whatever its target says."""
+"""Pattern of a line that keeps the orientation at the start, regardless of the target."""
 _STAYS = re.compile(r"\$(?:AXIS|POS)_ACT(?:_MES)?\s*(?:C_\w+\s*)*", re.IGNORECASE)
 _ASSIGNED = re.compile(
     r"\s*(?P<left>\$?[A-Za-z_][\w$]*(?:\s*\[[^\]]*\])?(?:\.\w+(?:\[[^\]]*\])?)*)\s*=(?!=)(?P<right>.*)"
 )
 _CYCLICAL = re.compile(r"\s*\$CYCFLAG\b", re.IGNORECASE)
-"""The right side is evaluated repeatedly in the background."""
+"""Variables whose right side is evaluated repeatedly in the background."""
 _BY_NUMBER = re.compile(r"(TOOL_DATA|BASE_DATA)\s*\[\s*(\d+)\s*\]", re.IGNORECASE)
 _AGGREGATE = re.compile(r"\{([^{}]*)\}")
 _HANDED = re.compile(
     r"\b(?:TOOL_DATA|BASE_DATA|FDAT_ACT)\b|\$(?:TOOL|BASE|IPO_MODE|ORI_TYPE)\b(?!\s*=(?!=))", re.IGNORECASE
 )
-"""The parts of the state of a motion that a call may write if it is given them."""
+"""The motion settings that a call may write to if they are passed to it."""
 _PARTS_OF = {
     "$TOOL": ("tool",), "$BASE": ("base",), "$IPO_MODE": ("external_tcp",), "$ORI_TYPE": ("switch",),
     "FDAT_ACT": ("fdat tool", "fdat base", "fdat ipo", "tool", "base"),
@@ -107,7 +107,7 @@ _BAS_NOTHING = words("VEL_PTP VEL_CP ACC_PTP ACC_CP ACC_GLUE PTP_DAT CP_DAT OUT_
 
 @dataclass
 class Reader:
-    """The state of a program being parsed; names in upper case."""
+    """State of a program during parsing, with names in upper case."""
 
     names: tuple[str, ...]
     texts: tuple[str, ...]
@@ -123,15 +123,15 @@ class Reader:
     blocks: Blocks | None = None
     routine: str = ""
     spline: dict[str, Value | Ref | Built] = field(default_factory=dict)
-    """Settings in the head of a spline for the segments."""
+    """Settings in the head of a spline, valid for all segments."""
     _defined: dict[str, list[str]] = field(default_factory=dict)
 
     def constant(self) -> bool:
-        """Return whether a set of motion data of the program keeps the orientation."""
+        """Return whether any motion data of the program keep the orientation constant."""
         return any(_CONSTANT.search(text) for text in self.texts)
 
     def define(self, file: int, name: str, *, everywhere: bool) -> None:
-        """Take the name of a routine; all files see a global one, and the one that has the name of its file."""
+        """Add the name of a routine. Visible to all files are global routines and routines named like their file."""
         stem = self.names[file].rpartition(".")[0].upper()
         key = f"{stem}:{name}"
         self._defined.setdefault(key, []).append(key)
@@ -139,18 +139,18 @@ class Reader:
             self._defined.setdefault(name, []).append(key)
 
     def defined(self, file: int, name: str) -> list[str]:
-        """Return the routines that a name can stand for in a file: that of the file, or those that all files see."""
+        """Return the candidate routines for a name: routines of the file or, if there are none, global routines."""
         stem, key = self.names[file].rpartition(".")[0].upper(), name.upper()
         return self._defined.get(f"{stem}:{key}") or self._defined.get(key) or []
 
     def called(self, file: int, begin: int, name: str) -> Statement:
-        """Return the call of a routine, if its name stands for one."""
+        """Return the call of a routine, or `Forget` if the name is not unique or not known."""
         routines = self.defined(file, name)
         why = self.why(file, begin, f"{name} is called" if len(routines) == 1 else f"{name} is not known here")
         return Call(routines[0], why) if len(routines) == 1 else Forget(why)
 
     def why(self, file: int, begin: int, fact: str) -> Unknown:
-        """Return a reason at a place in a text."""
+        """Return a reason at a position in a text."""
         return Unknown(file, self.lines[file].at(begin), fact[:80])
 
     def begin(self, file: int, name: str) -> None:
@@ -160,7 +160,7 @@ class Reader:
 
     def close(self) -> None:
         if self.blocks is not None:
-            if len(self._defined.get(self.routine, [])) > 1:  # which one is called is not certain
+            if len(self._defined.get(self.routine, [])) > 1:  # The name is ambiguous, so calls of it are uncertain.
                 why = Unknown(0, 0, f"{self.routine} is defined twice")
                 self.routine = f"{self.routine} {len(self.routines)}"
                 self.blocks.body.insert(0, Forget(why))
@@ -168,8 +168,7 @@ class Reader:
         self.blocks = None
 
     def literal(self, file: int, begin: int, text: str, name: str) -> tuple[Target | None, Reason | None]:
-        """Return the target of "X 1, Y 2, …", with the reason why it cannot be corrected; None for what is no
-        target."""
+        """Return the target of "X 1, Y 2, …", and the reason if it cannot be corrected; None for any other text."""
         parts: dict[str, Number] = {}
         at = begin
         for part in text.split(",", 32):
@@ -183,7 +182,7 @@ class Reader:
             return None, None
         names = _AXES if joints else _POSE
         if any(text[parts[letter].begin - begin] == "'" for letter in names if letter in parts):
-            return None, None  # bits are no coordinate that could be written back
+            return None, None  # Bit patterns are not coordinates, and could not be written back.
         numbers = tuple(parts[axis] for axis in names if axis in parts)
         form: Form = "joints_deg" if joints else "yaw_pitch_roll"
         flags = None
@@ -196,7 +195,7 @@ class Reader:
         return target, "external_axes" if any(axis in parts and parts[axis].value for axis in _EXTERNAL) else None
 
     def frame(self, text: str) -> Array | None:
-        """Return the frame (4, 4) of {X …} or {FRAME: X …}, if it has all six numbers."""
+        """Return the frame (4, 4) in mm of {X …} or {FRAME: X …}, or None unless all six numbers are present."""
         inside = text.strip()
         if not (inside.startswith("{") and inside.endswith("}")):
             return None
@@ -210,7 +209,7 @@ class Reader:
         return frame_of("yaw_pitch_roll", values) if is_frame("yaw_pitch_roll", values) else None
 
     def place(self, file: int, begin: int, text: str) -> Value | Ref:
-        """Return the right side of $TOOL = … or $BASE = …; "0" is the null frame."""
+        """Return the value assigned to $TOOL or $BASE; "0" is the null frame."""
         right = text.strip()
         if by_number := _BY_NUMBER.fullmatch(right):
             return Ref(f"{by_number[1].upper()}[{int(by_number[2])}]") if int(by_number[2]) else "0"
@@ -225,12 +224,12 @@ class Reader:
 
 
 def _value(text: str) -> float:
-    """Return a number, or bits as 'B010' or 'H1A'."""
+    """Return a number from decimal, binary ('B010') or hexadecimal ('H1A') text."""
     return float(int(text[2:-1], 2 if text[1] in "Bb" else 16)) if text[0] == "'" else float(text)
 
 
 def lines_in(text: str) -> Iterator[tuple[int, str]]:
-    """Yield the lines of a text with the places at which they begin."""
+    """Yield the start and the text of each line."""
     at = 0
     for line in text.split("\n"):
         yield at, line
@@ -238,14 +237,15 @@ def lines_in(text: str) -> Iterator[tuple[int, str]]:
 
 
 def read_statement(reader: Reader, file: int, begin: int, line: str) -> None:
-    """Parse a line of a .src."""
+    """Parse a line of a .src file."""
     if routine := _ROUTINE.match(line):
         reader.begin(file, routine[1])
         return
     blocks = reader.blocks
     if blocks is None:
         if _MOVE.fullmatch(line) or _BARE.fullmatch(line):
-            _list(reader, file, begin, "not_understood", line)  # no routine has it, so nobody knows when it runs
+            # The line is outside all routines, so the time of execution is unknown.
+            _list(reader, file, begin, "not_understood", line)
         return
     word = (_WORD.match(line.strip()) or [""])[0].upper()
     if word in ("END", "ENDFCT"):
@@ -262,7 +262,7 @@ def read_statement(reader: Reader, file: int, begin: int, line: str) -> None:
 
 
 def external_axes_in(text: str) -> set[str]:
-    """Return the external axes that a text moves from zero."""
+    """Return the external axes that a text moves away from zero."""
     axes: set[str] = set()
     for mention in _EXTERNAL_MOVED.finditer(text):
         if mention[3]:
@@ -275,7 +275,7 @@ def external_axes_in(text: str) -> set[str]:
 
 
 def read_submit(reader: Reader, file: int) -> None:
-    """Take the tools and bases that a program of the submit interpreter, which runs beside, sets."""
+    """Add the tools and bases set by a program of the submit interpreter, which runs in parallel."""
     body: list[Statement] = []
     for begin, line in lines_in(reader.texts[file]):
         if (assigned := _ASSIGNED.fullmatch(line)) and _HANDED.search(assigned["left"]):
@@ -306,7 +306,7 @@ def _functions(reader: Reader, file: int, begin: int, line: str) -> None:
 
 
 def _written_by(reader: Reader, file: int, begin: int, name: str, after: str) -> list[Statement]:
-    """Return what a call may write of the state of a motion, by what it is given in its line `after` its name."""
+    """Return the motion settings that a call may write to, given the arguments in the text `after` the name."""
     statements: list[Statement] = []
     for argument in dict.fromkeys(match[0].upper() for match in _HANDED.finditer(after)):
         why = reader.why(file, begin, f"{name} is given {argument} and may write it")
@@ -316,7 +316,7 @@ def _written_by(reader: Reader, file: int, begin: int, name: str, after: str) ->
 
 
 def _flow(reader: Reader, blocks: Blocks, file: int, begin: int, line: str, word: str) -> bool:
-    """Parse a statement of flow control; False for any other."""
+    """Parse a statement of flow control; False for any other statement."""
 
     def functions() -> None:
         _functions(reader, file, begin, line)
@@ -358,7 +358,7 @@ def _flow(reader: Reader, blocks: Blocks, file: int, begin: int, line: str, word
 
 
 def _runs_beside(reader: Reader, file: int, begin: int, interrupt: re.Match[str]) -> None:
-    """Take what an interrupt or a trigger does: it may happen at any moment."""
+    """Add the action of an interrupt or a trigger, which may happen at any moment."""
     assert reader.blocks is not None  # noqa: S101 - within a routine
     action = interrupt[1]
     if _ASSIGNED.match(action):
@@ -374,7 +374,7 @@ def _runs_beside(reader: Reader, file: int, begin: int, interrupt: re.Match[str]
 
 
 def _calls_beside(reader: Reader, file: int, begin: int, text: str) -> None:
-    """Take calls that happen at any moment."""
+    """Add calls that may happen at any moment."""
     for call in _CALL.finditer(text):
         statement, of_system = reader.called(file, begin, call[1]), FUNCTIONS | WRITING
         why = reader.why(file, begin, f"{call[1]} may run at any moment")
@@ -387,7 +387,7 @@ def _calls_beside(reader: Reader, file: int, begin: int, text: str) -> None:
 
 
 def _writes_beside(reader: Reader, file: int, begin: int, why: Unknown, body: list[Statement]) -> None:
-    """Take statements that may run at any moment, if there are any."""
+    """Add statements that may run at any moment, if there are any."""
     if body:
         key = f"\0{file}:{begin}:{len(reader.beside)}"
         reader.routines[key] = tuple(body)
@@ -395,7 +395,7 @@ def _writes_beside(reader: Reader, file: int, begin: int, why: Unknown, body: li
 
 
 def _other(reader: Reader, blocks: Blocks, file: int, begin: int, line: str) -> None:
-    """Take an assignment, a call of BAS or of a routine, or what changes nothing."""
+    """Parse an assignment, a call of BAS or of a routine, or a statement without effect."""
     if (bas := _BAS.fullmatch(line)) and not reader.defined(file, "BAS"):
         blocks.add(*_bas(reader, file, begin, bas[1].upper(), (bas[2] or "").strip()))
         return
@@ -436,7 +436,7 @@ def _bas(reader: Reader, file: int, begin: int, command: str, argument: str) -> 
 
 
 def _assigned(reader: Reader, file: int, begin: int, left: str, right: str) -> list[Statement]:
-    """Return what an assignment does to the state; points and variables are watched where they stand."""
+    """Return the state changes of an assignment. Assigned points and variables are detected elsewhere, by name."""
     name = re.split(r"[.\[]", left)[0]
     match name:
         case "$TOOL" | "$BASE":
@@ -478,7 +478,7 @@ def _data(reader: Reader, file: int, begin: int, left: str, right: str) -> list[
 
 
 def _fdat(reader: Reader, file: int, begin: int, right: str) -> list[Statement]:
-    """Return what an FDAT, or its name, sets for BAS(#FRAMES)."""
+    """Return the settings for BAS(#FRAMES) in an FDAT, given by name or as an aggregate."""
     name = right.upper()
     text = right[1:-1] if right.startswith("{") and right.endswith("}") else reader.fdat.get(name)
     if text is None or name in reader.fdat_written:
@@ -496,7 +496,7 @@ def _fdat(reader: Reader, file: int, begin: int, right: str) -> list[Statement]:
 
 
 def _move(reader: Reader, file: int, begin: int, line: str, move: re.Match[str]) -> None:
-    """Take a motion: its targets, in the tool and base that are active, or that stand WITH it."""
+    """Parse a motion with its targets, in the active tool and base or those given after WITH."""
     assert reader.blocks is not None  # noqa: S101 - within a routine
     kind, end = move["kind"].upper().lstrip("S"), move.end("rest")
     state: dict[str, Value | Ref | Built] = {
@@ -518,7 +518,7 @@ def _move(reader: Reader, file: int, begin: int, line: str, move: re.Match[str])
     count = 2 if kind == "CIRC" else 1
     for start, stop in places[:count]:
         text = line[start:stop]
-        if len(places) > count:  # an arc of CA degrees does not end at its target, and keeps the posture of its start
+        if len(places) > count:  # An arc of CA degrees does not end at the target, and keeps the posture at the start.
             _list(reader, file, begin, "arc", text)
             continue
         key = _point(reader, file, begin, start, text, kind)
@@ -529,13 +529,14 @@ def _move(reader: Reader, file: int, begin: int, line: str, move: re.Match[str])
         needs = () if reader.points.joints(key) else ("external_tcp here", "switch here")[: 1 if way == "joint" else 2]
         at = reader.lines[file].at(begin)
         reader.blocks.add(Set("external_tcp here", state["ipo_mode"]), Set("switch here", state["ori_type"]))
-        # A line or an arc keeps the posture at its start, whatever the flags say: it has to lead to them.
+        # A line or an arc keeps the posture at the start and ignores the flags; the path has to lead to the same
+        # posture.
         trusts = None if way == "joint" else LINES
         reader.blocks.add(Move(key, way, file, at, state["tool"], state["base"], needs, trusts))
 
 
 def _leave(reader: Reader, file: int, begin: int, reason: Reason, name: str) -> None:
-    """List a move that cannot be corrected, after which the arm stands anywhere."""
+    """List a move that cannot be corrected. The position of the arm is unknown afterwards."""
     assert reader.blocks is not None  # noqa: S101 - within a routine
     _list(reader, file, begin, reason, name)
     reader.blocks.add(Elsewhere())
@@ -547,7 +548,7 @@ def _list(reader: Reader, file: int, begin: int, reason: Reason, name: str) -> N
 
 
 def _point(reader: Reader, file: int, begin: int, start: int, text: str, kind: str) -> str | None:
-    """Return the key of the point of a move, None if there is no point."""
+    """Return the key of the point of a move, None if there is no such point."""
     if text.startswith("{") and text.endswith("}"):
         inside = LITERAL_TYPE.sub(lambda prefix: " " * len(prefix[0]), text[1:-1])
         target, reason = reader.literal(file, begin + start + 1, inside, kind)
@@ -563,7 +564,7 @@ def _point(reader: Reader, file: int, begin: int, start: int, text: str, kind: s
 
 
 def _with_all(reader: Reader, file: int, begin: int, text: str) -> dict[str, Value | Ref | Built]:
-    """Return the parts of the state that stand WITH a motion, or a spline: tool, base and mode."""
+    """Return the settings given after WITH for a motion or a spline: tool, base and mode."""
     state: dict[str, Value | Ref | Built] = {}
     for part, stated in _WITH_PART.findall(text):
         value = stated.strip()
@@ -584,9 +585,12 @@ def _with_all(reader: Reader, file: int, begin: int, text: str) -> dict[str, Val
 
 
 def agreeing(arm: Arm, q: Array, values: tuple[int, ...], slack_rad: float) -> Mask:
-    """Return which solutions q (n, 6) rad agree with Status and Turn. T has the signs of all axes, bit 0 of S the side
-    of axis 1 on which the wrist is, as KUKA's Expert Programming defines it; bit 1 of S says on which side of the
-    outstretched arm axis 3 stands. Bit 2, whose sense differs between arms, is not used: T has the sign of axis 5."""
+    """Return a mask (n,) of the solutions q (n, 6) rad that agree with Status and Turn.
+
+    T contains the signs of all axes. Bit 0 of S is the side of axis 1 on which the wrist is, as defined in KUKA's
+    Expert Programming. Bit 1 of S is the side of the outstretched arm on which axis 3 is. Bit 2 of S is not used,
+    because its sense differs between arms: T contains the sign of axis 5.
+    """
     status, turn = values
     signs = (turn >> np.arange(6)) & 1
     good: Mask = np.all(np.where(signs == 1, q < slack_rad, q > -slack_rad), axis=1)

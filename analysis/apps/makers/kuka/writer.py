@@ -1,9 +1,10 @@
-"""KUKA Robot Language: a .src with the motion and a .dat with its points.
+"""Writer of KRL: a .src file with the motion and a .dat file with the points.
 
 Source: KUKA System Software 8.x, Operating and Programming Instructions for System Integrators, and KUKA's Expert
-Programming (E6AXIS, FRAME, PTP, LIN, CIRC, $VEL, $APO, $ORI_TYPE, $CIRC_TYPE). With $CIRC_TYPE = #PATH an arc turns the
-tool with its path. A FRAME has no Status and Turn: lines and arcs keep the arm's posture. $BASE counts in $WORLD, which
-is not the robot's base where the arm hangs or stands elsewhere, so $BASE is set to $ROBROOT, the base in $WORLD.
+Programming (E6AXIS, FRAME, PTP, LIN, CIRC, $VEL, $APO, $ORI_TYPE, $CIRC_TYPE). With $CIRC_TYPE = #PATH an arc rotates
+the tool with the path. A FRAME has no Status and Turn: lines and arcs keep the posture of the arm. $BASE refers to
+$WORLD, which differs from the robot's base if the arm hangs or is elsewhere. $BASE is therefore set to $ROBROOT, the
+base in $WORLD.
 """
 
 from __future__ import annotations
@@ -43,13 +44,13 @@ _NAME_LENGTH = 24
 """Maximum length of a name in KRL, in characters."""
 _WORDS = Words("WAIT SEC {}", 3, "$OUT[{}] = TRUE", "$OUT[{}] = FALSE", "; {}", 100, "HALT")
 _FIRST_MM_S = 100.0
-"""Speed of the tool until a move sets its own; a turn about the tool's origin has none."""
+"""Speed of the tool before the first move with a speed. A turn about the tool's origin has no path speed."""
 RSI_CONTEXT = "rig_rsi"
-"""The RSI context that the person makes on the controller; it sends the axis angles."""
+"""The RSI context that the operator creates on the controller; it sends the axis angles."""
 
 
 def write(plan: Plan, demand: Demand) -> dict[str, str]:
-    """Return the program and the data list."""
+    """Write the program and the data list."""
     name = identifier(plan.name, _NAME_LENGTH)
     points: dict[str, str] = {}
     T = start_of(plan).T
@@ -72,7 +73,7 @@ def write(plan: Plan, demand: Demand) -> dict[str, str]:
         "$ORI_TYPE = #VAR",
         f"$CIRC_TYPE = {'#PATH' if turns_with_path(plan) else '#BASE'}",
     ]
-    # System variables are not set to what they are; outputs are switched each time.
+    # System variables are only written if they change. Outputs are always written.
     steps, assigned_values = list[str](), dict[str, str]()
     for instruction in [*settings, *on, *moves]:
         variable, assigned, value = instruction.partition(" = ")
@@ -117,7 +118,7 @@ def _point(T: Array, points: dict[str, str]) -> str:
 
 
 def _named(text: str, letter: str, points: dict[str, str]) -> str:
-    """The name of a point, which is declared once however often it is used."""
+    """Return the name of a point, declared on first use."""
     return points.setdefault(text, f"{letter}{len(points) + 1:04d}")
 
 

@@ -1,1 +1,2 @@
-"""Robot programs of the tests: a plan of motion that knows no language, what it asks of the arm, what writers share."""
+"""Robot programs of the tests: motion plans independent of a language, the checks on them, and common parts of the
+writers."""

@@ -1,7 +1,7 @@
-"""Programs with corrected targets, for a controller that cannot take the effects of its arm.
+"""Programs with corrected targets, for a controller that cannot represent the effects of its arm.
 
-The targets of a test are a table (`rig correct --path` corrects it), one row for each, in the order in which the
-programs first reach them. A program with the corrected table goes through the corrected targets in the same steps.
+The targets of a test form a table, which `rig correct --path` corrects. A row is a target, in the order in which the
+programs first reach them. A program with the corrected table moves to the corrected targets in the same steps.
 """
 
 from __future__ import annotations
@@ -30,25 +30,25 @@ from analysis.robot.kinematics.follow import follow
 from rigs.errors import FileError
 
 _FURTHEST_MM, _FURTHEST_DEG = 20.0, 5.0
-"""A target that is further from the nominal one belongs to another test or arm: a zero wrong by 1° moves a tool at 1 m
-by 17 mm, and neighbours on a circle of 50 mm are 38 mm apart."""
+"""Largest distance from the nominal target. A larger value indicates a different test or arm: a zero wrong by 1°
+moves a tool at 1 m by 17 mm, and neighbours on a circle of 50 mm are 38 mm apart."""
 _OTHER_POSTURE_DEG = 45.0
-"""A joint that is further from the nominal one stands in another posture. Chosen: near a singularity the wrist turns by
-several degrees for a small correction."""
+"""Largest angle of a joint from the nominal angle. A larger value indicates a different posture. Chosen: near a
+singularity the wrist turns by several degrees for a small correction."""
 _AFTER_TURN_MM_S = 10.0
-"""After a turn the tool goes on to its corrected place, fractions of a millimetre away."""
+"""Speed from the end of a turn to the corrected position, fractions of a millimetre away."""
 _SAME_PLACE_MM = 1e-3
-"""A place of a turn that is nearer than this is reached: it is below the resolution of a gauge."""
+"""Smallest distance from the end of a turn to its target for which a line is added: below the resolution of a gauge."""
 _REMEDY = "give the table that rig program --targets wrote for this rig file and test, corrected by rig correct --path"
 
 
 def targets_of(plan: Plan) -> list[Target]:
-    """Return the targets of a plan, each once, in the order in which the program first reaches them."""
+    """Return the targets of a plan without repetitions, in the order in which the program first reaches them."""
     return list({id(target): target for target in reached(plan)}.values())
 
 
 def reached(plan: Plan) -> list[Target]:
-    """Return the targets of a plan each time that the program reaches them."""
+    """Return the targets of a plan in program order, including repetitions."""
     return [
         target
         for step in plan.steps
@@ -69,10 +69,11 @@ def table_of(plans: Sequence[Plan]) -> str:
 
 
 def compensated(plans: Sequence[Plan], q: Array, poses: Array, lines: Sequence[int], where: str) -> list[Plan]:
-    """Return the plans with their targets at joint angles q (n, 6) rad, where the controller computes poses (n, 4, 4),
-    places in mm of the world; each is that of a line of the table `where`.
+    """Return the plans with targets at the joint angles q (n, 6) rad.
 
-    Raises FileError for a table that does not fit the plans, and for joint angles beyond the limits.
+    poses (n, 4, 4): tool poses of the controller's model at these angles, with positions in mm in the world frame.
+    lines: line number of each target in the table `where`. Raises FileError if the table does not match the plans, and
+    for joint angles beyond the limits.
     """
     counts = [len(targets_of(plan)) for plan in plans]
     if len(q) != sum(counts):
@@ -99,7 +100,7 @@ def _with_targets(plan: Plan, targets: Sequence[Target], lines: Sequence[int], w
             raise FileError(f"{where}, line {line}", problem, "move the test away from the limit")
     new = {id(old_target): new_target for old_target, new_target in zip(old, targets, strict=True)}
     steps: list[Step] = [Comment(f"the targets are corrected, by up to {farthest:.2f} mm")]
-    moved_by_ends: dict[tuple[int, int], tuple[Step, ...]] = {}  # laps and visits repeat the very same moves
+    moved_by_ends: dict[tuple[int, int], tuple[Step, ...]] = {}  # Laps and visits repeat identical moves.
     at = old[0]
     for step in plan.steps:
         if not isinstance(step, Move):
@@ -114,15 +115,16 @@ def _with_targets(plan: Plan, targets: Sequence[Target], lines: Sequence[int], w
 
 
 def _moved(plan: Plan, step: Move, begin: Target, new: dict[int, Target]) -> Iterator[Step]:
-    """Yield a move to its corrected targets, from the corrected `begin`."""
+    """Yield a move to the corrected targets, from the corrected start `begin`."""
     match step:
         case Arc(via, end):
             via, end = new[id(via)], new[id(end)]
             q = _followed(plan, around(begin.T, via.T[:3, 3], end.T, step.speed_mm_s), begin)
-            # Turning with the path would end where its tangents lead, which corrected places bend.
+            # An arc that turns with the path would end along its tangent, which corrected positions rotate.
             yield replace(step, via=via, end=end, with_path=False, q=q)
         case Turn(target):
-            # Corrections of the two orientations differ, so that a turn on the spot would miss the second place.
+            # The two orientations have different corrections. A turn about a fixed point would therefore miss the
+            # second position.
             end = new[id(target)]
             T = end.T.copy()
             T[:3, 3] = begin.T[:3, 3]
@@ -133,7 +135,8 @@ def _moved(plan: Plan, step: Move, begin: Target, new: dict[int, Target]) -> Ite
                 yield _line(plan, turned_target, end, _AFTER_TURN_MM_S)
         case Line(target, speed_mm_s):
             end = new[id(target)]
-            on_the_spot = end is begin  # the line to the start, for a controller that is elsewhere at its joint angles
+            # The line to the start serves a controller with a different tool position at the joint angles.
+            on_the_spot = end is begin
             yield replace(step, target=end) if on_the_spot else _line(plan, begin, end, speed_mm_s)
         case JointMove(target):
             yield replace(step, target=new[id(target)])
@@ -144,8 +147,10 @@ def _line(plan: Plan, begin: Target, end: Target, speed_mm_s: float) -> Line:
 
 
 def _followed(plan: Plan, way: Way, begin: Target) -> Array:
-    """Return the joint angles (n, 6) rad along a way. Raises FileError where the arm cannot follow, or a joint is too
-    slow."""
+    """Return the joint angles (n, 6) rad along a path.
+
+    Raises FileError if the arm cannot follow, or a joint is too slow.
+    """
     arm, where = plan.arm, f"the corrected program {plan.name}"
     q = follow(arm, arm.T_world_base @ way.poses, begin.q, where)
     for axis in np.flatnonzero(way.joint_speeds(q) > arm.speed):
@@ -154,8 +159,10 @@ def _followed(plan: Plan, way: Way, begin: Target) -> Array:
 
 
 def _hold_near(old: Sequence[Target], targets: Sequence[Target], lines: Sequence[int], where: str) -> float:
-    """Return the largest distance in mm of targets from the nominal ones. Raises FileError for one that cannot be a
-    correction."""
+    """Return the largest distance in mm of the targets from the nominal targets.
+
+    Raises FileError if a distance is too large for a correction.
+    """
     farthest = 0.0
     for line, nominal, target in zip(lines, old, targets, strict=True):
         mm = float(np.linalg.norm(target.T[:3, 3] - nominal.T[:3, 3]))

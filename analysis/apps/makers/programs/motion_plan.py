@@ -1,9 +1,9 @@
-"""A plan of motion that knows no dialect: what a robot program does, step by step, and what that asks of the arm before
-anything is written: limits, singularities, turns of the wrist, room.
+"""Motion plans of robot programs, independent of the language, and their demand on the arm.
 
-Every dialect renders the same plan, and limits, singularities and turns are checked on it. Poses are those of the tool
-in the robot's base frame (axis 1 along z, as the rig file's `robot.base` places it), which is the frame a controller
-without a base or user frame counts in.
+A plan contains the steps of a program. Limits, singularities, turns of the wrist and the required space are checked on
+the plan before a program is written, and every writer uses the same plan. Poses are tool poses in the robot's base
+frame: axis 1 along z, placed by `robot.base` of the rig file. Controllers use this frame if no base or user frame is
+selected.
 """
 
 from __future__ import annotations
@@ -18,15 +18,16 @@ from analysis.robot.kinematics.newton import cancelling_axes, conditioning
 from rigs.schema.feedback import Feedback
 
 ZONE_MM = 0.3
-"""How far before the end of an arc the next may begin, so that the tool does not stop between arcs of one circle. The
-corner that a controller cuts is within ZONE² / 2R of the circle: 0.6 µm at 70 mm. Some languages have no smaller."""
+"""Distance before the end of an arc at which the next arc may start, so the tool does not stop between arcs of a
+circle. The corner cut by a controller deviates from the circle by at most ZONE² / 2R: 0.6 µm at 70 mm. Some
+languages do not allow a smaller distance."""
 ACCELERATION_MM_S2 = 200.0
-"""Acceleration on arcs and lines; that of the simulated laps (analysis/robot/geometry/driven_programs.py)."""
+"""Acceleration on arcs and lines, as in the simulated laps (analysis/robot/geometry/driven_programs.py)."""
 
 
 @dataclass(frozen=True)
 class Target:
-    """A pose T_base_tool (4, 4), position in mm, and the joint angles q (6,) rad of the arm there."""
+    """A tool pose T (4, 4) in the base frame, with the position in mm, and the joint angles q (6,) rad."""
 
     T: Array
     q: Array
@@ -34,7 +35,7 @@ class Target:
 
 @dataclass(frozen=True)
 class JointMove:
-    """All joints together to a target and a stop there; no joint moves faster than speed_rad_s."""
+    """A move of all joints together to a target, with a stop there. speed_rad_s: maximum speed of any joint."""
 
     target: Target
     speed_rad_s: float
@@ -42,8 +43,11 @@ class JointMove:
 
 @dataclass(frozen=True)
 class Line:
-    """The tool straight to a target, the arm's posture kept; stops: there, otherwise the next line continues at the
-    same speed. q (n, 6) rad: the joint angles at even distances along it, ends included."""
+    """A straight move of the tool to a target in the same posture of the arm.
+
+    stops: the tool stops at the target; otherwise the next line continues at the same speed. q (n, 6) rad: joint angles
+    at equal distances along the line, including both ends.
+    """
 
     target: Target
     speed_mm_s: float
@@ -53,7 +57,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Turn:
-    """The tool turned about its origin, by an angle, to a target and a stop there; q as that of a line."""
+    """A rotation of the tool about its origin by `angle` rad, with a stop at the target; q as for a line."""
 
     target: Target
     angle: float
@@ -63,11 +67,11 @@ class Turn:
 
 @dataclass(frozen=True)
 class Arc:
-    """The tool on the circle through `via` to `end`.
+    """A move of the tool on the circle through `via` to `end`.
 
-    with_path: it keeps its orientation to the path, so that it turns about the circle's axis by as much as it goes
-    around it; otherwise it turns evenly to that of the end. stops: at the end; otherwise the next arc continues at
-    the same speed. q as that of a line.
+    with_path: the tool keeps its orientation to the path, so it rotates about the axis of the circle by the angle of
+    the arc. Otherwise it rotates evenly to the orientation of the end. stops: the tool stops at the end; otherwise the
+    next arc continues at the same speed. q as for a line.
     """
 
     via: Target
@@ -87,7 +91,7 @@ class Dwell:
 
 @dataclass(frozen=True)
 class Signal:
-    """The number that the robot shows from here on, by which the daemon starts and ends runs; 0 for none."""
+    """A change of the number shown by the robot, which makes the daemon start and end runs; 0 for none."""
 
     value: int
 
@@ -112,8 +116,10 @@ Step = Move | Dwell | Signal | Hold | Comment
 
 @dataclass(frozen=True)
 class SignalPlace:
-    """Where the controller shows its number: digital outputs read as a binary number, the first is the least, or an
-    integer register; neither where the rig file asks for no signal."""
+    """The outputs or the register with the number shown by the controller; neither if the rig file needs no signal.
+
+    outputs: digital outputs read as a binary number, least significant bit first. int_register: an integer register.
+    """
 
     outputs: tuple[int, ...] = ()
     int_register: int | None = None
@@ -125,10 +131,10 @@ class SignalPlace:
 
 @dataclass(frozen=True)
 class Plan:
-    """A program before it is written.
+    """A robot program before it is written.
 
-    name: test, direction and rig; ball_mm (3,): the base-ball's nominal centre in the robot's base frame; has_link:
-    whether a ball link is on, or a tracker's target.
+    name: test, direction and rig. ball_mm (3,): nominal centre of the base-ball in the robot's base frame. has_link:
+    whether a ball link is mounted, rather than the target of a tracker.
     """
 
     name: str
@@ -142,7 +148,7 @@ class Plan:
 
 
 def percent_of_axes(arm: Arm, speed_rad_s: float) -> int:
-    """Largest whole percentage of the axes' greatest speeds at which no axis moves faster than speed_rad_s."""
+    """Return the largest whole percentage of the maximum axis speeds at which no axis exceeds speed_rad_s."""
     return max(1, min(100, int(100 * speed_rad_s / float(arm.speed.max()))))
 
 
@@ -157,12 +163,12 @@ def start_of(plan: Plan) -> Target:
 
 
 def turns_with_path(plan: Plan) -> bool:
-    """Return whether the tool keeps a constant orientation to the arcs of a plan, which are all alike."""
+    """Return whether the tool keeps a constant orientation to the arcs of a plan; all arcs are alike."""
     return any(step.with_path for step in plan.steps if isinstance(step, Arc))
 
 
 def in_base(arm: Arm, poses: Array) -> Array:
-    """Return poses (n, 4, 4) of the world, positions in mm, in the robot's base frame."""
+    """Return poses (n, 4, 4) in the world frame relative to the robot's base frame, with positions in mm."""
     inside: Array = np.linalg.inv(arm.T_world_base) @ poses
     return inside
 
@@ -170,18 +176,19 @@ def in_base(arm: Arm, poses: Array) -> Array:
 _STEP_RAD = np.radians(2.0)
 """Rotation of the fastest joint between two samples of a joint move."""
 _FULL_TURN_DEG = 300.0
-"""A joint that swings by more winds its cables and hoses by nearly a turn. Chosen."""
+"""Range of a joint that winds cables and hoses by nearly a full turn. Chosen."""
 _NEAR_SINGULAR = 0.02
-"""Conditioning below which a path is reported as near a singularity, a tenth of what the shipped circles have."""
+"""Conditioning below which a path is reported as near a singularity: a tenth of the shipped circles."""
 
 
 @dataclass(frozen=True)
 class Demand:
-    """What a plan asks of the arm once it stands at the start.
+    """The demand of a plan on the arm after the arm has reached the start.
 
-    low, high, travel (6,) rad: lowest and highest angle and the way of each joint; least_conditioning, at q_there (6,)
-    rad; box_mm (2, 3): lowest and highest place of the tool in the base frame; distance_mm (2,): least and greatest
-    from the base-ball while the link is on; removals: how often a person takes it off for a joint move.
+    low, high, travel (6,) rad: lowest and highest angle, and total travel of each joint. least_conditioning: the
+    minimum, at the joint angles q_there (6,) rad. box_mm (2, 3): lowest and highest tool coordinates in the base frame.
+    distance_mm (2,): least and greatest distance from the base-ball while the link is mounted. removals: number of
+    joint moves for which the operator removes the link.
     """
 
     low: Array
@@ -247,7 +254,7 @@ def seconds_of(plan: Plan) -> float:
 
 
 def demand_lines(plan: Plan, demand: Demand, names: list[str]) -> list[str]:
-    """The demand in words; `names` (6) of the axes."""
+    """Return the demand as lines of text. names (6): names of the axes."""
     low, high, travel = np.degrees(demand.low), np.degrees(demand.high), np.degrees(demand.travel)
     room = np.degrees(np.minimum(demand.low - plan.arm.limits[:, 0], plan.arm.limits[:, 1] - demand.high))
     tight = int(room.argmin())

@@ -1,10 +1,11 @@
-"""The plans of a rig's tests: the same motion as the simulator's (analysis/robot/geometry/driven_programs.py), in
+"""Motion plans of the tests of a rig: the motion of the simulator (analysis/robot/geometry/driven_programs.py) in
 steps.
 
-circle and roll: laps with lead-in and lead-out and the ways back between them, a program for each direction, since each
-is a run of its own. hemisphere and repeatability: a stop at each target. Poses for a tracker: all joints together from
-one to the next, and a stand at each. ISO 9283 in front of a tracker: the stops of the cube, and its paths at a share of
-their speed.
+- circle, roll: laps with lead-in, lead-out and ways back; a program per direction, because each direction is a separate
+  run.
+- hemisphere, repeatability: a stop at each target.
+- poses for a tracker: joint moves with a stop at each pose.
+- ISO 9283 with a tracker: the stops of the cube, and the paths at several percentages of their speed.
 """
 
 from __future__ import annotations
@@ -67,7 +68,7 @@ from rigs.schema.part import Vector
 from rigs.schema.vocabulary import CIRCLES, Direction, DrivenTest
 
 _SPEED_RAD_S = float(np.radians(20.0))
-"""Fastest joint between poses: slow enough to be stopped by hand."""
+"""Speed of the fastest joint between poses: slow enough to be stopped by hand."""
 
 
 def poses_plan(
@@ -80,8 +81,11 @@ def poses_plan(
     speed_rad_s: float = _SPEED_RAD_S,
     name: str = "pose",
 ) -> Plan:
-    """The plan that stands at each posture q (n, 6) rad for so many seconds, in order. start (6,): where it begins, at
-    the first unless given; names (n,): what stands beside each; name: of the program, before the rig's."""
+    """Return a plan that stops at each posture q (n, 6) rad for dwell_s seconds, in order.
+
+    start (6,): joint angles at the start, by default the first posture. names (n,): comment for each posture. name: of
+    the program, followed by the name of the rig.
+    """
     arm = arm_of(rig.robot)
     first, *targets = targets_at(arm, np.concatenate([q[:1] if start is None else start[None], q]))
     names = names or [f"pose {number}" for number in range(1, len(q) + 1)]
@@ -97,7 +101,7 @@ def targets_at(arm: Arm, q: Array) -> list[Target]:
 
 
 def tracker_plan(rig: Rig, name: str, steps: Sequence[Step]) -> Plan:
-    """The plan of steps in front of a tracker, without a ball link and without the signal of automatic runs."""
+    """Return a plan for a tracker: no ball link, and no signal for automatic runs."""
     return Plan(
         name=name,
         arm=arm_of(rig.robot),
@@ -111,22 +115,22 @@ def tracker_plan(rig: Rig, name: str, steps: Sequence[Step]) -> Plan:
 
 
 LONGEST_ARC_DEG = 90.0
-"""An arc is given by three points, and controllers differ in how they turn the tool between its ends. About one axis is
-unambiguous below half a turn. Since the tool's x axis is the circle's normal, that turn is one of the three angles
-alone (W, C, Rx), so a controller that interpolates the angles turns it the same way. Shorter arcs would only add
-joints between arcs, each of which may disturb the motion."""
+"""Maximum arc. An arc is defined by three points, and controllers rotate the tool in different ways between the
+ends. A rotation about a single axis is unambiguous below half a turn. The x axis of the tool is the normal of the
+circle, so this rotation changes only one of the three angles (W, C, Rx), and a controller that interpolates the
+angles rotates the tool in the same way. Shorter arcs would add transitions, each of which may disturb the motion."""
 _FINE_RAD = np.radians(1.0)
-"""Step along the circle at which a plan has joint angles, at most."""
+"""Maximum step along the circle between the joint angles of a plan."""
 _Piece = tuple[Target, Target, Target, Array]
-"""Beginning, middle and end of an arc, and the joint angles (n, 6) rad along it."""
+"""Start, middle and end of an arc, and the joint angles (n, 6) rad along it."""
 _APPROACH_RAD_S = np.radians(10.0)
 """Speed of the fastest joint during the approach to the start from any position: slow enough to be stopped by hand."""
 _APPROACH_MM_S = 10.0
-"""Speed of the short ways of the repeatability test."""
+"""Speed of the short moves of the repeatability test."""
 _SAME_DECIMALS = 6
-"""Decimals of joint angles in rad beyond which they differ by rounding only."""
+"""Decimals of joint angles in rad for equal targets; further decimals differ only by rounding."""
 _STAND_S = 3.0
-"""Standing before the motion: automatic runs know it by a stand, and `still_s` is 2 s unless given."""
+"""Standstill before the motion. Automatic runs detect a program by a standstill of `still_s`, by default 2 s."""
 
 
 def plans_of(
@@ -136,11 +140,11 @@ def plans_of(
     outputs: tuple[int, ...] = (),
     arc_deg: float = LONGEST_ARC_DEG,
 ) -> list[Plan]:
-    """The plans of a test, one for each program. Raises FileError where the robot cannot do it, UseError for outputs
-    that no program would switch.
+    """Return the plans of a test, one per program.
 
-    dwell_s: standing at each target; outputs: digital outputs for the signal of automatic runs, where the rig file does
-    not name them; arc_deg: the longest arc of a circle, shorter where its targets are to be corrected one by one.
+    dwell_s: standstill at each target. outputs: digital outputs for the signal of automatic runs, unless the rig file
+    names the outputs. arc_deg: longest arc of a circle, shorter if the targets are to be corrected individually. Raises
+    FileError if the robot cannot execute a plan, and UseError for outputs that no program would switch.
     """
     directions: tuple[Direction, ...] = ("acw", "cw") if test in CIRCLES else ()
     if outputs and not any(_signal_of(rig, test, direction)[0] for direction in directions or (None,)):
@@ -155,7 +159,7 @@ def _circle(rig: Rig, test: DrivenTest, direction: Direction, outputs: tuple[int
     circle, arm = circle_of(rig), arm_of(rig.robot)
     t_s, phi = lap(circle, direction)
     q = circle_program(rig, direction).q[: len(t_s)]
-    # Arcs of equal length, of at most arc_deg.
+    # Arcs of equal length, at most arc_deg.
     driven = np.abs(phi - phi[0])
     count = int(np.ceil(driven[-1] / np.radians(arc_deg) - 1e-9))
     half = int(np.ceil(driven[-1] / (2 * count) / _FINE_RAD))
@@ -189,7 +193,7 @@ def _radial(rig: Rig, dwell_s: float, outputs: tuple[int, ...]) -> Plan:
     steps: list[Step] = [Dwell(dwell_s)]
     at, ways = targets[0], dict[bytes, tuple[list[Step], Target]]()
     for target in targets[1:]:
-        # Every visit goes the same ways.
+        # Every visit uses the same moves.
         key = np.concatenate([at.q, target.q]).round(_SAME_DECIMALS).tobytes()
         way, at = ways[key] = ways.get(key) or over_sphere(arm, at, target, centre, radius)
         steps += [*way, Dwell(dwell_s)]
@@ -214,7 +218,10 @@ def _repeatability(rig: Rig, dwell_s: float, outputs: tuple[int, ...]) -> Plan:
 
 
 def _line(rig: Rig, begin: Target, end: Target) -> tuple[Line, Target]:
-    """A line, and where the arm then stands. Raises FileError where it cannot follow, or a joint is too slow."""
+    """Return a line, and the target reached by it.
+
+    Raises FileError if the arm cannot follow, or a joint is too slow.
+    """
     arm, where = arm_of(rig.robot), RigPlace.of(rig.name, "tests.repeatability")
     way = straight(begin.T, end.T, _APPROACH_MM_S)
     q = follow(arm, arm.T_world_base @ way.poses, begin.q, where)
@@ -244,14 +251,14 @@ def _plan(
     start: Target,
     motion: list[Step],
 ) -> Plan:
-    """The plan with what every program begins and ends with."""
+    """Return the plan with the common start and end of every program."""
     arm = arm_of(rig.robot)
     ball = circle_of(rig).centre_mm if test in CIRCLES else hemisphere_of(rig).centre_mm
     number, automatic = _signal_of(rig, test, direction)
     hold = [] if automatic else [Hold("mount the ball link, start the recording, continue")]
     begin, end = ([Signal(number)], [Signal(0)]) if number else ([], [])
-    # A controller whose zeros or constants were corrected is elsewhere at the same joint angles: the line goes to the
-    # place itself, and is of no length where nothing was.
+    # If zeros or constants of the controller were corrected, the tool is at a different position for the same joint
+    # angles. The line then moves it to the start; otherwise the line has zero length.
     approach: list[Step] = [JointMove(start, _APPROACH_RAD_S), Line(start, _APPROACH_MM_S, q=np.stack([start.q] * 2))]
     steps = [*approach, *hold, Dwell(_STAND_S), *begin, *motion, *end, Dwell(_STAND_S)]
     return Plan(
@@ -291,13 +298,14 @@ def _signal_place(rig: Rig, number: int, outputs: tuple[int, ...]) -> SignalPlac
 
 
 PERCENTS = (100, 50, 10)
-"""Shares of the path speed, each a program and a run of its own: ISO 9283, 6.7."""
+"""Percentages of the path speed, each a separate program and run: ISO 9283, 6.7."""
 _STEP_MM = 4.0
 _TO_START_RAD_S = float(np.radians(10.0))
 
 
 def cube_plan(rig: Rig, dwell_s: float) -> Plan:
-    """The plan of the poses: from P1 through all cycles, with a stand at each. Raises FileError without a cube."""
+    """Return the plan of the poses: from P1 through all cycles, with a stop at each. Raises FileError if there is no
+    cube."""
     test = iso9283_of(rig)
     names = [f"cycle {cycle}, P{number}" for cycle in range(1, test.cycles + 1) for number in ORDER]
     speed = float(np.radians(test.joint_speed_deg_s))
@@ -306,8 +314,11 @@ def cube_plan(rig: Rig, dwell_s: float) -> Plan:
 
 
 def path_plan(rig: Rig, percent: int) -> Plan:
-    """The plan of the paths at so many percent of their speed, each as often as the rig file says, with a stand before
-    and after. Raises FileError without a cube, or where a joint is too slow."""
+    """Return the plan of the paths at a percentage of the path speed.
+
+    Each path is repeated as set in the rig file, with a standstill before and after. Raises FileError if there is no
+    cube, or a joint is too slow.
+    """
     test, cube, arm = iso9283_of(rig), cube_of(rig), arm_of(rig.robot)
     speed, where = test.path_speed_mm_s * percent / 100, RigPlace.of(rig.name, "tests.iso9283")
     paths = list(in_order(cube, test.path_cycles))
@@ -327,7 +338,7 @@ def path_plan(rig: Rig, percent: int) -> Plan:
 
 
 def _moves(arm: Arm, cube: Cube, path: CommandPath, speed: float, where: str) -> list[Move]:
-    """The lines or the two arcs of a path, which the tool drives without a stop between them."""
+    """Return the lines or the two arcs of a path, without a stop between them."""
     ends = path.along if isinstance(path, Polygon) else np.array([0.0, 0.5, 1.0]) * path.length_mm
     moves: list[Move] = []
     for number, (begin, end) in enumerate(pairwise(ends.tolist()), start=1):

@@ -1,7 +1,7 @@
-"""Which of the arm's solutions a target means, in words that makers have for it.
+"""Posture flags: the arm configuration meant by a target, in the terms of the makers.
 
-No maker's definition of every letter could be confirmed for every arm: a person compares them with the pendant
-(docs/robot-programs.md). Turns are certain, since they follow from the joint angles alone.
+The definition of the flags by each maker could not be confirmed for every arm: the operator compares them with the
+pendant (docs/robot-programs.md). Turns are certain, because they follow from the joint angles.
 """
 
 from __future__ import annotations
@@ -18,8 +18,11 @@ _FULL_TURN = 2 * np.pi
 
 @dataclass(frozen=True)
 class Posture:
-    """flip: axis 5 stands at a positive angle; up: the elbow lies above the line from shoulder to wrist; front: the
-    wrist lies on the side of axis 1 to which the arm faces."""
+    """Posture of the arm.
+
+    flip: axis 5 has a positive angle. up: the elbow is above the line from shoulder to wrist. front: the wrist is on
+    the side of axis 1 that the arm faces.
+    """
 
     flip: bool
     up: bool
@@ -53,8 +56,11 @@ def agreeing(
     number_of: Callable[[float], int],
     slack_rad: float,
 ) -> Mask:
-    """Which solutions q (n, 6) rad stand on these sides, flip, up and front, and each axis (from 0) of `numbers` at an
-    angle of its number; one within slack_rad of such an angle does as well."""
+    """Return a mask (n,) of the solutions q (n, 6) rad that have the given posture and turns.
+
+    sides: flip, up and front. numbers: required number of each axis, from 0, as computed by `number_of` from its angle.
+    slack_rad: tolerance of these angles.
+    """
 
     def agrees(angles: Array) -> bool:
         around = [angles + shift for shift in (-slack_rad, 0.0, slack_rad)]
@@ -69,8 +75,10 @@ def agreeing(
 
 
 def wrist_in_front(arm: Arm, q: Array) -> bool:
-    """Whether at joint angles q (6,) rad the wrist lies at positive x of the frame that turns with axis 1 and is the
-    base's frame at zero."""
+    """Return whether the wrist is in front of axis 1 at joint angles q (6,) rad.
+
+    In front means positive x of the frame that rotates with axis 1 and equals the base frame at zero.
+    """
     frames = link_frames(arm, np.stack([q, np.zeros(6)]))
     turned = frames[0, 0, :3, :3] @ frames[1, 0, :3, :3].T
     forward = turned @ arm.T_world_base[:3, 0]
@@ -78,8 +86,10 @@ def wrist_in_front(arm: Arm, q: Array) -> bool:
 
 
 def beyond_stretch(arm: Arm, q: Array) -> bool:
-    """Whether at joint angles q (6,) rad axis 3 stands at a larger angle than the one at which shoulder, elbow and
-    wrist are in a line."""
+    """Return whether axis 3 is beyond the stretched posture at joint angles q (6,) rad.
+
+    Shoulder, elbow and wrist are on a line in the stretched posture; beyond means a larger angle of axis 3.
+    """
     _, shoulder, elbow, _, wrist, _ = link_frames(arm, q[None])[0]
     lower, upper = elbow[:3, 3] - shoulder[:3, 3], wrist[:3, 3] - elbow[:3, 3]
     return bool(arm.coupling[2, 2] * (np.cross(lower, upper) @ elbow[:3, 2]) >= 0)

@@ -1,7 +1,7 @@
-"""What all dialects write alike: numbers, names, rotations, and the comments at the head of every program, which a
-person checks before the robot moves.
+"""Common parts of all program writers: numbers, names, rotations, and the comments at the head of every program.
 
-Comments hold no semicolon and no quotation mark, which end a line or a text in one language or the other.
+The operator checks these comments before the robot moves. Comments contain neither semicolons nor quotation marks,
+which end a line or a text in some languages.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from rigs.errors import FileError
 
 MM_DECIMALS = 7
 DEG_DECIMALS = 9
-"""A target is to be the simulator's to 1e-6 mm; controllers round what they do not hold."""
+"""Decimals for an agreement with the simulator within 1e-6 mm. Controllers round excess decimals."""
 
 
 def fixed(value: float, decimals: int) -> str:
-    """A number with so many decimals, never `-0` or an exponent. Raises FileError for nan and infinity."""
+    """Return a number with fixed decimals, never `-0` or with an exponent. Raises FileError for NaN and infinity."""
     if not math.isfinite(value):
         raise FileError("the program", f"a number is {value}", "check the numbers in the rig file")
     text = f"{value:.{decimals}f}"
@@ -37,8 +37,10 @@ def listed(values: Iterable[float], decimals: int) -> str:
 
 
 def identifier(name: str, most: int) -> str:
-    """A name of letters, digits and underscores that every language takes, of `most` characters at most. The beginning,
-    which says the test and the direction, is kept."""
+    """Return a valid identifier in all languages, with at most `most` letters, digits and underscores.
+
+    Longer names are cut at the end, so test and direction remain.
+    """
     return re.sub(r"[^A-Za-z0-9]+", "_", name)[:most].strip("_")
 
 
@@ -50,8 +52,11 @@ def wrapped(text: str, width: int) -> list[str]:
 
 @dataclass(frozen=True)
 class Words:
-    """How a language says what is no move, {} for its number or text: to wait for seconds of so many decimals, an
-    output on and off, a remark of `width` characters, and to wait for a person below a remark that says what for."""
+    """Formats of a language for steps other than moves, with {} for the number or text.
+
+    wait: a pause of a number of seconds, with `decimals`. on, off: switching of an output. remark: a remark of at most
+    `width` characters. hold: a pause for the operator, below a remark with the request.
+    """
 
     wait: str
     decimals: int
@@ -62,11 +67,11 @@ class Words:
     hold: str
 
     def remarks(self, *texts: str) -> list[str]:
-        """Return texts as remarks."""
+        """Return texts as lines of remarks."""
         return [self.remark.format(line) for text in texts for line in wrapped(text, self.width)]
 
     def lines(self, plan: Plan, step: Step, move: Callable[[Move], list[str]]) -> list[str]:
-        """Return the lines of a step, those of a move as the language has them."""
+        """Return the lines of a step; `move` writes moves."""
         match step:
             case Dwell(seconds):
                 return [self.wait.format(fixed(seconds, self.decimals))]
@@ -80,21 +85,22 @@ class Words:
 
 
 def fixed_xyz_deg(T: Array) -> Array:
-    """Angles (3,) deg about the fixed x, y, z axes, in this order, of a frame (4, 4): roll, pitch, yaw.
+    """Return the angles (3,) in degrees about the fixed x, y, z axes, in this order, of a frame (4, 4).
 
-    Makers call them W, P, R, or Rx, Ry, Rz; A, B, C are the same three, the last first.
+    These are roll, pitch and yaw. Makers call them W, P, R, or Rx, Ry, Rz; A, B, C are the same angles in reverse
+    order.
     """
     return np.degrees(roll_pitch_yaw(T))
 
 
 _CLEARANCE_MM = 100.0
-"""Around the tool's place; a person judges what else of the arm needs."""
+"""Clearance around the tool positions. The operator judges the space needed by the rest of the arm."""
 
 
 def heading(plan: Plan, demand: Demand, shown: str) -> list[str]:
-    """Comments, the first of them the speed override and the clearances to check.
+    """Return the comments at the head of a program, starting with the speed override and the clearances to check.
 
-    shown: the pose at the start as this controller's pendant shows it.
+    shown: the pose at the start as displayed by the pendant of this controller.
     """
     low, high = demand.box_mm + np.array([[-_CLEARANCE_MM], [_CLEARANCE_MM]])
     space = ", ".join(f"{axis} {a:.0f} to {b:.0f}" for axis, a, b in zip("XYZ", low, high, strict=True))

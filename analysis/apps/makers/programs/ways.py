@@ -1,11 +1,11 @@
-"""The way of the tool between two poses, along which the arm is followed before a move is planned.
+"""Paths of the tool between two poses, used to check that the arm can follow a move.
 
-An arm may reach both ends of a move and nothing between them, or pass a singularity there. On each way the tool turns
-evenly about one axis; poses are (4, 4) and (n, 4, 4), places in mm.
+An arm may reach both ends of a move but no point between them, or pass a singularity. Along each path the tool rotates
+evenly about a fixed axis. Poses are (4, 4) and (n, 4, 4), with positions in mm.
 
-Between targets of the hemisphere the tool stays at the link's length from the base-ball. A joint move between two
-targets takes the tool off the sphere by centimetres and more, which no link can follow. An arc about the ball keeps to
-it, and a turn where two targets are the same place in different orientations.
+Between targets of the hemisphere the distance of the tool from the base-ball is the length of the link. A joint move
+between two targets would leave the sphere by centimetres, which no link can follow. The tool therefore moves on an arc
+about the ball, or turns if two targets differ only in orientation.
 """
 
 from __future__ import annotations
@@ -24,14 +24,15 @@ from rigs.errors import FileError
 
 _STEP_MM = 4.0
 _STEP_RAD = np.radians(4.0)
-"""Half of this between samples; joints move smoothly in between."""
+"""Twice the maximum rotation between samples; joints move smoothly in between."""
 _OPPOSITE = 1e-6
-"""Places whose middle is so near to the centre, in radii, are opposite: rounding would choose the way between them."""
+"""Maximum distance from the centre, in radii, of the midpoint of two positions that count as opposite. The direction
+of the arc between them would be determined by rounding."""
 
 
 @dataclass(frozen=True)
 class Way:
-    """Poses (n, 4, 4) at even distances, an odd number of them; seconds: how long the way takes at its speed."""
+    """Poses (n, 4, 4) at equal distances, n odd. seconds: duration of the path."""
 
     poses: Array
     seconds: float
@@ -77,9 +78,9 @@ def _way(begin: Array, end: Array, share: Array, places: Array, seconds: float) 
 
 
 def middle_of(begin: Array, end: Array, centre_mm: Array, radius_mm: float) -> Array:
-    """The pose (4, 4) half way between two on a sphere about centre_mm (3,), places in mm.
+    """Return the pose (4, 4) midway between two poses on a sphere about centre_mm (3,), with positions in mm.
 
-    Between opposite places it is where the tool, turned half way, points to the centre.
+    For opposite positions it is the pose at which the tool, rotated halfway, points to the centre.
     """
     T = np.eye(4)
     T[:3, :3] = _rotations(rotation_vector(begin, end), np.array([0.5]))[0] @ begin[:3, :3]
@@ -112,20 +113,21 @@ def _rotations(vector: Array, share: Array) -> Array:
 
 _MOVE_MM_S = 100.0
 _TURN_RAD_S = np.radians(20.0)
-"""Between targets: 30° on a sphere of 400 mm in 2 s."""
+"""Speed between targets: 30° on a sphere of 400 mm in 2 s."""
 _SHARE_OF_SPEED = 0.5
-"""No joint moves faster than half of what it can between targets, so that a controller need not slow the tool down."""
+"""Maximum speed of a joint between targets, as a share of its limit, so the controller need not slow down the tool."""
 _LEAST_SHARE = 0.05
-"""Slower than a twentieth the arm is so near a singularity that a joint move is the better way."""
+"""Minimum share of the speed. A lower share means that the arm is near a singularity, and a joint move is
+preferable."""
 _SAME_PLACE_MM = 1e-6
-"""The rounding of places that are meant to be the same."""
+"""Rounding error of equal positions."""
 
 
 def over_sphere(arm: Arm, begin: Target, end: Target, centre_mm: Array, radius_mm: float) -> tuple[list[Step], Target]:
-    """The steps between two targets on a sphere about centre_mm (3,) in the base frame, and where the arm then stands.
+    """Return the steps between two targets on a sphere about centre_mm (3,) in the base frame, and the target reached.
 
-    That may be another of its solutions than the target's. Where the arm cannot follow the way, or only slowly, a
-    person takes the link off for a joint move.
+    The posture at the end may differ from the posture of the target. If the arm cannot follow the path, or only slowly,
+    the operator removes the link for a joint move.
     """
     turn = float(np.linalg.norm(rotation_vector(begin.T, end.T)))
     via = None

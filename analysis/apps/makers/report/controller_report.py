@@ -1,4 +1,4 @@
-"""Corrections in the words of a controller, on the screen and as an object."""
+"""Report of the corrections for one controller, on the screen and as an object."""
 
 from __future__ import annotations
 
@@ -16,13 +16,16 @@ from rigs.rig import Rig
 from rigs.schema.effect import label_of
 
 _REPORTED_UM = 1.0
-"""An effect that stays is listed where it moves the tool by at least this."""
+"""Minimum rms displacement of the tool, in µm, for an uncorrected effect to be listed."""
 _THIRD = 1 / 3
-"""Part of a squared error from which its cause is said in the first sentence."""
+"""Minimum share of the squared error for a cause to be named in the first sentence."""
 
 
 def first_sentence(entries: ControllerEntries, *, entered: bool = False) -> str:
-    """What to enter where, what it gains, and what to check before motion; where it is `entered`, that it is."""
+    """Return the summary: the values to enter, the benefit, and the check before any motion.
+
+    entered: the controller already has these values.
+    """
     maker, targets = entries.controller.maker, f"{entries.by_targets_um:.0f} µm"
     if not entries.entries:
         better = entries.carried_by_targets_um >= _REPORTED_UM
@@ -45,8 +48,10 @@ def first_sentence(entries: ControllerEntries, *, entered: bool = False) -> str:
 
 
 def base_note(base_u_um: float, after_um: float) -> str:
-    """What to say of the place of the whole arm on its base, where that makes more than a third of the squared
-    error."""
+    """Return the note on the uncertain position of the arm on its base, or an empty text.
+
+    The note appears only if this uncertainty makes up more than a third of the squared error.
+    """
     if base_u_um**2 <= _THIRD * (base_u_um**2 + after_um**2):
         return ""
     return (
@@ -56,7 +61,10 @@ def base_note(base_u_um: float, after_um: float) -> str:
 
 
 def as_table(entries: ControllerEntries, rig: Rig, entered: bool = False) -> RenderableType:
-    """What to enter, in which order, or what is `entered`, what it is worth, and what stays."""
+    """Return the values to enter with their benefit, the steps, and the remaining error.
+
+    entered: the controller already has these values.
+    """
     parts: list[RenderableType] = []
     if entries.entries:
         parts.append(_entries(entries, entered))
@@ -81,7 +89,7 @@ def as_table(entries: ControllerEntries, rig: Rig, entered: bool = False) -> Ren
 
 
 def carried(entries: ControllerEntries) -> str:
-    """What the entries carry of the tool's error, and what corrected targets do."""
+    """Return a sentence comparing the error removed by the entries with the error removed by corrected targets."""
     return (
         f"entries carry {entries.carried_um:.0f} of {entries.before_um:.0f} µm over the work (rms, in a frame taught "
         f"with the robot); corrected targets carry {entries.carried_by_targets_um:.0f}"
@@ -99,7 +107,7 @@ def _entries(entries: ControllerEntries, entered: bool) -> Table:
     table = Table(*columns, title=title, title_style="bold", title_justify="left", header_style="bold")
     for entry in entries.entries:
         reading = f"{entry.reading_deg:+.4f}°" if entry.reading_deg else "same"
-        # A value with its sign, to the second digit of its uncertainty; a count to whole counts
+        # The value has a sign and as many decimals as its uncertainty with two digits; counts are whole numbers.
         digits = 1 - math.floor(math.log10(entry.u)) if entry.u > 0 else 6
         numbers = (f"{entry.add:+.{max(0, digits)}f}", f"{entry.u:.2g}", entry.unit, reading)
         now = ["" if entry.now is None else f"±{entry.now:g}"] * lengths
@@ -109,7 +117,7 @@ def _entries(entries: ControllerEntries, entered: bool) -> Table:
 
 
 def as_object(entries: ControllerEntries) -> dict[str, Any]:
-    """The same for scripts and for corrections.yaml."""
+    """Return the corrections as an object for JSON and corrections.yaml."""
     return {
         "name": entries.name,
         "entries": [

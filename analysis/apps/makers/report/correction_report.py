@@ -1,4 +1,4 @@
-"""Corrections on the screen, as JSON, and as the files that a cell uses."""
+"""Report of all corrections: on the screen, as JSON, and as the files for the cell."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from rigs.errors import FileError
 from rigs.schema.effect import label_of
 
 _REPORTED_MM = 1e-3
-"""An effect that is not corrected is reported if it moves a target by at least this."""
+"""Minimum displacement of a target, in mm, for an uncorrected effect to be reported."""
 _count = program_report.targets_in_words
 _HEAD = "Corrections for the cell {name} by the effects of its rig file and the calibration beside it, {date}."
 _WAYS = {
@@ -50,8 +50,7 @@ _ONE = "Zeros and constants, or the controller's parameters, or corrected target
 
 
 def as_table(corrections: Corrections) -> RenderableType:
-    """One sentence that says what to do; each effect with its use, then what to change, then what it does to the
-    path."""
+    """Return the report for the screen: a sentence of advice, the effects, the values to change, and the benefit."""
     columns = ("effect", right("value"), "corrected as", Column("why", ratio=1))
     effects = Table(*columns, title="value ± standard uncertainty", title_style="dim", header_style="bold")
     for support in (*corrections.effects, *corrections.calibrated):
@@ -68,7 +67,8 @@ def as_table(corrections: Corrections) -> RenderableType:
         parts += [Text(), whole(effects)]
     if why := why_nothing(corrections.rig):
         parts.insert(0, Text(f"Against the verdict: {why}.", style="bold red"))
-    if not corrections.at_controller:  # whose entries hold the whole model, and these would be entered a second time
+    # The entries of a controller already cover the complete model. Listing these values too would correct twice.
+    if not corrections.at_controller:
         instead = [
             f"master axis {zero.axis} so that it reads {zero.delta:+.4f}° (± {zero.u:.4f}°) more where it stands"
             for zero in corrections.zeros
@@ -105,7 +105,10 @@ def _first(corrections: Corrections) -> str:
 
 
 def _falls(how: str, error: WorkError, *, of_work: bool) -> str:
-    """How a person corrects, and what the error falls to by that over the work, or at the targets."""
+    """Return a sentence with a way to correct the arm and the resulting error.
+
+    of_work: the error refers to the work area; otherwise to the targets of a file.
+    """
     before, after = f"{error.before_um:.0f}", f"{error.after_um:.0f}"
     where, unknown = "over the work", texts_of("en").not_known(error.unknown)
     if not of_work:
@@ -140,7 +143,7 @@ def why_not(corrections: Corrections) -> str:
 
 
 def _never_both(corrections: Corrections) -> str:
-    """Which controller corrected targets are for, since entries and targets together correct twice."""
+    """Return a warning against correcting twice, once at the controller and once in the targets."""
     if not corrections.at_controller:
         ways = "programs, entered values" if corrections.rig.takes_programs else "targets"
         return f" Corrected {ways} or a re-mastered axis: only one of them, as two correct twice."
@@ -190,7 +193,7 @@ def _small(mm: float) -> str:
 
 
 def as_object(corrections: Corrections, written: Sequence[Path]) -> dict[str, Any]:
-    """The same for scripts; lengths in mm, angles in degrees."""
+    """Return the corrections as an object for JSON, with lengths in mm and angles in degrees."""
     path = None
     if corrections.path:
         targets = corrections.path[2]
@@ -263,8 +266,10 @@ def _each_um(values_mm: Array) -> list[float | None]:
 
 
 def write(corrections: Corrections, directory: Path) -> list[Path]:
-    """Write corrections.yaml, dh.csv where a constant changes, the path, and programs under their own names. Raises
-    FileError where one is there."""
+    """Write corrections.yaml and, if they apply, dh.csv, the corrected path and the corrected programs.
+
+    dh.csv is written if a link constant changes. Raises FileError if a file already exists.
+    """
     import pyarrow as pa  # noqa: PLC0415 - slow to import
 
     from analysis.runs.written_files import holding, write_all_new, write_csv  # noqa: PLC0415

@@ -1,5 +1,4 @@
-"""A program with corrected targets on the screen and as JSON: how many, how far they moved, and what stayed as it
-was."""
+"""Report of a program with corrected targets, on the screen and as JSON."""
 
 from __future__ import annotations
 
@@ -18,7 +17,7 @@ from analysis.runs.noise.readings import rms
 _LISTED = 30
 """Maximum number of uncorrected targets on the screen; corrections.yaml lists more."""
 _KEPT = 10_000
-"""Maximum number of uncorrected targets in corrections.yaml and in JSON. Files with more are not robot programs."""
+"""Maximum number of uncorrected targets in corrections.yaml and in JSON. Robot programs are smaller."""
 NOT_TRIED = (
     "No real controller has run a program that rig corrected, only rig's own models of controllers: try it as "
     "docs/correct-a-program.md says"
@@ -76,7 +75,10 @@ def lines(program: CorrectedProgram) -> list[str]:
 
 
 def reached(u_frame_mm: Array, u_mm: Array) -> str:
-    """Return how well corrected targets are reached by their uncertainties (n,) mm, NaN where no run says it."""
+    """Return a sentence on the accuracy of corrected targets, from their uncertainties (n,) mm.
+
+    An uncertainty is NaN if the runs do not cover the target.
+    """
     if np.isnan(u_mm).all():
         return "how well they are reached is not known: no run says it"
     return (
@@ -115,7 +117,7 @@ def _left_lines(program: CorrectedProgram) -> list[str]:
 
 
 def as_object(program: CorrectedProgram) -> dict[str, Any]:
-    """Return the same for scripts: lengths in mm, rounding in µm."""
+    """Return the program as an object for JSON, with lengths in mm and rounding errors in µm."""
     in_mm = (program.moved_mm, program.u_mm, program.u_frame_mm)
     columns = (program.names, program.places, *in_mm, program.rounded_um, program.given_away_mm, program.unknown)
     return {
@@ -199,7 +201,7 @@ def error_object(error: WorkError) -> dict[str, Any]:
 
 
 def targets_in_words(count: int) -> str:
-    """Return how many targets, as in a sentence."""
+    """Return a number of targets in words, as "1 target" or "3 targets"."""
     return "1 target" if count == 1 else f"{count} targets"
 
 

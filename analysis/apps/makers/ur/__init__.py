@@ -1,6 +1,7 @@
-"""Universal Robots: URScript, and calibration.conf.
+"""Universal Robots controllers: the URScript language, and calibration.conf.
 
-The angle of a link is the reading plus delta_theta, so delta_theta grows; the reading stays.
+The angle of a link is the reading plus delta_theta. A larger angle therefore requires a larger delta_theta, and the
+reading does not change.
 """
 
 import math

@@ -1,6 +1,8 @@
-"""URScript: one function and its call. Universal Robots, Script Manual: a pose p[x, y, z, rx, ry, rz] has metres and a
-rotation vector in radians; movec in mode 1 keeps the orientation fixed to the tangent of the arc, and then only the
-position of pose_to is used."""
+"""Interpreter of URScript for emulated controllers: a function and the call of it.
+
+Source: Universal Robots, Script Manual. A pose p[x, y, z, rx, ry, rz] consists of metres and a rotation vector in
+radians. movec in mode 1 keeps the orientation fixed to the tangent of the arc, and uses only the position of pose_to.
+"""
 
 from __future__ import annotations
 
@@ -42,7 +44,7 @@ _PARAMETERS = {
     "write_output_integer_register": ("address", "value"),
 }
 _OUTPUTS = {"set_standard_digital_out": (0, 8), "set_configurable_digital_out": (8, 8), "set_tool_digital_out": (16, 2)}
-"""The number of the first as RTDE counts them, and how many there are."""
+"""For each function: number of the first output in RTDE, and number of outputs."""
 
 
 @dataclass
@@ -52,7 +54,7 @@ class _Call:
 
 
 def run(text: str, _: str, machine: Machine) -> None:
-    """Drive the machine with a script. Raises ProgramError for one that is refused."""
+    """Execute a script on the machine. Raises ProgramError if the controller would reject it."""
     tokens = Tokens.of(text, _TOKEN, "URScript")
     _blank(tokens)
     tokens.take("def")
@@ -156,7 +158,10 @@ def _do(call: _Call, machine: Machine) -> None:
 
 
 def _on_path(arguments: dict[str, Any]) -> Speed:
-    """The manual's default of an acceleration is 1.2 m/s²; with t the time decides."""
+    """Return the limits of a move on a path.
+
+    The default acceleration of the manual is 1.2 m/s². The argument t overrides speed and acceleration.
+    """
     return Speed(mm_s2=1000 * _above_0(arguments.get("a", 1.2)), seconds=arguments.get("t") or None)
 
 
@@ -175,4 +180,4 @@ DRIVER = ProgramDriver(
         Parameter("delta_d[{axis}]", "m", "d", 1e3),
     ),
 )
-"""delta_theta, delta_a, delta_d and delta_alpha are added to the constants; the reading stays what it was."""
+"""delta_theta, delta_a, delta_d and delta_alpha are added to the constants; the reading does not change."""

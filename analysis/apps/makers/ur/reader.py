@@ -1,9 +1,9 @@
-"""Targets in URScript: joint lists in rad and poses p[x, y, z, rx, ry, rz] in m and rad, in moves or in variables.
+"""Reader of targets in URScript: joint lists in rad, and poses p[x, y, z, rx, ry, rz] in m and rad.
 
-Source: Universal Robots, Script Manual (e-Series, 5.x). A pose counts in the base; movel and movec keep the posture in
-which the arm stands, get_inverse_kin takes the solution closest to qnear. PolyScope writes for a waypoint NAME a pose
-NAME_p and the taught joint angles NAME_q (scripts of PolyScope 5 in public repositories), which only count as the
-qnear of a joint move. A script is one file.
+Targets are in moves or in variables. Source: Universal Robots, Script Manual (e-Series, 5.x). Poses refer to the base.
+movel and movec keep the current posture of the arm, and get_inverse_kin selects the solution closest to qnear. For a
+waypoint NAME, PolyScope writes a pose NAME_p and the taught joint angles NAME_q, which serve only as qnear of a joint
+move (scripts of PolyScope 5 in public repositories). A script is a single file.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ from analysis.apps.makers.target import (
 from analysis.correction.reasons import Reason
 
 _DECIMALS = Decimals(place=(8, 10), turn=(8, 10))
-"""1e-8 m is 0.01 µm; PolyScope writes twelve decimals and more."""
+"""1e-8 m is 0.01 µm; PolyScope writes at least twelve decimals."""
 _QUOTED = re.compile(r"\"[^\"\n]*\"|'[^'\n]*'")
 _BLANK = re.compile(rf"#[^\n]*|{_QUOTED.pattern}|^[ \t]*\$[^\n]*", re.MULTILINE)
 _DECLARED = re.compile(
@@ -67,7 +67,7 @@ _DECLARED = re.compile(
 _PART_DECLARED = re.compile(
     r"(?<![\w.])(?P<name>[A-Za-z_]\w*(?:\.\w+|\[[^\[\]\n]*\])+)[ \t]*=[ \t]*p?\[(?P<list>[^\[\]]*)\]"
 )
-"""Numbers that become a part of a struct or of a list."""
+"""Numbers assigned to a part of a struct or of a list."""
 _EVENT = re.compile(
     r"\b(?P<routine>def|thread|sec)[ \t]+(?P<name>[A-Za-z_]\w*)[ \t]*(?P<parameters>\([^()\n]*\))?[ \t]*:"
     r"|\brun[ \t]+(?P<run>[A-Za-z_]\w*)"
@@ -82,12 +82,13 @@ _WAYS: dict[str, Way] = {
     "optimovej": "joint", "optimovel": "line",
 }  # fmt: skip
 _KEEPS = "posture of the way"
-"""The part that is off, since no text says in which posture a line, or a joint move to a bare pose, ends: the arm keeps
-the one in which it stands, also on the way to a waypoint whose joint angles were taught."""
+"""Name of a part that is always off, because the text does not specify the posture at the end of a line or of a
+joint move to a bare pose. The arm keeps the current posture, even on the way to a waypoint with taught joint
+angles."""
 _MODE, _MODE_PLACE = re.compile(r"mode\s*=\s*(.*)", re.DOTALL), 5
 """The mode of movec(pose_via, pose_to, a, v, r, mode)."""
 _STREAMED = ("servoj", "servoc")
-"""The arm does not stand at such a target when the next statement runs."""
+"""Moves that the next statement does not wait for: the arm has not reached the target yet."""
 _SWITCHES = {
     "path_offset_enable": ("shift", "on"), "path_offset_disable": ("shift", OFF),
     "track_conveyor_linear": ("tracking", "on"), "track_conveyor_circular": ("tracking", "on"),
@@ -147,15 +148,15 @@ _NOTHING = words("""
     socket_read_binary_integer socket_read_byte_list socket_read_line socket_read_string socket_send_byte
     socket_send_int socket_send_line socket_send_string socket_set_var
     """)
-"""What leaves the arm, its tool and its base as they are: the functions of the manual that compute, read, write
-outputs and registers, wait, or speak; `get_inverse_kin` is a target where a move has it."""
+"""Functions with no effect on arm, tool and base: those of the manual that compute, read, write outputs and
+registers, wait, or show messages. `get_inverse_kin` is a target if it is the argument of a move."""
 _METHOD = re.compile(r"(?<![\w.])([A-Za-z_]\w*)[ \t]*\.[ \t]*([A-Za-z_]\w*)[ \t]*\(")
 _OF_LISTS = words("append clear excluding extend insert pop remove slice length size to_string")
 _TARGET = re.compile(r"(?:q|pose|pose_via|pose_to|x)\s*=\s*")
 _INVERSE = re.compile(r"get_inverse_kin\s*\(")
 _WORD = re.compile(r"[A-Za-z_]\w*")
 _LONGEST = 1000
-"""Characters of a literal tool, more than seven numbers have."""
+"""Maximum length of a literal tool in characters; six numbers need less."""
 
 
 @dataclass
@@ -167,11 +168,11 @@ class _Reader:
     joints: dict[str, tuple[float, ...]] = field(default_factory=dict)
     poses: dict[str, tuple[float, ...]] = field(default_factory=dict)
     spent: set[int] = field(default_factory=set)
-    """Where names of points stand as targets or are declared."""
+    """Positions of point names in declarations and targets."""
     tools: dict[str, int] = field(default_factory=dict)
-    """Where set_tcp is given a name."""
+    """Positions of names passed to set_tcp."""
     reached: set[str] = field(default_factory=set)
-    """Names that moves are given."""
+    """Names passed to moves."""
     defined: Counter[str] = field(default_factory=Counter)
     routines: dict[str, tuple[Statement, ...]] = field(default_factory=dict)
     open: list[tuple[str, Blocks]] = field(default_factory=lambda: [("", Blocks())])
@@ -190,7 +191,7 @@ class _Reader:
 
 
 def parse(texts: Texts) -> Parsed:
-    """Return the targets of a script."""
+    """Parse the targets of a script."""
     text = blanked(with_newlines(texts.texts[0]), _BLANK)
     closes = brackets(text)
     reader = _Reader(in_one_line(text, closes), lines_of(text), closes)
@@ -201,7 +202,7 @@ def parse(texts: Texts) -> Parsed:
     reader.defined.update(event["name"] for event in events if event["routine"])
     _declare(reader, events)
     _other_computers(reader)
-    # List the numbers of targets that become parts of structs and lists: moves to them are computed.
+    # List the numbers of targets assigned to parts of structs and lists: moves to them are computed.
     for part in _PART_DECLARED.finditer(reader.text):
         numbers = numbers_in(reader.text, part.start("list"), part.end("list"))
         if numbers and len(numbers) == 6:
@@ -212,7 +213,7 @@ def parse(texts: Texts) -> Parsed:
     for word in _WORD.finditer(text):
         if reader.points.knows(word[0]) and word.start() not in reader.spent:
             reader.points.change(word[0], 0, reader.lines.at(word.start()))
-    # What stands outside of all routines runs when a script is sent, or the only one around others.
+    # A script starts with the statements outside all routines or, if there are none, with the only outer routine.
     starts = "" if reader.routines[""] else reader.outer[0] if len(reader.outer) == 1 else None
 
     def initial(part: str) -> Value:
@@ -222,7 +223,7 @@ def parse(texts: Texts) -> Parsed:
 
 
 def _other_computers(reader: _Reader) -> None:
-    """Notice the functions of other programs that the script calls through a handle, such as one of rpc_factory."""
+    """Add a notice for each function of another program called through a handle, such as rpc_factory."""
     seen: set[str] = set()
     for call in _METHOD.finditer(reader.text):
         name = f"{call[1]}.{call[2]}"
@@ -233,7 +234,7 @@ def _other_computers(reader: _Reader) -> None:
 
 
 def _declare(reader: _Reader, events: list[re.Match[str]]) -> None:
-    """Take the variables that are lists of six numbers; only those that nothing else assigns are literals."""
+    """Add the variables assigned with lists of six numbers. Only variables without other assignments are literals."""
     text = reader.text
     written = Counter(
         assignment[1]
@@ -257,7 +258,7 @@ def _declare(reader: _Reader, events: list[re.Match[str]]) -> None:
 
 
 def _read(reader: _Reader, events: list[re.Match[str]]) -> None:
-    """Read the statements in the order in which they act: a call when its arguments are there."""
+    """Parse the statements in the order of execution: a call follows the evaluation of the arguments."""
     ordered = sorted(
         events, key=lambda event: reader.closes.get(event.end() - 1, 0) if event["call"] else event.start()
     )
@@ -285,7 +286,7 @@ def _read(reader: _Reader, events: list[re.Match[str]]) -> None:
 
 
 def _mark(reader: _Reader, mark: str, waiting: str) -> str:
-    """Take a colon or the end of a line, for which a condition or a return waits."""
+    """Parse a colon or the end of a line, which completes a pending condition or return."""
     if mark == "\n":
         if waiting == "return":
             reader.blocks.add(End())
@@ -303,7 +304,7 @@ def _mark(reader: _Reader, mark: str, waiting: str) -> str:
 
 
 def _flow(reader: _Reader, event: re.Match[str], waiting: str) -> str:
-    """Take a word of the language, and return it where more of it comes."""
+    """Parse a keyword; return it if a colon or the end of the line has to complete it."""
     blocks, word = reader.blocks, event["flow"]
     if waiting == "return":
         blocks.add(End())
@@ -336,7 +337,7 @@ def _flow(reader: _Reader, event: re.Match[str], waiting: str) -> str:
 
 def _end_routine(reader: _Reader) -> None:
     name, blocks = reader.open.pop()
-    if reader.defined[name] > 1:  # which one is called is not certain
+    if reader.defined[name] > 1:  # The name is ambiguous, so calls of it are uncertain.
         why = Unknown(0, 0, f"{name} is defined twice")
         reader.routines[f"{name} {len(reader.routines)}"] = (Forget(why), *blocks.done())
     else:
@@ -344,12 +345,12 @@ def _end_routine(reader: _Reader) -> None:
 
 
 def _misread(reader: _Reader, place: int, fault: str = "the blocks do not end where they should") -> None:
-    """What does not end where it should is of a language that is not known: anything may happen."""
+    """Treat the complete state as unknown, because the text cannot be parsed."""
     reader.beside.append(Call("\0", reader.why(place, fault)))
 
 
 def _call(reader: _Reader, event: re.Match[str]) -> None:
-    """Take a call: of a routine of the script, of a move, or of another function of the manual."""
+    """Parse a call of a routine of the script, of a move, or of any other function."""
     name, at, blocks = event["call"], event.start(), reader.blocks
     end = reader.closes.get(event.end() - 1)
     if name in reader.defined:
@@ -374,9 +375,9 @@ def _call(reader: _Reader, event: re.Match[str]) -> None:
 
 
 def _move(reader: _Reader, name: str, at: int, places: list[tuple[int, int]]) -> None:
-    """Take a move with its arguments."""
+    """Parse a move with its arguments."""
     named = [place for place in places if _TARGET.match(reader.text, *place)]
-    named.sort(key=lambda place: not reader.text.startswith("pose_via", place[0]))  # it is passed first
+    named.sort(key=lambda place: not reader.text.startswith("pose_via", place[0]))  # The via point is passed first.
     count = 2 if name == "movec" and len(places) > 1 else 1
     arc = _arc(reader, at, places) if name == "movec" else ""
     for k, place in enumerate(named or places[:count]):
@@ -386,8 +387,10 @@ def _move(reader: _Reader, name: str, at: int, places: list[tuple[int, int]]) ->
 
 
 def _arc(reader: _Reader, at: int, places: list[tuple[int, int]]) -> str:
-    """Return the name of movec with these arguments if it turns the tool: mode 1 keeps the orientation fixed to the
-    tangent, and a mode that is computed may be that one."""
+    """Return the name of a movec with these arguments if it rotates the tool with the tangent, else an empty text.
+
+    Mode 1 keeps the orientation fixed to the tangent. A computed mode counts as mode 1.
+    """
     texts = [reader.text[slice(*place)] for place in places]
     named = [mode[1] for text in texts if (mode := _MODE.fullmatch(text))]
     number = named[0] if named else texts[_MODE_PLACE] if len(texts) > _MODE_PLACE else "0"
@@ -400,7 +403,7 @@ def _leave(reader: _Reader, place: int, reason: Reason, name: str) -> None:
 
 
 def _tool(reader: _Reader, at: int, opening: int) -> Value:
-    """Return the tool of set_tcp, whose bracket opens there: its numbers, or unknown."""
+    """Return the tool of a set_tcp with the bracket at `opening`, or unknown."""
     unknown = reader.why(at, "set_tcp sets a tool that is computed")
     end = reader.closes.get(opening, 0)
     if not opening < end < opening + _LONGEST:
@@ -423,7 +426,7 @@ def _tool(reader: _Reader, at: int, opening: int) -> Value:
 
 
 def _list(text: str, begin: int, end: int) -> tuple[str, tuple[Number, ...]] | None:
-    """Return "p" or "" and the six numbers of a literal, or None."""
+    """Return "p" or "" and the six numbers of a literal; None for any other text."""
     literal = re.compile(r"(p?)\[([^\[\]]*)\]").fullmatch(text, begin, end)
     numbers = numbers_in(text, literal.start(2), literal.end(2)) if literal else None
     return (literal[1], numbers) if literal and numbers and len(numbers) == 6 else None
@@ -439,8 +442,11 @@ def _target(
     solved: bool = False,
     arc: tuple[str, bool] = ("", False),
 ) -> None:
-    """Take a target of a move; `solved` if it stands in get_inverse_kin, with the joint angles `near` (6,) rad. `arc`
-    names the arc that turns the tool, and says whether it passes through the target."""
+    """Parse a target of a move.
+
+    solved: the target is inside get_inverse_kin, with the joint angles `near` (6,) rad. arc: name of the arc that
+    rotates the tool, and whether the target is the via point.
+    """
     text, line = reader.text, reader.lines.at(begin)
     if named := _TARGET.match(text, begin, end):
         begin = named.end()
@@ -474,7 +480,7 @@ def _target(
 
 
 def _inverse(reader: _Reader, call: str, begin: int, end: int | None) -> None:
-    """Take get_inverse_kin(pose, qnear): a pose with the joint angles beside which its solution lies."""
+    """Parse get_inverse_kin(pose, qnear): a pose, with joint angles near the solution."""
     places = arguments(reader.text, begin, end) if end else []
     near = None
     if len(places) > 1:

@@ -1,7 +1,7 @@
-"""URScript of Universal Robots: metres, radians, rotation vectors.
+"""Writer of URScript: metres, radians, rotation vectors.
 
 Source: Universal Robots, Script Manual, PolyScript 5 and PolyScope X (movej, movel, movec, set_tcp, popup, outputs).
-`movec` in mode 1 keeps the orientation fixed to the arc's tangent, which is what the tool of a circle test does.
+`movec` in mode 1 keeps the orientation fixed to the tangent of the arc, as required by a circle test.
 """
 
 from __future__ import annotations
@@ -28,18 +28,18 @@ from analysis.robot.kinematics.arm import Array
 from rigs.schema.feedback import URRTDE
 
 _WORDS = Words("sleep({})", 3, "", "", "# {}", 100, "")
-"""Outputs and a pause need more than a word."""
+"""Outputs and pauses need more than a format, and are written elsewhere."""
 _NAME_LENGTH = 60
 _DECIMALS = 10
-"""Metres and radians have so many decimals: 1e-7 mm."""
+"""Decimals of metres and radians: 1e-7 mm."""
 _JOINT_ACCELERATION = 0.5
-"""rad/s²; a third of PolyScope's default, since nothing hurries between targets."""
+"""Acceleration in rad/s²: a third of PolyScope's default, because moves between targets are not urgent."""
 _FIRST_CONFIGURABLE, _FIRST_OF_TOOL = 8, 16
-"""How RTDE counts outputs: 0-7 standard, 8-15 configurable, 16 and 17 of the tool."""
+"""Numbers of outputs in RTDE: 0-7 standard, 8-15 configurable, 16 and 17 of the tool."""
 
 
 def write(plan: Plan, demand: Demand) -> dict[str, str]:
-    """One script: a function, and the call of it."""
+    """Write the script: a function and the call of it."""
     name = identifier(plan.name, _NAME_LENGTH)
     values = _values(start_of(plan).T)
     begin = f"X {values[0] * 1e3:.1f} Y {values[1] * 1e3:.1f} Z {values[2] * 1e3:.1f} mm, RX RY RZ " + " ".join(
@@ -95,11 +95,11 @@ def _pose(T: Array) -> str:
 
 
 def _values(T: Array) -> Array:
-    """Place in m and rotation vector in rad (6,) of a frame (4, 4) in mm."""
+    """Return the position in m and the rotation vector in rad (6,) of a frame (4, 4) in mm."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
     return np.concatenate([T[:3, 3] / 1e3, Rotation.from_matrix(T[:3, :3]).as_rotvec()])
 
 
 WRITER = ProgramWriter(write, {URRTDE: BY_ITSELF}, "\n", range(18))
-"""RTDE counts outputs from 0."""
+"""RTDE numbers outputs from 0."""

@@ -1,6 +1,7 @@
-"""Yaskawa: INFORM, and the home position.
+"""Yaskawa controllers: the INFORM language, and the home position.
 
-An axis reads (count - count at zero) / counts per degree, so the count at zero falls.
+The reading of an axis is (count - count at zero) / counts per degree. A larger reading therefore requires a smaller
+count at zero.
 """
 
 from analysis.apps.makers import Controller, ProgramFiles

@@ -1,9 +1,14 @@
-"""INFORM, a Yaskawa job (.JBI). Yaskawa, DX100 Options, data transmission 156191-1CD, chapter 4: the sections of a job,
-positions C00000 … of which each belongs to one instruction, RCONF for those that follow (0 for flip, then whether R, T
-and S stand beyond 180°), the attribute RJ of a job whose positions are not pulses, Rx, Ry, Rz about fixed axes in
-this order; a comment has 32 characters, a name 32. INFORM: the first MOVC of a chain is reached on a line, the first
-three are one arc, each further one continues on the circle of the last three; another move ends the chain. The tool
-stands in the controller's tool file, which a person fills."""
+"""Interpreter of INFORM for emulated controllers: Yaskawa jobs (.JBI).
+
+Source: Yaskawa, DX100 Options, data transmission 156191-1CD, chapter 4. Each position C00000 … belongs to a single
+instruction. RCONF applies to the positions that follow: 0 for flip, and whether R, T and S are beyond 180°. The
+attribute RJ marks a job whose positions are not pulses. Rx, Ry, Rz rotate about fixed axes in this order. Comments and
+names have at most 32 characters.
+
+INFORM: the arm reaches the first MOVC of a chain on a line. The first three are an arc, and each further MOVC continues
+on the circle of the last three. Any other move ends the chain. The frame of the tool is in the tool file of the
+controller, which the operator fills in.
+"""
 
 from __future__ import annotations
 
@@ -50,7 +55,7 @@ _MOVE = re.compile(r"(MOVJ|MOVL|MOVC) C(\d{5}) (?:VJ=(\d+\.\d\d)|V=(\d+\.\d)|VR=
 
 
 def run(text: str, _: str, machine: Machine) -> None:
-    """Drive the machine with a job. Raises ProgramError for one that is refused."""
+    """Execute a job on the machine. Raises ProgramError if the controller would reject it."""
     if "\r\n" not in text:
         raise ProgramError("lines end with CR LF")
     *lines, last = text.split("\r\n")
@@ -129,7 +134,7 @@ class _Controller:
             self._machine.line(pose, self._speed(match[4]), stops=match[6] == " PL=0", speed=Speed())
 
     def _drive(self, chain: list[tuple[Pose, float, bool]]) -> None:
-        """A chain of MOVC: to its first point on a line, then arc by arc."""
+        """Drive a chain of MOVC: on a line to the first point, then arc by arc."""
         if not chain:
             return
         if len(chain) < 3:
@@ -162,4 +167,4 @@ DRIVER = ProgramDriver(
     ),
     tool_entered=True,
 )
-"""An axis reads (count - count at zero) / counts per degree."""
+"""The reading of an axis is (count - count at zero) / counts per degree."""

@@ -1,9 +1,9 @@
-"""Targets in Yaskawa jobs (.JBI): positions in pulses, or in mm and degrees with their posture (RCONF).
+"""Reader of targets in Yaskawa jobs (.JBI): positions in pulses, or in mm and degrees with posture (RCONF).
 
 Source: Yaskawa, DX100 Options, Instructions for data transmission (156191-1CD), chapter 4, and Instructions for INFORM
-language (RE-CKI-A457). BASE and ROBOT count in the robot's base, since positions of a base axis are left; USER n is a
-frame that a person states. IMOV is relative, and between SFTON and SFTOF every position is shifted, also in jobs that
-are called there. P variables belong to the controller. A file can have several jobs.
+language (RE-CKI-A457). BASE and ROBOT refer to the robot's base, because positions of a base axis are not corrected.
+USER n is a frame stated by the user. IMOV is relative. Between SFTON and SFTOF every position is shifted, including
+those in called jobs. P variables are stored in the controller. A file can contain several jobs.
 """
 
 from __future__ import annotations
@@ -55,20 +55,20 @@ from analysis.correction.reasons import Reason
 from analysis.robot.kinematics.arm import Arm, Array, Mask
 
 _DECIMALS = Decimals(place=(3, 3), turn=(4, 4))
-"""The job format's own resolution."""
+"""The resolution of the job format."""
 _BLANK = re.compile(r"\"[^\"\n]*\"|(?:^|(?<=\s))'[^\n]*", re.MULTILINE)
 _POSITION = re.compile(r"\s*([BE]?C\d{1,6}|B?P\d{1,6})\s*=(.*)")
 _MOVE = re.compile(r"(?P<kind>S?MOV[JLCS]|IMOV)\s+(?P<point>\S+)(?P<rest>.*)")
 _CALL = re.compile(r"(?P<word>CALL|PSTART)\b.*?\bJOB\s*:\s*(?P<job>\S+)(?P<rest>.*)")
 _FIRST_ROBOT = "RB1"
 _BASE_AXIS = re.compile(r"\bB[CPX]\d+")
-"""A position, or a variable, of a base axis, which moves the arm; a station (EC, EP, EX) moves the work alone."""
+"""A position or a variable of a base axis, which moves the arm. Station axes (EC, EP, EX) move only the workpiece."""
 _GROUP = re.compile(r"^///GROUP1[ \t]+(\w+)", re.MULTILINE)
 _NAME = re.compile(r"\b[BE]?C\d{1,6}\b")
 _MODIFIERS = re.compile(
     r"\b(?:VJ|VR|VE|V|PL|ACC|DEC|CR|P|SPD|AVP|ATT)\s*=\s*(?:L?[IDRB])?[\d.]+|\b(?:NWAIT|FPT|CONT)\b|[\s,]"
 )
-"""What stands behind a target and changes neither where it is nor how it is reached: speeds, corners, no waiting."""
+"""Options after a target without influence on the position or posture: speeds, corners, no waiting."""
 _UNTIL = re.compile(r"\bUNTIL\b.*")
 _TRACKED = re.compile(r"\bCV#|\bSYNC\b")
 _FRAME = re.compile(r"(?P<word>MFRAME|SETTOOL|SETUFRAME|SETUF|SETFILE(?=.*\b(?:UF|TL)#))\b(?P<rest>.*)")
@@ -79,8 +79,8 @@ _NOTHING = words("""
     VAL2STR STR2VAL ASC CHR$ MID$ LEN CAT$ GETREG SETREG BIND REFP HAND HSEN TOOLON TOOLOF PAINTON PAINTOF SPYON SPYOF
     HPVELON HPVELOF GETFILE SETFILE DOUTWAIT CLRSTP LATCH ADVINIT ADVSTOP DELAY SWAIT CWAIT TSYNC MSHIFT
     """)
-"""Instructions that change neither tool, frame nor shift, nor where the arm stands: variables, signals, waiting,
-messages, welding, guns."""
+"""Instructions that change neither tool, frame, shift nor arm position: variables, signals, waiting, messages,
+welding, guns."""
 _SWITCHES = {
     "SFTON": ("shift", "on"), "SFTOF": ("shift", OFF), "CVON": ("tracking", "on"), "CVOF": ("tracking", OFF),
     "SYSTART": ("tracking", "on"), "SYEND": ("tracking", OFF), "COMARCON": ("tracking", "on"),
@@ -97,12 +97,12 @@ _FLOW: dict[str, tuple[Callable[[Blocks], None], ...]] = {
     "BREAK": (Blocks.leave,),
     "CONTINUE": (Blocks.again,),
 }
-"""What the words of a block do."""
+"""Actions of the keywords of a block."""
 
 
 @dataclass
 class _State:
-    """What holds for the positions that follow."""
+    """Settings for the positions that follow."""
 
     kind: str = "PULSE"
     tool: str = "0"
@@ -120,11 +120,11 @@ class _Reader:
     line: int = 0
     job: str = ""
     group: str = ""
-    """The robot whose jobs are corrected: that of the first job."""
+    """The robot whose jobs are corrected: the robot of the first job."""
     foreign: bool = False
-    """Whether the job that is read moves another robot."""
+    """True while the current job moves another robot."""
     frame: str | None = None
-    """The frame of a relative job, in which it is repeated."""
+    """The frame of a relative job."""
     blocks: Blocks = field(default_factory=Blocks)
 
     def why(self, fact: str) -> Unknown:
@@ -136,11 +136,11 @@ class _Reader:
         self.blocks.add(Elsewhere())
 
     def key(self, name: str) -> str:
-        """Return the key of a position, which belongs to its job."""
+        """Return the key of a position, which belongs to a job."""
         return f"{self.job}/{name}"
 
     def called(self, name: str) -> Statement:
-        """Return the call of a job: the only one of that name."""
+        """Return the call of a job, or `Forget` if the name is not unique or not known."""
         jobs = self.jobs.get(name.upper(), [])
         jobs_of_program = [job for job in jobs if job.startswith("0:")]
         callees = jobs_of_program if len(jobs_of_program) == 1 else jobs
@@ -149,7 +149,7 @@ class _Reader:
 
 
 def parse(texts: Texts) -> Parsed:
-    """Return the targets of the jobs of a file."""
+    """Parse the targets of the jobs in a file."""
     reader = _Reader(Points(1))
     blank = [blanked(with_newlines(text), _BLANK).split("\n") for text in texts.texts]
     for file, lines in enumerate(blank):
@@ -179,7 +179,7 @@ def parse(texts: Texts) -> Parsed:
 
 
 def _read_file(reader: _Reader, file: int, lines: list[str]) -> None:
-    """Read the jobs of a file, each with its positions and its instructions."""
+    """Parse the jobs of a file, each with positions and instructions."""
     reader.file, reader.job, reader.blocks = file, f"{file}:", Blocks()
     state, at, moving = _State(), 0, False
     for number, line in enumerate(lines):
@@ -236,14 +236,16 @@ def _frame(kind: str, user: str) -> str:
 
 
 def _agreeing(arm: Arm, q: Array, values: tuple[int, ...], slack_rad: float) -> Mask:
-    """Which solutions q (n, 6) rad agree with the first six of RCONF: no flip, not up, not front, in the sense of `rig
-    program`, and whether R, T and S stand beyond half a turn."""
+    """Return a mask (n,) of the solutions q (n, 6) rad that agree with the first six values of RCONF.
+
+    These are: no flip, not up, not front, in the sense of `rig program`, and whether R, T and S are beyond half a turn.
+    """
     sides, numbers = tuple(1 - value for value in values[:3]), dict(zip((3, 5, 0), values[3:], strict=True))
     return agreeing(arm, q, sides, numbers, lambda angle: int(not -np.pi < angle <= np.pi), slack_rad)
 
 
 def _instruction(reader: _Reader, text: str) -> None:
-    """Take an instruction of a job."""
+    """Parse an instruction of a job."""
     blocks = reader.blocks
     if text.startswith("///") or not text:
         _heading(reader, text)
@@ -251,7 +253,7 @@ def _instruction(reader: _Reader, text: str) -> None:
     if move := _MOVE.match(text):
         _move(reader, move)
         return
-    for mention in _NAME.finditer(text) if reader.file == 0 else ():  # a position that is no target there
+    for mention in _NAME.finditer(text) if reader.file == 0 else ():  # Here a position is not used as a target.
         if reader.points.knows(reader.key(mention[0])):
             reader.points.change(reader.key(mention[0]), 0, reader.line)
     word = text.split(maxsplit=1)[0].upper()
@@ -276,7 +278,7 @@ def _instruction(reader: _Reader, text: str) -> None:
 
 
 def _heading(reader: _Reader, text: str) -> None:
-    """Take the frame of a relative job, or the robot that the job moves."""
+    """Parse the frame of a relative job, or the robot that the job moves."""
     if text.startswith("////FRAME"):
         kind, user = (*text.upper().split()[1:3], "", "")[:2]
         reader.frame = _frame(kind, user)
@@ -285,10 +287,10 @@ def _heading(reader: _Reader, text: str) -> None:
 
 
 def _flow(blocks: Blocks, word: str, text: str) -> bool:
-    """Take a word of a block of the language, if it is one."""
+    """Parse a keyword of a block; False for any other word."""
     for take in _FLOW.get(word, ()):
         take(blocks)
-    if word == "SWITCH" and re.search(r"\bCASE\b", text, re.IGNORECASE):  # the first one on the same line
+    if word == "SWITCH" and re.search(r"\bCASE\b", text, re.IGNORECASE):  # The first CASE can be on the same line.
         blocks.other()
         blocks.guard()
     return word in _FLOW
@@ -299,7 +301,7 @@ def _jump(reader: _Reader, text: str, *, falls: bool) -> None:
     job = re.search(r"\bJOB\s*:\s*(\S+)", text)
     if label:
         reader.blocks.add(Jump((label[0],), falls=falls))
-    elif job:  # it does not come back
+    elif job:  # A jump to a job does not return.
         reader.blocks.perhaps(reader.called(job[1]), End())
         if not falls:
             reader.blocks.add(End())
@@ -314,14 +316,15 @@ def _call(reader: _Reader, call: re.Match[str]) -> None:
         reader.beside.append(Call(name, reader.why(f"{call['job']} may run at any moment")))
         return
     statements = [statement]
-    if re.search(r"\bUF#", call["rest"]):  # a relative job, in the user frame of the call
+    if re.search(r"\bUF#", call["rest"]):  # A relative job, in the user frame of the call
         elsewhere = reader.why(f"{call['job']} is called in another user frame")
         statements = [Set("relative", elsewhere), statement, Set("relative", OFF)]
     (reader.blocks.perhaps if re.search(r"\bIF\b", call["rest"]) else reader.blocks.add)(*statements)
 
 
 def _unless_relative(name: str, values: tuple[Value, ...]) -> Value:
-    """Return the frame of a position, by its name if it has no other value, unless the job runs in that of its call."""
+    """Return the frame of a position: a known value or else the name; unknown if the job runs in the frame of its
+    call."""
     relative, *frame = values
     return relative if isinstance(relative, Unknown) else frame[0] if frame else name
 
@@ -370,4 +373,4 @@ READER = ProgramReader(
     null_frames=("base",),
     beside=(".jbi",),
 )
-"""A comment has 32 characters (RE-CKI-A457), so a longer remark takes several lines."""
+"""Comments have at most 32 characters (RE-CKI-A457). Longer remarks take several lines."""

@@ -1,13 +1,13 @@
-"""INFORM of Yaskawa: a job (.JBI) with positions in the base coordinate system.
+"""Writer of INFORM: a job (.JBI) with positions in the base coordinate system.
 
-Sources: Yaskawa, DX100 Options, Instructions for data transmission (156191-1CD), chapter 4, for the job's format
-(NPOS, RECTAN, RCONF; 0.001 mm and 0.0001°), and its INFORM manual for MOVJ, MOVL, MOVC, TIMER, DOUT, PAUSE. Pulses,
-the other form of a position, need the counts per degree of each axis, which Yaskawa does not publish.
+Sources: Yaskawa, DX100 Options, Instructions for data transmission (156191-1CD), chapter 4, for the format of jobs
+(NPOS, RECTAN, RCONF; 0.001 mm and 0.0001°), and the INFORM manual for MOVJ, MOVL, MOVC, TIMER, DOUT, PAUSE. Positions
+in pulses are not used: they need the counts per degree of each axis, which Yaskawa does not publish.
 
-An arc is three MOVC in a row; more MOVC continue it, each three neighbours on a circle of their own, which is the same
-here. A MOVL between two chains keeps the way back from being taken as a part of the lap.
+An arc is three MOVC in a row. Further MOVC continue it: three neighbours define a circle, the same circle in this case.
+A MOVL between two chains separates the way back from the lap.
 
-Positions that are not pulses make it a relative job (RJ), whose frame is the base's.
+Positions that are not pulses make this a relative job (RJ), and the frame is the base.
 """
 
 from __future__ import annotations
@@ -37,14 +37,14 @@ from analysis.robot.kinematics.arm import Arm
 _NAME_LENGTH = 32
 _WORDS = Words("TIMER T={}", 2, "DOUT OT#({}) ON", "DOUT OT#({}) OFF", "'{}", 32, "PAUSE")
 TOOL_NUMBER = 9
-"""The tool file into which the person enters the tool's frame."""
+"""The tool file in which the operator enters the frame of the tool."""
 _MM_DECIMALS, _DEG_DECIMALS = 3, 4
 _UNUSED = ",0" * 18
 """r1 … r18 of RCONF."""
 
 
 def write(plan: Plan, demand: Demand) -> dict[str, str]:
-    """The job."""
+    """Write the job."""
     name = identifier(plan.name, _NAME_LENGTH).upper()
     positions: list[str] = []
     T = start_of(plan).T
@@ -61,7 +61,7 @@ def write(plan: Plan, demand: Demand) -> dict[str, str]:
     head = ["/JOB", f"//NAME {name}", "//POS", f"///NPOS {len(positions)},0,0,0,0,0", f"///TOOL {TOOL_NUMBER}"]
     form = ["///POSTYPE BASE", "///RECTAN"]
     instructions = ["//INST", "///DATE 2026/01/01 00:00", "///ATTR SC,RW,RJ", "///FRAME BASE", "///GROUP1 RB1", "NOP"]
-    # The positions, each `RCONF\nvalues`, numbered; an RCONF holds until the next one
+    # The numbered positions, each given as `RCONF\nvalues`. An RCONF is valid until the next RCONF.
     numbered: list[str] = []
     last = ""
     for number, text in enumerate(positions):
@@ -107,7 +107,7 @@ def _speed(speed_mm_s: float) -> str:
 
 
 def _position(arm: Arm, target: Target, positions: list[str]) -> str:
-    """A new position of the job: each belongs to one instruction."""
+    """Add a position to the job and return the name. Each position belongs to a single instruction."""
     stands = posture_of(arm, target.q)
     beyond = [int(not -np.pi < target.q[axis] <= np.pi) for axis in (3, 5, 0)]
     form = [int(not stands.flip), int(not stands.up), int(not stands.front), *beyond]
