@@ -50,6 +50,38 @@ def test_a_wandering_zero_scatters_where_a_table_states_no_times() -> None:
     assert "Visit some targets twice" in ActWords(found).next
 
 
+def _visited_twice(turned_deg: Array, q: Array, noise_mm: float = 0.02, seed: int = 5) -> Diagnosis:
+    """Diagnose poses of a sound UR10e, each visited twice, with an error of axis 2 in degrees at each of the visits."""
+    rng = np.random.default_rng(seed)
+    off = q.copy()
+    off[:, 1] += np.radians(turned_deg)
+    seen = cell("ur10e", none(), rng).seen(off, rng)
+    places: Array = seen.xyz_mm + rng.normal(0, noise_mm, seen.xyz_mm.shape)
+    return found_in([pose_run("ur10e", q, places)], load("ur10e")[0])
+
+
+def test_visits_that_differ_come_first() -> None:
+    """Warming or slip between two visits: a scatter of 0.03° of axis 2, and none, on the same postures."""
+    q = np.tile(postures("ur10e", 30, np.random.default_rng(4)), (2, 1))
+    quiet = _visited_twice(np.zeros(60), q)
+    assert quiet.unexplained is not None and quiet.unexplained.visits_um is None
+    found = _visited_twice(np.random.default_rng(6).normal(0, 0.03, 60), q)
+    assert found.unexplained is not None and found.unexplained.visits_um is not None
+    assert found.unexplained.visits_um > 100
+    assert AnswerWords(found).headline.startswith("The same target differs by 0.")
+    assert found.acts[0].why == "visits_differ"
+    assert "twice in a row" in ActWords(found).next
+
+
+def test_an_error_that_a_model_misses_at_other_places_is_unexplained() -> None:
+    """A cable that pulls once three joints are far out repeats, but no neighbourhood predicts the next."""
+    q = np.tile(postures("ur10e", 50, np.random.default_rng(7)), (2, 1))
+    pull = 0.04 * np.maximum(np.sin(q[:, 2]) * np.sin(2 * q[:, 3]) * np.cos(q[:, 4]), 0) * np.sign(np.sin(5 * q[:, 5]))
+    found = _visited_twice(pull, q)
+    assert found.condition == "outside_library" and found.remainder.share > 0.05
+    assert not found.standing
+
+
 def test_the_share_of_noise_is_about_zero_and_that_of_a_cause_its_size() -> None:
     rng = np.random.default_rng(3)
     columns, noise, groups = rng.normal(size=(200, 8)), rng.normal(size=200), np.repeat(np.arange(20), 10)
