@@ -226,6 +226,8 @@ class AnswerWords:
             which = repeated if diagnosis.repeated and len(diagnosis.runs) > 1 else "nothing_shows"
         if diagnosis.unexplained and (scatter_um := diagnosis.unexplained.scatter_um):
             which, values = "scatter", {"um": _length(scatter_um)}
+        if which == "outside_library" and diagnosis.remainder.at_new_places:
+            which = "outside_library_there"
         # What the rig file names already, so that nothing found means nothing more; empty where it names nothing
         nouns = list(dict.fromkeys(map(self.noun, self.diagnosis.rig.effects)))
         already_held = self.texts("already_held", effects=self._listed(nouns)) if nouns else ""

@@ -283,13 +283,15 @@ def _of_effect(effect: Effect, sd: Mapping[str, float], posterior: float) -> dic
 @dataclass(frozen=True)
 class Remainder:
     """Remainder beyond the noise after the names and a healthy arm's share of every effect, including the
-    contribution of contradicted names: rms in µm, at most the gap; share of the energy of the gap, with every
-    test weighted equally; and a description of the pattern. `healthy_um` is the rms of the healthy share."""
+    contribution of contradicted names: rms in µm, at most the gap; share of the energy of the gap; and a description of
+    the pattern. `healthy_um` is the rms of the healthy share. `at_new_places` states whether the remainder is the error
+    at places without part in the fit, which the runs used do not show as large."""
 
     um: float
     share: float
     words: str
     healthy_um: float
+    at_new_places: bool = False
 
 
 @dataclass(frozen=True)

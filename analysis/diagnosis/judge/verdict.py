@@ -360,15 +360,15 @@ def remainder_of(result: SearchResult, named: Sequence[Named], limits: Array, ga
     unexplained = beyond + linear.without_set_up(imitated)
     um = min(Measure(linear).um(unexplained), train.before_um)
     is_material = plain_worth(linear, unexplained).is_material(np.maximum(limits, LEAST_MATERIAL_UM))
-    beyond_mean_um = max(_single_runs_um(train), _missed_elsewhere_um(gaps))
-    if beyond_mean_um > max(um, LEAST_MATERIAL_UM):
-        um, is_material = beyond_mean_um, True
+    single_um, missed_um = _single_runs_um(train), _missed_elsewhere_um(gaps)
+    if max(single_um, missed_um) > max(um, LEAST_MATERIAL_UM):
+        um, is_material = max(single_um, missed_um), True
     share = (um / train.before_um) ** 2 if train.before_um else 0.0
     healthy = worth(linear, posterior.healthy_share)
     words = (
         _in_words(result, imitating) if is_material else "no more than the noise, the scatter and a healthy arm explain"
     )
-    return Remainder(um, share, words, healthy.whole_um), is_material
+    return Remainder(um, share, words, healthy.whole_um, at_new_places=um == missed_um > 0), is_material
 
 
 def _single_runs_um(train: Gap) -> float:
