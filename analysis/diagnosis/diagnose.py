@@ -330,7 +330,7 @@ def _verdicts_of(
     """
     whole, gaps = both
     remainder, is_material = remainder_of(result, named, result.scatter_limits_um, gaps)
-    named = within_unexplained(named, remainder.um if is_material else 0.0)
+    named = within_unexplained(named, remainder.um if is_material else 0.0, gaps.train.noise_floor_um)
     named = sorted(named, key=lambda name: (not name.stands, -name.worth_um))
     condition = condition_of(result, named, remainder, whole, is_material=is_material, early=early)
     linear, measure = result.linear, Measure(result.linear)

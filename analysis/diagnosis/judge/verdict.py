@@ -464,16 +464,28 @@ def needs_runs(named: Sequence[Named]) -> bool:
     return any(name.doubt in ("one_lap", "healthy_shows_it", "rival", "unsure") for name in named)
 
 
-def within_unexplained(named: Sequence[Named], unexplained_um: float) -> list[Named]:
+def within_unexplained(named: Sequence[Named], unexplained_um: float, noise_um: float) -> list[Named]:
     """Return the names with the ones that an unexplained error may imitate no longer confirmed: a name shown by a
     single direction that is not much larger than the unexplained error; with several directions, a name less than
-    twice as large."""
+    twice as large. Their odds are those of readings with the unexplained error as part of the noise."""
+    weight = noise_um**2 / max(noise_um**2 + unexplained_um**2, 1e-12)
     return [
-        replace(name, doubt="unexplained")
+        replace(_with_odds_to_the(weight, name), doubt="unexplained")
         if name.stands and name.worth_um < (_MUCH_MORE if name.directions < 2 else _MORE) * unexplained_um
         else name
         for name in named
     ]
+
+
+def _with_odds_to_the(power: float, name: Named) -> Named:
+    """Return a name with the odds of the name, of each rival and of any other cause raised to a power and normalised:
+    the likelihood of readings with a larger variance, by the inverse of the power."""
+    odds = np.array([name.posterior, *(rival.posterior for rival in name.rivals)])
+    other = max(1.0 - float(odds.sum()), float(np.finfo(float).eps))
+    raised = np.append(odds, other) ** power
+    first, *rest = (raised / raised.sum())[:-1].tolist()
+    rivals = tuple(replace(rival, posterior=share) for rival, share in zip(name.rivals, rest, strict=True))
+    return replace(name, posterior=first, rivals=rivals)
 
 
 def runs_to_decide(result: SearchResult, named: Sequence[Named]) -> int:

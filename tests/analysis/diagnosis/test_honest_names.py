@@ -70,14 +70,16 @@ def test_a_name_that_makes_the_gap_larger_does_not_stand() -> None:
 
 
 @pytest.mark.parametrize(
-    ("worth_um", "directions", "stands"), [(30.0, 1, False), (50.0, 1, True), (30.0, 2, True), (9.0, 2, False)]
+    ("worth_um", "directions", "stands"),
+    [(30.0, 1, False), (50.0, 1, True), (30.0, 2, True), (15.0, 2, False), (9.0, 2, False)],
 )
 def test_a_name_stands_that_does_more_than_the_unexplained_error(
     worth_um: float, directions: int, stands: bool
 ) -> None:
-    (name,) = within_unexplained([_named(worth_um, 100.0, directions)], 10.0)
+    (name,) = within_unexplained([_named(worth_um, 100.0, directions)], 10.0, noise_um=2.0)
     assert name.stands == stands and (name.doubt is None or name.doubt == "unexplained")
-    assert within_unexplained([_named(worth_um, 100.0, directions)], 0.0)[0].stands, "nothing is unexplained"
+    assert within_unexplained([_named(worth_um, 100.0, directions)], 0.0, noise_um=2.0)[0].stands, "all is explained"
+    assert name.posterior == pytest.approx(0.9999 if stands else 0.588, abs=1e-3)  # 9999 to the 1/26th is 1.425
 
 
 def _wandering(axis: int) -> Array:
