@@ -24,12 +24,12 @@ from rigs.schema.vocabulary import WITHOUT_GAUGES
 
 @dataclass(frozen=True)
 class ActWords:
-    """Sentences for the acts of a diagnosis in one language."""
+    """Sentences for the acts of a diagnosis in a given language."""
 
     diagnosis: Diagnosis
     texts: Texts = field(default_factory=partial(texts_of, "en"))
     is_judged_elsewhere: bool = False
-    """Whether runs at another place judged the model before they joined the runs used."""
+    """Whether the model was validated on runs at a different place before they joined the runs used."""
 
     @property
     def next(self) -> str:
@@ -167,7 +167,7 @@ class ActWords:
         )  # fmt: skip
 
     def _of_places(self, key: str) -> str:
-        """Return the key of a text, or its variant for runs without ball and gauges if only poses or touches were
+        """Return the key of a text, or the variant for runs without ball and gauges if only poses or touches were
         measured.
         """
         tests = {name.split()[0].strip(",;") for name in self.diagnosis.setups}

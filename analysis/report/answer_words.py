@@ -1,7 +1,7 @@
 """The answer of a diagnosis in sentences: condition, accuracy, next step, and parts of the error.
 
 This module alone selects the sentences; the wording comes from the texts of a language. Screen and picture use English,
-the page its selected language.
+the page the selected language.
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ from rigs.schema.effect import name_of, size_field, whole_order
 SMALL_SHARE = 0.001
 """Share of the error below which ordinary parts are counted together."""
 _WIDELY = 2.0
-"""Multiple of the usual size from which a certain, harmless effect is mentioned next to the larger parts. Chosen:
-one of twenty healthy arms reaches it.
+"""Multiple of the usual size from which a certain, harmless effect is mentioned next to the larger parts. Chosen: 5
+% of healthy arms reach it.
 """
 _MOST_NAMED = 3
 _ALMOST_ALL = 0.95
@@ -52,7 +52,7 @@ _ALMOST_ALL = 0.95
 
 
 def large_parts(diagnosis: Diagnosis) -> list[BudgetPart]:
-    """Return the parts above one third of the error that are no faults, since the condition already covers the faults.
+    """Return the parts above a third of the error except faults, which the condition already covers.
 
     The list contains certain effects, effects with a few rivals, and groups with named members.
     """
@@ -115,14 +115,12 @@ def fields_of(effect: Effect) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class AnswerWords:
-    """Sentences for a diagnosis in one language."""
+    """Sentences for a diagnosis in a given language."""
 
     diagnosis: Diagnosis
     texts: Texts = field(default_factory=partial(texts_of, "en"))
     judged_elsewhere: tuple[float, float] | None = None
-    """Error in µm without and with the model at another place that judged it before the runs there joined the runs
-    used.
-    """
+    """Error in µm before and with the model, on runs at a different place before they joined the runs used."""
 
     @property
     def headline(self) -> str:
@@ -222,7 +220,9 @@ class AnswerWords:
         return words.format(**fields_of(effect) | {"joint": joint})
 
     def _condition(self) -> str:
-        """Return the limits of these runs, or that nothing was found; empty if the faults answer the question."""
+        """Return the limits of these runs, or a statement about a search with no result; empty if the faults say
+        enough.
+        """
         diagnosis, texts = self.diagnosis, self.texts
         values = {"um": micrometres(diagnosis.remainder.um), "share": percent(diagnosis.remainder.share)}
         if diagnosis.condition in ("named", "ambiguous"):

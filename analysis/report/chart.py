@@ -79,7 +79,7 @@ class Mark:
 
 @dataclass(frozen=True)
 class Chart:
-    """Lines in one frame.
+    """Lines of a chart in a common frame.
 
     y_label includes the unit, and `unit` follows each number. marks and shaded ranges (from, to) are in degrees of the
     circle. ticks: names at the positions x of the targets.
@@ -106,7 +106,7 @@ class Chart:
         return max((len(line.steps) for line in self.lines if line.steps is not None), default=0)
 
     def at_step(self, step: int) -> Chart:
-        """Return the chart at one step."""
+        """Return the chart at a given step."""
         lines = [line if line.steps is None else replace(line, y=line.steps[step], steps=None) for line in self.lines]
         return replace(self, lines=tuple(lines))
 

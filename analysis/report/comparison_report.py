@@ -65,7 +65,7 @@ def as_tables(compared: Compared) -> RenderableType:
 
 
 def save_pictures(compared: Compared, directory: Path) -> list[Path]:
-    """Save a picture of each run, and one of the disagreement of all runs at each step of the staircase.
+    """Save a picture of each run, and a summary of the disagreement of all runs at each step of the staircase.
 
     Raises FileError.
     """

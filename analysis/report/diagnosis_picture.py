@@ -38,7 +38,7 @@ _GREY = "#777777"
 def picture(diagnosis: Diagnosis, *, in_session: bool = False) -> Figure:
     """Draw the diagnosis on one sheet, as high as necessary.
 
-    in_session: leave out the recommendation to load corrected programs. The session itself corrects its programs and
+    in_session: leave out the recommendation to load corrected programs. The session itself corrects the programs and
     states the expected error.
     """
     parts, quiet = _parts(diagnosis, stairs_of(diagnosis), diagnosis.train.noise_floor_um)
@@ -56,7 +56,9 @@ def picture(diagnosis: Diagnosis, *, in_session: bool = False) -> Figure:
 
 
 def disagreement_picture(disagreement: Disagreement) -> Figure:
-    """Draw the disagreement between the model of a rig file and the readings, and the staircase of its effects."""
+    """Draw the disagreement between the model of a rig file and the readings, and the staircase of the model's
+    effects.
+    """
     parts, quiet = _parts(disagreement, stairs_of_model(disagreement), disagreement.floor_um)
     words = _not_shown(quiet)
     parts.append((0.2 + 0.17 * len(words), lambda sheet: _draw_words(sheet, words)))

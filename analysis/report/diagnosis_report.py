@@ -25,7 +25,7 @@ from rigs.text import as_argument
 
 
 def with_origin(effect: Effect, runs: Sequence[str], sd: Mapping[str, float], gap_um: tuple[float, float]) -> Effect:
-    """Return an effect with its provenance: date, runs, standard uncertainties, and the gap (before, after) it closed.
+    """Return an effect with provenance: date, runs, standard uncertainties, and the gap (before, after) it closed.
 
     Values are rounded to nine digits, uncertainties to three and gaps to the nanometre, because people read this file.
     """
@@ -52,7 +52,7 @@ def extended_files(
 ) -> dict[str, Writer]:
     """Return the files of an extended rig file: first the calibrated model as NAME.calibration.json, then the rig file.
 
-    text: the original rig file, to which the effects are added by name. Raises RigFileError if an effect exceeds its
+    text: the original rig file, to which the effects are added by name. Raises RigFileError if an effect is out of
     bounds.
     """
     files, named = {}, None
@@ -67,13 +67,13 @@ def write_extended(
 ) -> list[Path]:
     """Write the files of `extended_files`, either all or none, and return the paths, that of the rig file last.
 
-    Raises FileError if a file exists or cannot be written, RigFileError if an effect exceeds its bounds.
+    Raises FileError if a file exists or cannot be written, RigFileError if an effect is out of bounds.
     """
     return write_all_new(output.parent, extended_files(text, effects, output, calibrated))
 
 
 def hold_new(output: Path) -> None:
-    """Raise FileError if a rig file or its calibration already exists. Call it before any computation."""
+    """Raise FileError if a rig file or the calibration already exists. Call it before any computation."""
     for path in (output, calibration_path(output)):
         refuse_existing(path)
 
@@ -127,7 +127,7 @@ def write(diagnosis: Diagnosis, text: str, directory: Path, *, in_session: bool 
 
 
 def write_model(diagnosis: Diagnosis, text: str, output: Path) -> list[Path]:
-    """Write the calibrated model as a rig file and its calibration, and return the paths, that of the rig file last.
+    """Write the calibrated model as a rig file and a calibration file, and return the paths, that of the rig file last.
 
     text: the initial rig file, to which the faults (of rivals the likeliest) are added. Raises FileError if a file
     exists or a parameter is out of range.

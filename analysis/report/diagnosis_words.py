@@ -29,9 +29,7 @@ def plain(rig: Rig, effect: Effect) -> str:
 
 
 def with_uncertainty(effect: Effect, field: str, sd: Mapping[str, float], times: float = 1.0) -> str:
-    """Return a parameter ± `times` its standard uncertainty in sensible digits; without ± if the uncertainty is
-    unknown.
-    """
+    """Return a parameter ± `times` the standard uncertainty in sensible digits; no ± if the uncertainty is unknown."""
     quantity = quantity_of(effect, field, sd)
     if not 0 < quantity.u < math.inf:
         return f"{quantity.value:.4g} {quantity.sign}".rstrip()
@@ -39,7 +37,7 @@ def with_uncertainty(effect: Effect, field: str, sd: Mapping[str, float], times:
 
 
 def size(named: Named | Rival | Member, times: float = 1.0) -> str:
-    """Return the size of a named effect, a rival or a group member ± `times` its standard uncertainty."""
+    """Return the size of a named effect, a rival or a group member ± `times` the standard uncertainty."""
     return with_uncertainty(named.effect, size_field(named.effect), named.sd, times)
 
 
@@ -81,7 +79,7 @@ def micrometres(um: float) -> str:
 
 
 def beside_u(um: float, u_um: float) -> str:
-    """Return a size in µm ± standard uncertainty to a tenth, for a table column; "< u" if it is far below that."""
+    """Return a size in µm ± standard uncertainty to a tenth, for a table column; "< u" if much smaller than u."""
     if not math.isfinite(um):
         return "–"
     if um < _BY_FAR * u_um:
@@ -90,7 +88,7 @@ def beside_u(um: float, u_um: float) -> str:
 
 
 def within(um: float, u_um: float) -> str:
-    """Return a size in µm ± standard uncertainty; "< u" if it is far below that."""
+    """Return a size in µm ± standard uncertainty; "< u" if much smaller than u."""
     if not math.isfinite(um):
         return "–"
     if um < _BY_FAR * u_um:
@@ -121,7 +119,7 @@ def closed(gap: Gap) -> float:
 
 
 def shortened(names: Iterable[str]) -> str:
-    """Return the names of effects, grouped by kind: each kind once with all of its seats."""
+    """Return the names of effects, grouped by kind: each kind once with all seats."""
     seats: dict[str, list[str]] = {}
     for name in names:
         kind, _, seat = name.partition(" ")
@@ -130,13 +128,13 @@ def shortened(names: Iterable[str]) -> str:
 
 
 _FOUND = 0.02
-"""Share from which a subject counts as found. The fit is tuned on the left-out places, so shares are slightly
+"""Share from which a subject counts as found. The fit is tuned on the validation places, and the shares are slightly
 optimistic.
 """
 
 
 def remains_lines(remains: Remains, texts: Texts) -> list[str]:
-    """Return the residual at left-out places, and the subjects that explain it or not."""
+    """Return the residual at validation places, and the subjects that explain it or not."""
     shares = {texts(f"remains_{looked.subject}"): looked.share for looked in remains.looked if looked.share is not None}
     shown = [f"{subject} {percent(share)}" for subject, share in shares.items() if share >= _FOUND]
     none = [subject for subject, share in shares.items() if share < _FOUND]
@@ -147,7 +145,7 @@ def remains_lines(remains: Remains, texts: Texts) -> list[str]:
 
 
 def remains_rows(remains: Remains, texts: Texts) -> list[tuple[str, str]]:
-    """Return a row for each tested subject with its explained share, or the reason for a missing share."""
+    """Return a row for each tested subject with the explained share, or the reason for a missing share."""
 
     def words(share: float | None) -> str:
         if share is None:

@@ -1,7 +1,7 @@
 """Writing of a page as HTML or PDF.
 
 Templates escape all values as plain text, and an old page stays until the new one is complete. WeasyPrint, an optional
-dependency, makes the PDF with the still pictures. It runs no scripts and loads nothing outside the page.
+dependency, makes the PDF with the still pictures. It runs no scripts and loads no external resources.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def environment() -> Environment:
 
 
 def write_html(html: str, file: Path) -> None:
-    """Write a page, replacing an existing one. Raises FileError if that is not a page of rig or cannot be written."""
+    """Write a page, replacing an existing page. Raises FileError if that is not a page of rig or cannot be written."""
     refuse_foreign(file)
     try:
         file.parent.mkdir(parents=True, exist_ok=True)

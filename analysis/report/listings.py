@@ -47,7 +47,7 @@ def arm_object(arm: Arm) -> dict[str, Any]:
 
 
 def arm_section(arm: Arm) -> str:
-    """Return the robot section of an arm, with the sources of its numbers as comments."""
+    """Return the robot section of an arm, with the sources of the numbers as comments."""
     repeatability = f", repeatability {arm.repeatability_mm:g} mm" if arm.repeatability_mm else ""
     head = [f"{arm.maker} {arm.model}{repeatability}", *([arm.note] if arm.note else []), f"frames: {arm.frames}"]
     head += [f"{key}: {words}" for key, words in arm.sources.model_dump(exclude_defaults=True).items()]

@@ -38,7 +38,7 @@ def simulated_charts(
 ) -> list[Chart]:
     """Return a chart of measured and simulated error for each direction, with the mean of repeated runs.
 
-    corrected: the runs compared with the model including its effects; None if there are none.
+    corrected: the runs compared with the model including the effects; None if no effects exist.
     """
     before, after = _of_group(simulated, group), _of_group(corrected, group)
     titles = dict.fromkeys(comparison.result.title for comparison in before)
@@ -46,7 +46,7 @@ def simulated_charts(
 
 
 def compared_chart(before: Sequence[Comparison], after: Sequence[Comparison], texts: Texts) -> Chart:
-    """Return a chart of measured and simulated error of runs with one title, and also simulated with effects if
+    """Return a chart of measured and simulated error of runs with the same title, and also simulated with effects if
     available.
     """
     result, is_angle = before[0].result, before[0].unit == "deg"
@@ -87,10 +87,10 @@ def _means(runs: Sequence[Comparison]) -> tuple[Array, Array, Array]:
 
 @dataclass(frozen=True)
 class Strand:
-    """One part (angle or distance) of the residual of a circle.
+    """Angle or distance part of the residual of a circle.
 
     phi_deg (n,) increases. steps_um (steps, n) µm: residuals of the models of a staircase, from the initial to the
-    calibrated one. places: the located places of this part.
+    calibrated model. places: the located places of this part.
     """
 
     curve: Curve
@@ -118,7 +118,7 @@ class Strand:
 def strands_of(residuals: Diagnosis | Disagreement) -> tuple[list[Strand], int]:
     """Return a strand for each circle, of the part with the larger disagreement, and the number of omitted circles.
 
-    If there are many circles, those with the smallest residuals are omitted.
+    Circles beyond the limit are omitted, smallest residuals first.
     """
     steps = (
         residuals.staircase.curves
@@ -161,8 +161,8 @@ def diagnosis_charts(diagnosis: Diagnosis, texts: Texts) -> list[Chart]:
 def strand_charts(residuals: Diagnosis | Disagreement, texts: Texts) -> tuple[list[Chart], int]:
     """Return a chart for each circle, and the number of omitted circles.
 
-    Each chart shows the measured error, the sum of the parts so far, and the residual. If the staircase is missing, it
-    shows the residual only.
+    Each chart shows the measured error, the accumulated parts, and the residual. If the staircase is missing, it shows
+    the residual only.
     """
     strands, quiet = strands_of(residuals)
     charts, count, drawn = [], Counter(strand.title for strand in strands), Counter[str]()

@@ -1,4 +1,4 @@
-"""Provenance of the effects of a rig file and of the runs of a robot, in words."""
+"""Descriptions of the provenance of effects in a rig file and of runs."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def begins_with(effects: Sequence[Effect]) -> str:
 
 
 def in_calibration(model: CalibratedModel) -> list[str]:
-    """Return the terms of a calibrated model, its accuracy on the runs, and the joint ranges it covers."""
+    """Return the terms of a calibrated model, the accuracy on the runs, and the covered joint ranges."""
     runs = _listed([run.name for run in model.runs])
     accuracy = f"it leaves {model.calibrated_um:.0f} of {model.before_um:.0f} µm rms of its runs"
     if model.held_out_um is not None:

@@ -37,7 +37,7 @@ def right(heading: str | Text = "", **options: Any) -> Column:
 
 
 def bare_table(*headings: str | Column) -> Table:
-    """Return a table with no lines, unbroken numbers and folded long words."""
+    """Return a table with no rules; numbers stay on a line, and long entries are folded."""
     table = Table(*headings, box=None, padding=(0, 2, 0, 0), header_style="dim", pad_edge=False)
     for column in table.columns:
         column.no_wrap |= column.justify == "right"
@@ -45,7 +45,7 @@ def bare_table(*headings: str | Column) -> Table:
 
 
 def whole(table: Table) -> Table:
-    """Fold long words in the cells of a table, which rich would otherwise truncate with an ellipsis."""
+    """Fold long entries in the cells of a table, which rich would otherwise truncate with an ellipsis."""
     for column in table.columns:
         column.overflow = "fold"
     return table

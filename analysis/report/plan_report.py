@@ -114,8 +114,8 @@ def _title(of: str) -> str:
 
 
 def _by_seat(plan: Plan, *, joints: bool) -> dict[str, dict[str, list[Detectability]]]:
-    """Group detectabilities by effect (link constants also by field), then by axis or gauge. Orders of one gear stay
-    together.
+    """Group detectabilities by effect (link constants also by field), then by axis or gauge. Orders of the same gear
+    stay together.
     """
     sights_by_kind: dict[str, dict[str, list[Detectability]]] = {}
     for sight in plan.detectabilities:

@@ -118,7 +118,7 @@ def hold_free(rig: Rig, directory: Path) -> None:
 def write(proposal: Proposal, text: str, directory: Path) -> list[Path]:
     """Write a rig file for each proposed circle: the given text with the values of the circle.
 
-    Raises FileError if one exists.
+    Raises FileError if a file exists.
     """
     from analysis.runs.written_files import holding, write_all_new  # noqa: PLC0415 - slow to import
 

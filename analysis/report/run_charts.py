@@ -58,7 +58,7 @@ def circle_charts(group: Sequence[Result], texts: Texts) -> list[Chart]:
 
 
 def joint_chart(group: Sequence[Result], texts: Texts) -> Chart:
-    """Return a chart of each joint angle over the circle minus its mean, from the feedback of the first run."""
+    """Return a chart of each joint angle over the circle minus the mean, from the feedback of the first run."""
     marks = marks_of([(reversal.phi_deg, reversal.joint) for reversal in group[0].reversals], texts)
     circle = next(result.found for result in group if isinstance(result.found, CircleResult))
     robot = group[0].measured.rig.robot
@@ -86,7 +86,7 @@ def joint_chart(group: Sequence[Result], texts: Texts) -> Chart:
 
 
 def target_charts(result: Result, texts: Texts) -> list[Picture]:
-    """Return the charts of one run."""
+    """Return the charts of a run."""
     match result.curve:
         case RadialCurve() as curve:
             return _hemisphere(result, curve, texts)
@@ -100,7 +100,7 @@ def target_charts(result: Result, texts: Texts) -> list[Picture]:
 
 
 def directions(polar_deg: Array, azimuth_deg: Array) -> Array:
-    """Return unit vectors (..., 3) in the frame of the hemisphere: z to its middle, x to azimuth 0."""
+    """Return unit vectors (..., 3) in the frame of the hemisphere: z to the middle, x to azimuth 0."""
     polar, azimuth = np.radians(polar_deg), np.radians(azimuth_deg)
     return np.stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)], axis=-1)
 
@@ -166,7 +166,9 @@ def _repeatability(result: Result, curve: RepeatabilityCurve, texts: Texts) -> C
 
 
 def _poses(result: Result, curve: PoseCurve, texts: Texts) -> list[Picture]:
-    """Return charts of the cube stops, if any, of every pose, and of each axis driven on its own in both directions."""
+    """Return charts of the cube stops, if any, of every pose, and of each axis that was driven separately in both
+    directions.
+    """
     view, number = _cube_view(result), np.arange(1.0, len(curve.distance_mm) + 1)
     line = Line(texts("measured"), "measured", number, curve.distance_mm, points=True)
     labels = texts("pose"), f"{texts('error_position')} / mm"
@@ -195,8 +197,8 @@ def _plane(view: _PlaneView, title: str, texts: Texts, *, points: bool) -> Chart
 
 
 def _paths(curve: PathCurve, texts: Texts) -> list[Picture]:
-    """Return a chart of the paths and the means of their cycles on the plane, and one of the deviations along each
-    path.
+    """Return a chart of the paths and the means of their cycles on the plane, and a chart of the deviations along
+    each path.
     """
     names = dict.fromkeys(curve.path.tolist())
     command, off = [], []

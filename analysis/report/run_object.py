@@ -40,7 +40,7 @@ def what_u_is(group: Sequence[Result], repeated: Sequence[Pooled]) -> str:
 
 
 def figure_in_words(name: str, figure: Quantity | BetweenRuns) -> str:
-    """Return a figure in words. A largest hysteresis below u is noise and shown as the bound u."""
+    """Return a figure as text. A largest hysteresis below u is noise and shown as the bound u."""
     value = figure.mean if isinstance(figure, BetweenRuns) else figure
     if name in _LARGEST_OF_NOISE and value.value < value.u < np.inf:
         return f"≤ {value.rounded_u} {value.sign}"
@@ -79,7 +79,7 @@ def pairs_in_words(both: Pairs | None) -> list[str]:
 
 
 def lag_in_words(both: Pairs | None, group: Sequence[Result]) -> list[str]:
-    """Return a line about the lag of the gauges, and one for each refused pair."""
+    """Return a line about the lag of the gauges, and a line for each refused pair."""
     if not isinstance(group[0].found, CircleResult):
         return []
     if both is None:
@@ -115,7 +115,7 @@ _MOST_BYTES = 1_000_000
 
 @dataclass(frozen=True)
 class TruthComparison:
-    """Comparison of one figure of one run: the truth, and the deviation in standard uncertainties."""
+    """Comparison of a figure with the truth: the truth, and the deviation in standard uncertainties."""
 
     truth: float
     deviation_u: float
@@ -155,7 +155,7 @@ def all_agree(comparisons: Sequence[dict[str, TruthComparison]]) -> bool:
 
 
 def verdict(comparisons: Sequence[dict[str, TruthComparison]]) -> str:
-    """Return the number of figures within two standard uncertainties of the truth, in one line."""
+    """Return the number of figures within two standard uncertainties of the truth, as a line of text."""
     every = [comparison for by_name in comparisons for comparison in by_name.values()]
     within = sum(abs(comparison.deviation_u) <= 2 for comparison in every)
     return f"{within} of {len(every)} figures agree with the truth within 2 u"

@@ -31,7 +31,7 @@ _GREY = "#777777"
 _PHI_DEG = np.degrees(PHI)
 _OF_CUBE = ("ap_mm", "rp_mm", "ad_mm", "rd_mm")
 _APART_DEG = 4.0
-"""Drawn distance of the readings at one target from its centre, so that none hides another."""
+"""Drawn distance of the readings at a target from the centre, to avoid overlaps."""
 
 
 def save_all_pictures(results: Sequence[Result], directory: Path) -> list[Path]:
@@ -99,7 +99,7 @@ def _draw_sphere(chart: SphereChart, sheet: SubFigure) -> None:
 def draw_hemisphere(
     axes: Axes, polar_deg: Array, azimuth_deg: Array, values: Array, target: Array | None = None
 ) -> PathCollection:
-    """Draw values (n,) at targets on a hemisphere, seen along its axis, as dots from blue (negative) to red (positive).
+    """Draw values (n,) at targets on a hemisphere, seen along the axis, as dots from blue (negative) to red (positive).
 
     target: target numbers (n,); dots of the same target are drawn next to each other.
     """
@@ -137,7 +137,7 @@ def raw_chart(result: Result, circle: CircleResult) -> Chart:
 
 
 def error_chart(result: Result, circle: CircleResult) -> Chart:
-    """Return a chart of the orientation error with its band and the joint reversals (figure 6 of the paper).
+    """Return a chart of the orientation error with the error band and the joint reversals (figure 6 of the paper).
 
     If there are several laps, each is shown too.
     """

@@ -27,7 +27,7 @@ from analysis.report.texts import LEADING, in_order, label
 
 @dataclass(frozen=True)
 class _Abreast:
-    """Table of runs of one test in columns, as many as fit on the screen without breaking numbers."""
+    """Table of runs of a test in columns, split into several tables if they do not fit on the screen."""
 
     results: Sequence[Result]
     truth_of: dict[int, dict[str, TruthComparison]]
@@ -48,8 +48,8 @@ def as_tables(
 ) -> RenderableType:
     """Return a table for each test, with the truth below a figure if known, and doubts at the end.
 
-    A column contains the mean over the runs of one direction. Each run has a column if `each` is set, if the truth is
-    known, or if nothing was repeated.
+    A column contains the mean over the runs of a direction. Each run has a column if `each` is set, if the truth is
+    known, or if no run was repeated.
     """
     truth_of = {id(result): truth for result, truth in zip(results, truths, strict=False)}
     parts: list[RenderableType] = []
@@ -94,7 +94,7 @@ def _means(repeated: Sequence[Pooled]) -> Table:
 
 
 def _over(text: str, below: str, style: str = "dim") -> Text:
-    """Return a text with another below, in a different style."""
+    """Return a text with a second text below, in a different style."""
     return Text.assemble(text, "\n", (below, style))
 
 

@@ -1,4 +1,4 @@
-"""The staircase of the gap in words and on the screen: the name of each step and its residual."""
+"""The staircase of the gap, as text and on the screen: name and residual of each step."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def _named(staircase: Staircase, names: Sequence[str]) -> Stairs:
 
 
 def left_words(residue: Left) -> str:
-    """Return a residual ± standard uncertainty in µm; "< u" if it is far below that."""
+    """Return a residual ± standard uncertainty in µm; "< u" if much smaller than u."""
     if residue.um < residue.u_um / 2:
         return f"< {residue.u_um:.1f}"
     return f"{residue.um:.1f} ± {residue.u_um:.1f}" if residue.u_um > 0 else f"{residue.um:.1f}"

@@ -76,12 +76,12 @@ _FONTS = re.compile(r"font-family: [^;]*sans-serif")
 _HEIGHTS_INCH: dict[Frame, float] = {"straight": 1.8, "targets": 1.8, "plane": 4.2, "polar": 3.6}
 """Heights of charts. Chosen: three straight charts and a pair of polar charts fit on a page of A4."""
 _MOST_NODES = 360
-"""Maximum number of nodes of a line on paper: one per degree, while curves resolve 4.5° (docs/figures.md)."""
+"""Maximum number of nodes of a line on paper, 1 per degree, while curves resolve 4.5° (docs/figures.md)."""
 _MOST_SYMBOLS = 150
 _WIDEST = 45
-"""Maximum length of all names in one line of the legend, in characters."""
+"""Maximum total length of the names in a legend line, in characters."""
 _PANEL_LETTERS = 62
-"""Maximum length of a step name in one line above a panel, in characters."""
+"""Maximum line length of a step name above a panel, in characters."""
 _CAPTION_LETTERS = 150
 """Maximum length of a caption line in a PNG, in characters."""
 _TAG = re.compile(r"<[^>]*>")

@@ -1,6 +1,6 @@
 """The fixed texts of each language, from `analysis/templates/texts.LANGUAGE.yaml`, and labels and order of the figures.
 
-All languages have the same keys. The page uses its selected language; screen and picture use English. Sentences
+All languages have the same keys. The page uses the selected language; screen and picture use English. Sentences
 composed by the analysis, such as doubts and remedies, stay English.
 """
 
@@ -124,7 +124,7 @@ def label(name: str) -> str:
 
 
 def whole_label(name: str, label: Callable[[str], str] = label) -> str:
-    """Return the label of a figure outside a table, a detail after its main line: `position error, largest`."""
+    """Return the label of a figure outside a table, a detail after the main line: `position error, largest`."""
     text_of_figure, above = label(name).strip(), ""
     for known_name, text in _LABELS.items():
         above = above if text.startswith(" ") else known_name
@@ -159,7 +159,7 @@ class Texts:
         return self.words[key].format(**values)
 
     def test(self, name: str) -> str:
-        """Return the name of a test; for a test of another package, its identifier."""
+        """Return the name of a test; for a test of an external package, the identifier."""
         return self.words.get(f"test_{name}", name)
 
     def not_known(self, share: float) -> str:

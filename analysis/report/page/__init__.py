@@ -1,1 +1,1 @@
-"""The page for decision makers: verdict, findings, charts of each test, and traceability, in one file."""
+"""The page for decision makers: verdict, findings, charts of each test, and traceability, in a single file."""

@@ -18,13 +18,12 @@ from rigs.schema.vocabulary import CIRCLES
 
 _MOST_GROUPS = 3
 _SAME_DEG = 15.0
-"""Distance below which places on the circle count as one reversal, seen in two runs."""
+"""Distance below which places on the circle count as the same reversal, seen in two runs."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One fault in sentences: cause and size, place, share of the error, rivals and indistinguishable effects, and
-    odds.
+    """A fault in sentences: cause and size, place, share of the error, rivals and indistinguishable effects, and odds.
 
     The recommended acts are listed separately.
     """
@@ -105,7 +104,7 @@ class BudgetRow:
     """A part of the error.
 
     beside: size, doubt, and sizes of cancelling parts. share: in percent. width: of the bar, in percent of the column.
-    rank: class, empty if it has none. rank_words: the class in words. times: multiple of the usual size.
+    rank: class, possibly empty. rank_words: description of the class. times: multiple of the usual size.
     """
 
     part: str
@@ -119,7 +118,7 @@ class BudgetRow:
 
 
 def budget_rows(diagnosis: Diagnosis, texts: Texts) -> list[BudgetRow]:
-    """Return a row for each part of the error, and one for all small parts. The shown shares add up to 100 %."""
+    """Return a row for each part of the error, and a row for all small parts. The shown shares add up to 100 %."""
     large, small = shown_parts(diagnosis)
     shares = [part.share for part in large] + ([sum(part.share for part in small)] if small else [])
     words, rows = AnswerWords(diagnosis, texts), []
@@ -159,7 +158,7 @@ def _tenths(shares: Sequence[float]) -> list[int]:
 
 @dataclass(frozen=True)
 class StepRow:
-    """A step: name, residual at each place in words, bar widths in percent of the column, and a sentence for screen
+    """A step: name, formatted residual at each place, bar widths in percent of the column, and a sentence for screen
     readers.
     """
 

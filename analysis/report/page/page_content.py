@@ -1,7 +1,7 @@
 """Contents of the page: results, comparison with simulation, diagnosis, effect of a correction, and verdict on
 accuracy.
 
-The verdict compares every limited figure with its limits, including the uncertainty, and takes the worst standing.
+The verdict compares figures with limits, including the uncertainty, and takes the worst standing.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ _MOST_NAMED = 3
 class Verdict:
     """Verdict on accuracy.
 
-    overall: standing by the tolerance given to the diagnosis, otherwise the worst standing; `unjudged` if there are no
-    limits. judged: figures, worst first. tests: the tests made. by_tolerance: whether a tolerance determined the
+    overall: standing by the tolerance given to the diagnosis, otherwise the worst standing; `unjudged` if no limits are
+    given. judged: figures, worst first. tests: the tests made. by_tolerance: whether a tolerance determined the
     verdict.
     """
 
@@ -58,7 +58,7 @@ def judge(results: Sequence[Result], limits: Limits, diagnosis: Diagnosis | None
 
 
 def verdict_sentence(verdict: Verdict, texts: Texts) -> str:
-    """Return the reason for the verdict in one sentence."""
+    """Return the reason for the verdict as a sentence."""
     if verdict.by_tolerance:
         return texts("why_tolerance")
     if verdict.overall == "unjudged":
@@ -90,7 +90,7 @@ def named(figure: JudgedFigure, texts: Texts) -> str:
 def example_limits(verdict: Verdict) -> str:
     """Return an example of the limits section of a rig file for the tests made, with bounds to replace.
 
-    Tests that cannot have limits are left out.
+    Tests that cannot have limits are omitted.
     """
     bounds = {
         kind.test: {name: {"watch": watch, "fail": fail}}
@@ -102,7 +102,7 @@ def example_limits(verdict: Verdict) -> str:
 
 
 def rule(texts: Texts) -> str:
-    """Return the decision rule in words."""
+    """Return the decision rule as text."""
     return texts("rule", coverage=f"{COVERAGE:g}")
 
 
@@ -115,10 +115,10 @@ def title_of(column: FigureColumn, texts: Texts) -> str:
 class BeforeAfter:
     """A correction, and the error before and after it on the same circle and at the other place.
 
-    way: the kind of correction, which determines the wording of the page. work: None if nothing was corrected. judged:
-    rms in µm before and with the model at the other place, before those runs joined the last diagnosis; None if no runs
-    judged the model. joined: number of the runs that joined. verdict: figures of the runs after the correction on the
-    same circle; None if there were no such runs. own_programs: the command that corrects the user's programs.
+    way: the kind of correction, which determines the wording of the page. work: None if no correction was made. judged:
+    rms in µm before and with the model at the other place, before the runs joined the last diagnosis; None if the model
+    was not validated. joined: number of the runs that joined. verdict: figures of the runs after the correction on the
+    same circle; None if these runs do not exist. own_programs: the command that corrects the user's programs.
     """
 
     correction: str
@@ -132,22 +132,22 @@ class BeforeAfter:
 
     @property
     def driven(self) -> tuple[Deviation, Deviation] | None:
-        """The error before and after on the same circle; None if nothing was measured after the correction."""
+        """The error before and after on the same circle; None if no run followed the correction."""
         return next(((row.before, row.after) for row in self.rows if row.place == "same" and row.after), None)
 
     @property
     def elsewhere(self) -> tuple[Deviation, Deviation] | None:
-        """The error before and after at the other place; None if nothing was measured there."""
+        """The error before and after at the other place; None if that place was not measured."""
         return next(((row.before, row.after) for row in self.rows if row.place == "elsewhere" and row.after), None)
 
 
 @dataclass(frozen=True)
 class Report:
-    """Evaluated runs of one robot.
+    """Evaluated runs of a robot.
 
     rig: model and limits. simulated: the runs compared with the model; corrected: with the model including the found
-    parts, None if there are none. undiagnosed: the reason for a missing diagnosis. left_out: errors of runs that could
-    not be evaluated.
+    parts, None if no parts were found. undiagnosed: the reason for a missing diagnosis. left_out: errors of runs that
+    could not be evaluated.
     """
 
     rig: Rig

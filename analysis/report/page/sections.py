@@ -1,4 +1,4 @@
-"""Section of the page about one test: description, figures, reversals, charts and remarks."""
+"""Section of the page about a test: description, figures, reversals, charts and remarks."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Column:
 
 
 def columns_of(group: Sequence[Result], texts: Texts) -> list[Column]:
-    """Return the columns for the runs of one test."""
+    """Return the columns for the runs of a test."""
     columns, words = [], {"mean": "mean_of_runs", "pairs": "pairs"}
     for column in figure_columns(group):
         note = column.run if column.kind == "run" else texts(words[column.kind], count=column.count)
@@ -79,7 +79,7 @@ class ReversalRow:
 
 @dataclass(frozen=True)
 class Section:
-    """One test at one place. words: description of the test and of the charts."""
+    """A test at a given place. words: description of the test and of the charts."""
 
     test: str
     title: str
@@ -152,7 +152,7 @@ def _doubts(group: Sequence[Result]) -> tuple[str, ...]:
 
 
 def _reversals(result: Result, texts: Texts) -> tuple[ReversalRow, ...]:
-    """Return the reversals of the joints by feedback, each with the nominal one."""
+    """Return the reversals of the joints by feedback, each with the nominal reversal."""
     if not isinstance(result.found, CircleResult):
         return ()
     rows = []

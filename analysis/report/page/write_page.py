@@ -1,11 +1,12 @@
-"""The page as one HTML file, rendered from templates with embedded charts and plotting library. It makes no requests.
+"""The page as a single HTML file, rendered from templates with embedded charts and plotting library. It makes no
+requests.
 
 The head and the end contain the recipients and the traceability: operator, dates, instruments, programs, and file
 hashes.
 
-A Content-Security-Policy allows the two scripts of the page by SHA-256 and nothing more. The large plotly script is
-embedded as it is packaged, in compressed form (`scripts/dev plotting_script` creates it, with version and licence), and
-the browser unpacks it. Text, tables and still pictures are plain HTML and SVG and need no script.
+A Content-Security-Policy allows the two scripts of the page by SHA-256 and blocks everything else. The large plotly
+script is embedded as it is packaged, in compressed form (`scripts/dev plotting_script` creates it, with version and
+licence), and the browser unpacks it. Text, tables and still pictures are plain HTML and SVG and need no script.
 """
 
 from __future__ import annotations
@@ -49,14 +50,14 @@ _LONGEST = 200
 
 @dataclass(frozen=True)
 class Heading:
-    """User input for the head of a report; empty fields are left out."""
+    """User input for the head of a report; empty fields are omitted."""
 
     serial: str = ""
     customer: str = ""
     order: str = ""
 
     def check(self) -> None:
-        """Raise UseError for a field that does not fit in one line of the page."""
+        """Raise UseError for a field that does not fit in a line of the page."""
         for name, text in vars(self).items():
             if len(text) > _LONGEST:
                 raise UseError(f"--{name}", f"has {len(text)} characters", f"write at most {_LONGEST}")
@@ -70,7 +71,7 @@ NO_HEADING = Heading()
 def fields_of(heading: Heading, results: Sequence[Result], texts: Texts) -> list[tuple[str, str]]:
     """Return the fields of the head as name and value, from the user first, then from rig file and runs.
 
-    The default serial number comes from the rig files of the runs, since the model may belong to another robot.
+    The default serial number is taken from the rig files of the runs, since the model may belong to a different robot.
     """
     serials = dict.fromkeys(result.measured.rig.robot.serial for result in results)
     operators = dict.fromkeys(result.measured.run.manifest.operator for result in results)
@@ -200,7 +201,7 @@ def rendered(report: Report, texts: Texts, heading: Heading = NO_HEADING) -> str
 
 
 def _acts(report: Report, texts: Texts) -> list[str]:
-    """Return the recommended acts in order; the correction is left out if it is already made."""
+    """Return the recommended acts in order; the correction is omitted if already made."""
     if report.found is None:
         return []
     after = report.after
