@@ -25,7 +25,7 @@ _OF_A_CELL = ("fcntl", "grp", "resource", "termios", "tty")
 """Modules missing on Windows, used for serial lines and for the socket of a running daemon."""
 
 _THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
-"""Variables that the libraries of numpy and scipy read on import. Extra threads slow a diagnosis down because its
+"""Variables that the libraries of numpy and scipy read on import. Extra threads slow a diagnosis down because the
 matrices are small: two threads took 27.5 s of processor time, a single thread 9.8 s (two cores, measured).
 """
 
@@ -82,7 +82,7 @@ def main() -> None:
 
 
 def _out_of_room(error: MemoryError | OSError) -> NoReturn:
-    """Report full memory or a full disk in a line; raise any other system error again."""
+    """Report full memory or a full disk in a line; re-raise any other system error."""
     if isinstance(error, MemoryError) or error.errno == errno.ENOMEM:
         _fail(
             CellError("memory", "there is not enough for this", "close other programs, or give fewer or shorter runs")

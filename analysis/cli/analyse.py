@@ -89,7 +89,7 @@ def analyse(
 
 
 def _as_line(run: Path) -> str:
-    """Return a run and its figures as a line of JSON in ASCII."""
+    """Return the figures of a run as a line of JSON in ASCII."""
     from analysis.procedures.results import figures_alone
 
     return json.dumps(figures_alone(run).to_dict())

@@ -1,6 +1,6 @@
 """The commands of `rig`, listed with a summary and imported on demand.
 
-Every command shows an example below the help. Flags show no `<bool>`, the type that typer prints for options, since it
+Every command shows an example below the help. The type `<bool>`, which typer prints for flags, is hidden, since it
 suggests a value after the flag.
 """
 
@@ -88,7 +88,7 @@ JOBS = {
         "were found.",
     },
 }
-"""Commands by purpose in the order of the work, each with the first paragraph of its help."""
+"""Commands by purpose in the order of the work, each with the first paragraph of the help text."""
 
 _FILES = {
     **dict.fromkeys(("status", "metrics", "automatic"), "record"),
@@ -195,7 +195,7 @@ def taking_all(option: str) -> type[Command]:
 
 
 class Group(TyperGroup):
-    """Group of commands with plain flags and, if NO_COLOR is set, uncoloured messages.
+    """Group of commands with plain flags and, if NO_COLOR is set, plain messages.
 
     rich respects NO_COLOR for tables and help; `echo` of typer follows the context instead.
     """

@@ -1,7 +1,7 @@
 """Shell completion of arguments: runs, rig files, arms, robots, running daemons.
 
-Completion reads as little as possible, because the user waits. typer drops candidates with a different prefix; if no
-candidate remains, the shell completes file names.
+Completion reads as little as possible, because the user waits. typer drops candidates with a different prefix; if none
+remains, the shell completes file names.
 """
 
 from __future__ import annotations

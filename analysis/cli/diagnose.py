@@ -112,10 +112,11 @@ def by_use(runs: Sequence[Path], hold_out: Sequence[Path], unseen: Sequence[Path
 def with_commands_here(
     diagnosis: Diagnosis, output: Path | None, again: tuple[str, ...] = (), to: str = "found"
 ) -> Diagnosis:
-    """Return a diagnosis with commands in its acts that refer to the written model.
+    """Return a diagnosis with acts whose commands refer to the written model.
 
-    The model is `output`, or the rig file in that directory. If there is no output, the acts refer to a new file that a
-    repeated command would write: `again`, or the present command, with output to the next free name based on `to`.
+    The model is `output`, or the rig file in that directory. If no output was requested, the acts refer to a new file
+    that a repeated command would write: `again`, or the present command, with output to the next free name based on
+    `to`.
     """
     from analysis.diagnosis.judge.acts import acts_with
 
@@ -162,7 +163,7 @@ def _write(
 
 def _as_arguments(used: Sequence[Path], held_out: Sequence[Path], unseen: Sequence[Path]) -> str:
     """Return runs as command-line arguments relative to the current directory, or as their parent directory if all
-    of its runs are used.
+    runs in it are used.
     """
     from analysis.cli.several import runs_below
 
@@ -177,9 +178,7 @@ def _as_arguments(used: Sequence[Path], held_out: Sequence[Path], unseen: Sequen
 
 
 def say_correct(diagnosis: Diagnosis, model: Path) -> None:
-    """Print the correction command for the written model, unless the model contains no effects or should not be
-    applied.
-    """
+    """Print the correction command for the written model, unless the model is empty or should not be applied."""
     from rigs.calibration import verdict_of
 
     calibrated = diagnosis.calibrated

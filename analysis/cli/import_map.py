@@ -120,7 +120,7 @@ def _answer_of(question: Question) -> Callable[[str], Reading]:
 
 
 def _refuse(proposal: Proposal, run: Path, files: Sequence[Path]) -> None:
-    """Write the map with its open questions marked and raise FileError, because there is no terminal for answers."""
+    """Write the map, mark the open questions, and raise FileError: no terminal is available for answers."""
     path = Path(f"{run.name}.map.yaml")  # not next to the run, since every file in that directory counts as a run
     choices = {
         question.key: [

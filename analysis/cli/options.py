@@ -23,7 +23,7 @@ def location(text: str | Path) -> Path:
 
 
 def operator_or_user(operator: str) -> str:
-    """Return the given operator, or the user name; empty if the system has no user name, as in many containers."""
+    """Return the given operator, or the user name; empty if the system has none, as in typical containers."""
     import getpass
 
     with suppress(KeyError, OSError, ImportError):
@@ -59,7 +59,7 @@ RunsElsewhere = Annotated[
 
 
 def _processes(text: str | int) -> int:
-    """Return a number of processes; 0 stands for the number of cores. Raises typer.BadParameter."""
+    """Return a number of processes; 0 means the number of cores. Raises typer.BadParameter."""
     if text == "auto":
         return 0
     if str(text).isdecimal():
@@ -81,7 +81,7 @@ Scheduler = Annotated[
 
 
 def _direction(text: str) -> Direction:
-    """Return a direction from its common spellings. Raises typer.BadParameter."""
+    """Return a direction from common spellings. Raises typer.BadParameter."""
     direction = direction_of(text)
     if direction is None:
         raise typer.BadParameter(f"{text!r} is no direction; give acw (ccw) or cw")
@@ -89,7 +89,7 @@ def _direction(text: str) -> Direction:
 
 
 def direction_option(meaning: str) -> Any:
-    """Return the option --direction with its meaning for a command."""
+    """Return the option --direction with the meaning for a command."""
     return typer.Option(
         "--direction",
         metavar="<acw|cw>",
@@ -100,7 +100,7 @@ def direction_option(meaning: str) -> Any:
 
 
 def _maker(text: str) -> MakerName:
-    """Return a maker from its common spellings. Raises typer.BadParameter."""
+    """Return a maker from common spellings. Raises typer.BadParameter."""
     maker = maker_named(text)
     if maker is None:
         raise typer.BadParameter(f"{text!r} is no maker whose controllers are known; give {_one_of(MAKERS)}")
@@ -112,7 +112,7 @@ def _one_of(names: Sequence[str]) -> str:
 
 
 def maker_option(meaning: str, default: str = "") -> Any:
-    """Return the option --for with its meaning for a command, and the default."""
+    """Return the option --for with the meaning for a command, and the default."""
     help_text = f"{meaning}: {_one_of(MAKERS)}" + (f"; default: {default}." if default else ".")
     return typer.Option("--for", metavar="MAKER", parser=_maker, autocompletion=lambda: list(MAKERS), help=help_text)
 

@@ -22,8 +22,8 @@ record = typer.Typer(cls=Group, no_args_is_help=True, help="Start and stop a rec
 app.add_typer(record, name="record")
 
 _MOST_ROWS = 2_000_000
-"""Maximum number of rows of a run that is checked at its end, which takes a second. For longer runs the operator
-should not have to wait.
+"""Maximum number of rows of a run that is checked when the recording stops, which takes a second. The operator
+should not have to wait longer.
 """
 
 RigName = Annotated[

@@ -1,5 +1,5 @@
-"""Commands on several runs or files: duplicates are dropped, remarks on the data come first, and a failure affects
-only its own item and the exit code.
+"""Commands on several runs or files: duplicates are dropped, remarks on the data precede the results, and a failure
+affects only that item and the exit code.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def end_with(code: int) -> None:
 
 
 def worst(errors: Iterable[RigError]) -> int:
-    """Return the highest exit code of errors; 0 if there are none."""
+    """Return the highest exit code of errors; 0 for an empty list."""
     return max((error.exit_code for error in errors), default=0)
 
 
@@ -131,7 +131,7 @@ def distinct(paths: Iterable[Path]) -> dict[Path, None]:
 
 
 def runs_below(paths: Iterable[Path], scheduler: str | None = None) -> list[Path]:
-    """Return the runs that paths stand for; absolute for a cluster, since its workers run in other directories."""
+    """Return the runs at or below paths; absolute for a cluster, since the workers run in other directories."""
     from analysis.cli.console import progress_of
     from analysis.runs.batch.run_directories import run_directories
 
