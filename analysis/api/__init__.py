@@ -199,8 +199,8 @@ def compare(
     unseen: runs at a different place or radius, each compared with a separately fitted set-up.
 
     Returns `runs` with measured and simulated curves and figures and `residuals_mm` (m, k) of every reading, `poses`
-    with the residuals of runs measured with no gauges, the fitted `setups`, and `doubts` as text. `disagreement` lists
-    the places of disagreement with the joints that reverse there, and the residual after each effect of the model.
+    with the residuals of runs without gauges, the fitted `setups`, and `doubts` as text. `disagreement` lists the
+    places of disagreement with the joints that reverse there, and the residual after each effect of the model.
 
     Raises FileError if a run does not belong to the robot or circle of the model.
 

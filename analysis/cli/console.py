@@ -43,7 +43,7 @@ _SILENT_S, _STEP_S = 1.0, 0.1
 def progress_of(doing: str = "reading the runs", *, is_still: bool = False) -> Iterator[Callable[[str], None]]:
     """Show the current step on standard error, and yield a function to change it.
 
-    is_still: show a line that has no timer. This is required if processes are forked meanwhile, because they must not
+    is_still: show a line without a timer. This is required if processes are forked meanwhile, because they must not
     inherit the thread and the locks of a live display. Nothing is shown if standard error is not a terminal. Print all
     other output after this context, since it would share the line.
     """

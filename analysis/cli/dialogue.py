@@ -39,8 +39,8 @@ class Dialogue:
     def ask(self, question: str, option: str, read: Callable[[str], T], usual: str | None = None) -> T:
         """Ask until `read` accepts the answer. Repetitions show only the last line of the question.
 
-        option: the option that answers the question in the absence of a terminal. Raises UseError if neither is
-        available, and Stopped.
+        option: the option that answers the question without a terminal. Raises UseError if neither is available, and
+        Stopped.
         """
         if not self.terminal:
             if usual is None:

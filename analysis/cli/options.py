@@ -23,7 +23,7 @@ def location(text: str | Path) -> Path:
 
 
 def operator_or_user(operator: str) -> str:
-    """Return the given operator, or the user name; empty if the system has none, as in typical containers."""
+    """Return the given operator, or the user name; empty if the system has none, as in many containers."""
     import getpass
 
     with suppress(KeyError, OSError, ImportError):

@@ -31,7 +31,7 @@ from rigs.rig import Rig
 from rigs.schema.vocabulary import DRIVEN_AXES
 
 _SEEDS = 128
-"""Number of start postures for an arm with no closed-form branches, in addition to the given posture. Measured for
+"""Number of start postures for an arm without closed-form branches, in addition to the given posture. Measured for
 100 random postures of an FR3, an iiwa 14 and a WAM: 128 starts reach all within the limits, 32 reach 99, 100 and
 98, and 8 reach 70, 94 and 91. A pose takes 65 to 165 ms.
 """

@@ -36,8 +36,8 @@ class Version:
 def versions(rig_file: Path, folder: Path) -> list[Version]:
     """Return the calibrations below a folder for the arm of a rig file, newest first.
 
-    Other files, other robots and rig files with no calibration are skipped. Raises FileError if the rig file cannot be
-    read, or if the folder contains too many files.
+    Other files, other robots and rig files without a calibration are skipped. Raises FileError if the rig file cannot
+    be read, or if the folder contains too many files.
     """
     rig, _ = load(rig_file)
     files = list(islice(folder.rglob("*.y*ml"), _MOST + 1))

@@ -140,7 +140,7 @@ def doubts_of_rig(rig: Rig, fitted: FittedRuns) -> tuple[str, ...]:
 # validation
 
 _FEW_TESTS = 3
-"""Number of further tests listed with the reason why the robot cannot drive them."""
+"""Number of listed further tests that the robot cannot drive, each with the reason."""
 
 
 def diagnose(
@@ -155,9 +155,9 @@ def diagnose(
     """Diagnose runs of a robot with the model of a rig, validated on held-out runs and unseen places.
 
     `tolerance_um`: largest accepted rms error of the readings (m, k); by default the limits of the rig file decide.
-    `given`: effects to be fitted regardless of their significance, with no search. If there are no held-out runs, a
-    fifth of the neighbourhoods of poses in joint space is held out. Raises FileError for runs of a different robot, or
-    not readable as the stated test.
+    `given`: effects to be fitted regardless of their significance, without a search. By default, a fifth of the
+    neighbourhoods of poses in joint space is held out. Raises FileError for runs of a different robot, or not readable
+    as the stated test.
     """
     begin_s = time.perf_counter()
     progress("reading the runs")
@@ -229,7 +229,7 @@ def _found_in(
 ) -> tuple[SearchResult, OutOfRange | None]:
     """Return the result of a search in runs, of (m, k) mm, or of the fit of `given` effects.
 
-    If a search finds a single parameter out of range, the result is the fit of that parameter, with no limit.
+    If a search finds a single parameter out of range, the result is the fit of that parameter, without a limit.
     """
     if given is not None:
         return fit_given(runs, given, progress), None
@@ -375,8 +375,8 @@ def _completed(
 ) -> Diagnosis:
     """Return the verdicts with the dependences of the unexplained part of the readings (N,), if it is large.
 
-    If it follows no subject and no target was visited twice, it is scatter. If a parameter is `beyond` the limit, that
-    determines the condition.
+    If it follows no subject and all targets were visited only once, it is scatter. If a parameter is `beyond` the
+    limit, that determines the condition.
     """
     if beyond and verdicts.is_testable:
         verdicts = replace(verdicts, condition="out_of_range", runs_to_decide=None, groups=())

@@ -22,7 +22,7 @@ _ARM_LEVELS = np.array([0.2, 0.5, 1.0, 2.0, 5.0, 25.0])
 _UNEXPLAINED_MM = np.array([0.0, 0.05, 0.2, 0.8])
 """Sizes of the unexplained part; calibrated arms have 0.03 to 0.5 mm (UR10, Panda, iiwa)."""
 _UNEXPLAINED_SHARES = np.array([0.7, 0.1, 0.1, 0.1])
-"""Prior probabilities of these sizes. Chosen: a reference with no repeats cannot separate scatter from a part that
+"""Prior probabilities of these sizes. Chosen: a reference without repeats cannot separate scatter from a part that
 depends on the posture, and scatter is the cautious assumption.
 """
 _SCATTERS = np.geomspace(0.03, 10.0, 25)
@@ -351,7 +351,7 @@ def _with_wild(
     predictions: Sequence[Prediction], shift: Shift, cause: Cause, alone: Estimate, row: Integers
 ) -> tuple[float, int]:
     """Return the log evidence of a cause with an outlier, and the row of the outlier. The size level is that of the
-    estimate with no outlier.
+    estimate without an outlier.
     """
     level = float(LEVELS[int(np.argmax(alone.level))])
     numbers = np.unique(row)

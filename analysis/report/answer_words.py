@@ -220,9 +220,7 @@ class AnswerWords:
         return words.format(**fields_of(effect) | {"joint": joint})
 
     def _condition(self) -> str:
-        """Return the limits of these runs, or a statement about a search with no result; empty if the faults say
-        enough.
-        """
+        """Return the limits of these runs, or that the search found nothing; empty if the faults say it all."""
         diagnosis, texts = self.diagnosis, self.texts
         values = {"um": micrometres(diagnosis.remainder.um), "share": percent(diagnosis.remainder.share)}
         if diagnosis.condition in ("named", "ambiguous"):

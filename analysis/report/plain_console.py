@@ -37,7 +37,7 @@ def right(heading: str | Text = "", **options: Any) -> Column:
 
 
 def bare_table(*headings: str | Column) -> Table:
-    """Return a table with no rules; numbers stay on a line, and long entries are folded."""
+    """Return a table without rules, with unbroken numbers and folded long entries."""
     table = Table(*headings, box=None, padding=(0, 2, 0, 0), header_style="dim", pad_edge=False)
     for column in table.columns:
         column.no_wrap |= column.justify == "right"

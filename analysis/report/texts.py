@@ -117,7 +117,7 @@ def in_order(names: Iterable[str]) -> list[str]:
 
 
 def label(name: str) -> str:
-    """Return the label of a figure in a table. Details are indented below their main line; figures with no label
+    """Return the label of a figure in a table. Details are indented below their main line; figures without a label
     keep the name.
     """
     return _LABELS.get(name, name)

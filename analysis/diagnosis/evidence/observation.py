@@ -149,7 +149,7 @@ def parts(runs: Sequence[ObservedRun], keep: Mask) -> list[ObservedRun]:
 
 def in_content_order(run: ObservedRun) -> ObservedRun:
     """Return a run of places with the readings (m, 3) mm sorted by row contents, so that no result depends on the row
-    order of a table with no times.
+    order of a table without times.
 
     Other runs are unchanged. The table keeps the order of the file.
     """

@@ -215,7 +215,7 @@ def _at_target(setup: SetUp, runs: Sequence[ObservedRun]) -> SetUp:
 
 
 def _at(place: Array) -> Array:
-    """Return the frame (4, 4) at a place (3,) mm with no rotation."""
+    """Return the frame (4, 4) at a place (3,) mm without rotation."""
     frame = np.eye(4)
     frame[:3, 3] = place
     return frame

@@ -1,7 +1,7 @@
 """A parameter out of range: the error is larger than the limits of the search.
 
 A search that cannot set a length to -30 mm sets it to -24 mm, and explains the rest by other, correct parameters. If
-any size reaches the limit, or a constant comes near, each candidate is therefore fitted separately with no limit. If
+any size reaches the limit, or a constant comes near, each candidate is therefore fitted separately without a limit. If
 such a fit explains the readings better than all the effects found within their limits, that parameter is wrong, and no
 other effect is named. Waves are not candidates: they imitate any error of a joint.
 """
@@ -28,7 +28,7 @@ constant beyond the limit. A zero wrong by 7° was found as zeros of 2.6 and 0.4
 """
 _EXPLAINS = 0.5
 """Largest share of the error of the initial model that the parameter by itself may leave. A length beyond the limit
-moves readings by millimetres. Chosen: with no such bound, a height of the base, which a circle hardly shows, was
+moves readings by millimetres. Chosen: without this bound, a height of the base, which a circle hardly shows, was
 named out of range for an error of 6 µm; a zero wrong by 8° leaves 3 of 7000 µm.
 """
 _ALIKE = 1.05

@@ -120,7 +120,7 @@ class Linearisation:
     """Blocks simulated about a model and its set-ups, with the residual `y_mm` (n,) of each block.
 
     N counts the entries of all blocks, followed by the known distances of sockets, in standard deviations of the noise.
-    `near` caches results of fits, and `unlimited` contains names of effects with no size limit in fits.
+    `near` caches results of fits, and `unlimited` contains names of effects without a size limit in fits.
     """
 
     simulated: tuple[SimulatedBlock, ...]
@@ -439,8 +439,8 @@ def linearise(
 ) -> Linearisation:
     """Return the linearisation of blocks about set-ups.
 
-    `effects`: effects found so far. The model contains them in addition to the rig file, and the residuals (N,) of the
-    blocks exclude them. `unlimited`: names of effects with no size limit.
+    `effects`: effects found in earlier rounds. The model contains them in addition to the rig file, and the residuals
+    (N,) of the blocks exclude them. `unlimited`: names of effects with no size limit.
     """
     simulated = tuple(SimulatedBlock(block, tuple(effects), setups[block.setup]) for block in blocks)
     return Linearisation(simulated, tuple(block.y_mm for block in blocks), unlimited)
@@ -489,7 +489,7 @@ def worth(linear: Linearisation, change: Array) -> Worth:
 
 
 def plain_worth(linear: Linearisation, change: Array) -> Worth:
-    """Return the worth of a change (N,) of whitened readings, with no fit of set-ups."""
+    """Return the worth of a change (N,) of whitened readings, without a fit of set-ups."""
     return Worth(np.array([rms_um(*both) for both in zip(linear.blocks, linear.in_mm(change), strict=True)]))
 
 

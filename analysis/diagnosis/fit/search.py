@@ -135,7 +135,7 @@ class SearchResult:
 
     @cached_property
     def initial_residual(self) -> Array:
-        """The whitened residual (N,) of the model with no names, with set-ups fitted."""
+        """The whitened residual (N,) of the model without names, with set-ups fitted."""
         return self.linear.without_set_up(self.linear.residual(()))
 
     @cached_property

@@ -1,8 +1,8 @@
 """Selection of the effects that explain the readings.
 
-A state (`state.py`) contains the effects named so far, as fitted. `Selection.select` changes it round by round. It adds
-the form of a candidate whose fit gains most log evidence, drops an effect that no longer pays the penalty, and
-reestimates the noise, until neither pays. All unnamed effects remain possible as the background of columns.
+A state (`selection_state.py`) contains the fitted effects. `Selection.select` changes it round by round. It adds the
+form of a candidate whose fit gains most log evidence, drops an effect that no longer pays the penalty, and reestimates
+the noise, until neither pays. All unnamed effects remain possible as the background of columns.
 """
 
 from __future__ import annotations

@@ -99,8 +99,8 @@ class PoseComparison:
 
 @dataclass(frozen=True)
 class Compared(Tabular):
-    """All runs, fitted set-ups, and doubts as text. `poses`: runs measured with no gauges. `disagreement`: between
-    model and readings, None if not requested.
+    """All runs, fitted set-ups, and doubts as text. `poses`: runs without gauges. `disagreement`: between model and
+    readings, None if not requested.
     """
 
     runs: tuple[Comparison, ...]

@@ -157,7 +157,7 @@ def _residuals_um_of(
 ) -> Iterator[list[float | None]]:
     """Yield the residuals in µm of models with these effects for the runs of each place, of (m, k) mm.
 
-    Set-ups are fitted to the runs of the first place. None for a place that has no runs.
+    Set-ups are fitted to the runs of the first place. None for a place without runs.
     """
     setups = None
     for effects in models:

@@ -31,7 +31,7 @@ _HALF_WAVES = np.arange(1, 5)
 _FOLDS = 5
 """Number of parts of a circle's spectrum, each held out once."""
 _NOTHING = 0.06
-"""Share below which the residual follows no subject, and readings with no repeats may be scatter. Source: plain
+"""Share below which the residual follows no subject, and readings without repeats may be scatter. Source: plain
 noise of 30 to 50 poses, nine seeds, in which the largest share of any subject was 0.054.
 """
 

@@ -138,8 +138,8 @@ def _sigmas_beside(precision: Array, across: Array, other_precision: Array, widt
 
 
 def without_bands(blocks: Sequence[Block]) -> list[Block]:
-    """Return blocks with all entries in the same band: in the absence of readings there is no residual, so bands
-    have no separate strength.
+    """Return blocks with all entries in the same band: without readings there is no residual, and bands have no
+    separate strength.
     """
     return [replace(block, band=np.zeros_like(block.band)) for block in blocks]
 

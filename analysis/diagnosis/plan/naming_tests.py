@@ -1,7 +1,7 @@
 """Tests that identify a part of the error: choice, duration, and expected certainty.
 
 For an effect with a rival, the test separates both. For a group, the test determines the likeliest member best in the
-presence of all other terms. Runs of a different place used for validation may suffice, with no driving.
+presence of all other terms. Runs of a different place used for validation may suffice, without driving.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from rigs.errors import FileError
 from rigs.schema.effect import is_play, label_of, name_of, size_of
 
 JOINED = "--unseen"
-"""Test with no driving: runs so far used only for validation."""
+"""Test without driving: runs previously used only for validation."""
 _MUCH = 0.1
 """Minimum share of the error for a test."""
 

@@ -69,7 +69,7 @@ class CircleCandidates:
 def circle_candidates(rig: Rig, tests: Sequence[TestName], runs: int) -> CircleCandidates:
     """Return the further circles of a rig with their minutes for `runs` runs of each of `tests` in each direction.
 
-    Raises FileError for a rig that has no circle.
+    Raises FileError for a rig without a circle.
     """
     if rig.tests.circle is None:
         raise FileError(RigPlace.of(rig.name), "has no tests.circle to begin from", "add one: centre, posture, radius")

@@ -104,7 +104,7 @@ class BudgetRow:
     """A part of the error.
 
     beside: size, doubt, and sizes of cancelling parts. share: in percent. width: of the bar, in percent of the column.
-    rank: class, possibly empty. rank_words: description of the class. times: multiple of the usual size.
+    rank: class, possibly empty. rank_words: class as text. times: multiple of the usual size.
     """
 
     part: str
