@@ -1,4 +1,4 @@
-"""Diagnosis of runs: find the disagreement, identify the missing effects, validate them, and state the doubts."""
+"""Diagnosis of runs: find the disagreement, identify and validate the missing effects, and state the doubts."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def doubts_of_runs(blocks: Sequence[Block]) -> tuple[str, ...]:
 
 
 def doubts_of_limits(names: Sequence[Named]) -> tuple[str, ...]:
-    """Return a message for each confirmed name whose size reached the limit of fits."""
+    """Return a message for each confirmed name with a size at the limit of fits."""
     doubts = []
     for named in names:
         if named.stands and ended_at_limit(named.effect):
@@ -117,7 +117,7 @@ def doubts_of_limits(names: Sequence[Named]) -> tuple[str, ...]:
 
 
 def doubts_of_rig(rig: Rig, fitted: FittedRuns) -> tuple[str, ...]:
-    """Return a message for each effect of the rig file whose removal improves the fit of the model."""
+    """Return a message for each effect of the rig file that worsens the fit of the model."""
     if not rig.effects:
         return ()
     whole = rms(fitted.beside(())[1])
@@ -156,8 +156,8 @@ def diagnose(
 
     `tolerance_um`: largest accepted rms error of the readings (m, k); by default the limits of the rig file decide.
     `given`: effects to be fitted regardless of their significance, without a search. By default, a fifth of the
-    neighbourhoods of poses in joint space is held out. Raises FileError for runs of a different robot, or not readable
-    as the stated test.
+    neighbourhoods of poses in joint space is reserved for validation. Raises FileError for runs of a different robot,
+    or not readable as the stated test.
     """
     begin_s = time.perf_counter()
     progress("reading the runs")

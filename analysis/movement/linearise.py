@@ -170,8 +170,8 @@ def causes_of(runs: Sequence[ObservedRun]) -> list[Cause]:
 
 
 def workplace(model: Model, runs: Sequence[ObservedRun], setups: Mapping[str, SetUp], constants: Array) -> Workplace:
-    """Return the workplace of reference runs with fitted set-ups and arm constants (a,) in prior standard
-    deviations.
+    """Return the workplace of reference runs with fitted set-ups and arm constants (a,) in units of their prior
+    standard deviations.
     """
     places = np.concatenate([tool_places(run, setups[run.setup]) for run in runs])
     return Workplace(model, setups, places.mean(axis=0), columns_of({run.setup: run.table for run in runs}), constants)

@@ -177,7 +177,7 @@ class StepTable:
 
 
 def step_table(diagnosis: Diagnosis, texts: Texts) -> StepTable | None:
-    """Return the table of the staircase of a diagnosis; None if it has no staircase."""
+    """Return the table of the staircase of a diagnosis, if it has any."""
     stairs = stairs_of(diagnosis, texts)
     if stairs is None:
         return None

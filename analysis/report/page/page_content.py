@@ -107,7 +107,7 @@ def rule(texts: Texts) -> str:
 
 
 def title_of(column: FigureColumn, texts: Texts) -> str:
-    """Return the title of a column: a direction, or the comparison of both; empty if the test has no direction."""
+    """Return the title of a column: a direction, or the comparison of both; empty for a test without directions."""
     return texts("acw_against_cw") if column.kind == "pairs" else column.direction
 
 
@@ -115,7 +115,7 @@ def title_of(column: FigureColumn, texts: Texts) -> str:
 class BeforeAfter:
     """A correction, and the error before and after it on the same circle and at the other place.
 
-    way: the kind of correction, which determines the wording of the page. work: None if no correction was made. judged:
+    way: the kind of correction, which determines the wording of the page. work: None if nothing was corrected. judged:
     rms in µm before and with the model at the other place, before the runs joined the last diagnosis; None if the model
     was not validated. joined: number of the runs that joined. verdict: figures of the runs after the correction on the
     same circle; None if these runs do not exist. own_programs: the command that corrects the user's programs.
@@ -146,8 +146,8 @@ class Report:
     """Evaluated runs of a robot.
 
     rig: model and limits. simulated: the runs compared with the model; corrected: with the model including the found
-    parts, None if no parts were found. undiagnosed: the reason for a missing diagnosis. left_out: errors of runs that
-    could not be evaluated.
+    parts, if any. undiagnosed: the reason for a missing diagnosis. left_out: errors of runs that could not be
+    evaluated.
     """
 
     rig: Rig

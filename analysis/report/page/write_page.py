@@ -4,9 +4,9 @@ requests.
 The head and the end contain the recipients and the traceability: operator, dates, instruments, programs, and file
 hashes.
 
-A Content-Security-Policy allows the two scripts of the page by SHA-256 and blocks everything else. The large plotly
-script is embedded as it is packaged, in compressed form (`scripts/dev plotting_script` creates it, with version and
-licence), and the browser unpacks it. Text, tables and still pictures are plain HTML and SVG and need no script.
+A Content-Security-Policy allows the two scripts of the page by SHA-256 and blocks all others. The large plotly script
+is embedded as it is packaged, in compressed form (`scripts/dev plotting_script` creates it, with version and licence),
+and the browser unpacks it. Text, tables and still pictures are plain HTML and SVG.
 """
 
 from __future__ import annotations
@@ -236,7 +236,7 @@ def _hash(script: str) -> str:
 
 
 def _still_uri(picture: Picture) -> str:
-    """Return the still picture as a data URI of an image, in which no script can run."""
+    """Return the still picture as a data URI of an image, in which scripts cannot run."""
     return "data:image/svg+xml;base64," + base64.b64encode(still(picture).encode()).decode()
 
 
