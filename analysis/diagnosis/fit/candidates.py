@@ -465,8 +465,8 @@ def _likelihoods(forms: Sequence[Form]) -> Array:
     """Return the likelihood of each form (n,) among the forms of the name: by weight, except for gear orders.
 
     Orders are ratios of gear stages, so each octave is equally likely. With equal likelihood for every order of a joint
-    with a large range, a healthy gear error of order 3 was expected to be a third of the true size, and a similar form
-    error of the ball was estimated 8 % too small, 6 times the uncertainty.
+    with a large range, a healthy gear error of order 3 was expected at a third of the true size. A similar form error
+    of the ball was then estimated 8 % too small, 6 times the uncertainty.
     """
     likely, names = np.array([form.weight for form in forms]), np.array([form.name for form in forms])
     for name in dict.fromkeys(names.tolist()):

@@ -397,8 +397,8 @@ def _within_limits(linear: Linearisation, effect: Effect) -> Effect:
 
 
 def step_within(limits: Array, H: Array, gradient: Array) -> tuple[Array, Array]:
-    """Return the step (q,) to the optimum within limits of the step (2, q), given the normal matrix H (q, q) and the
-    negative gradient (q,), and the part (q,) fixed by limits, NaN for unknowns within them.
+    """Return the step (q,) to the optimum within limits of the step (2, q), and the part (q,) fixed by limits, NaN for
+    unknowns within them. H (q, q) is the normal matrix, and gradient (q,) the negative gradient.
 
     Cutting a step at a limit would leave the other unknowns at their unlimited optimum; they are therefore solved
     again. Nine of ten fits have an unknown at a limit, and a third of these fits ended at the start. The evidence also

@@ -89,10 +89,10 @@ _TRIED, _CLOSE = 3, 0.5
 have. Chosen: each fit costs a fraction of a round.
 """
 _BENT, _PLAIN_TO_SEE = -5.0, 10.0
-"""Log evidence of a form from which the name is fitted too if no name gains much, and sigmas of the readings in
-which the form must be visible: all stretched shapes may be too different from the true shape. The spike of an
-axis that fades in 0.93 s, 21 sigma, lost 2.5 with the shape of 1 s and gained 420 when fitted; when omitted, it
-turned a lag of 0.6 ms into 33 ms.
+"""Minimum log evidence of a form whose name is also fitted if no name gains much, and minimum sigmas of the form in
+the readings. All stretched shapes may differ too much from the true shape. The spike of an axis that fades in
+0.93 s, 21 sigma, lost 2.5 with the shape of 1 s and gained 420 when fitted; when omitted, it turned a lag of 0.6
+ms into 33 ms.
 """
 _OF_SET_UP = 0.01
 """Share of a column remaining with a free set-up, below which the column is a term of the set-up. Chosen: next to a

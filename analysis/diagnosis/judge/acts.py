@@ -140,7 +140,8 @@ class Act:
 def acts_with(acts: Sequence[Act], model: str, again: tuple[str, ...] = ()) -> tuple[Act, ...]:
     """Return the actions with commands for the user's `model`.
 
-    If no model is given, the commands are replaced by the arguments `again` of the command that writes the model.
+    If no model is given, commands that refer to it are replaced by `again`, the arguments of the command that writes
+    the model.
     """
     named = [tuple(model if word.startswith(FOUND) else word for word in act.command) for act in acts]
     return tuple(

@@ -55,8 +55,8 @@ def calibrated_model(
     """Return the calibrated model of a search.
 
     It contains the posterior with written effects marked as named, the range of each joint in the `runs`, the set-ups
-    of the last of the `stages`, the residuals for the runs used and for the validation, and the factor `wider` of the
-    uncertainty.
+    of the last of the `stages`, the residuals for the runs used and for the validation, and the uncertainty multiplied
+    by the factor `wider`.
     """
     rig, train, elsewhere = diagnosis.rig, diagnosis.train, diagnosis.unseen or diagnosis.held_out
     named = [name.effect for name in diagnosis.written]

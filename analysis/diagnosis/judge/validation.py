@@ -118,8 +118,8 @@ def noise_shown(result: SearchResult) -> Array:
 
 
 def held_out_gains(result: SearchResult, runs: Sequence[ObservedRun]) -> list[float | None]:
-    """Return, for each name, the share of the energy of the gap on held-out runs removed by the name in addition to all
-    other effects, or None if no held-out run shows the name beyond the scatter of a run.
+    """Return the share of the gap's energy on held-out runs that each name removes in addition to all other effects.
+    None if no held-out run shows the name beyond the scatter of a run.
 
     The set-up is refitted to each run. A healthy arm's share of every effect is estimated from the runs used. Residuals
     are (m, k) mm.

@@ -348,8 +348,8 @@ def named_vibration(swing: FoundVibration, limits: Array, gap_um: float) -> list
 
 
 def doubts_of_phases(vibrations: Sequence[Named], left: FoundVibration) -> tuple[str, ...]:
-    """Return a doubt about each vibration that was fitted with a common phase and frequency in all runs, if the
-    residual `left` after removing it vibrates by more than the uncertainty of the fit.
+    """Return a doubt about each vibration fitted with a common phase and frequency in all runs. The condition is a
+    remaining vibration `left` larger than the uncertainty of the fit.
     """
     size = size_field(left.effect)
     return tuple(
