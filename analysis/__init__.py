@@ -1,13 +1,13 @@
-"""From runs of a ball link with two digital probes to figures, models and diagnoses of a robot.
+"""Analysis of ball-link runs with two digital probes: figures, models and diagnoses of a robot.
 
     from analysis import load_run, evaluate
     result = evaluate(load_run("runs/monday-acw"))
     print(result.figures["band_deg"])
 
-The names below are the public API, described in docs/api.md; they are imported when one is first used. No folder of
-`analysis` may be called like one of them: its import would hide the function. The folders are rings, from `robot`
-inside to `cli`, and `apps` around them (docs/decisions/0014). Of `daq` they take only what reads a run, talks to a
-running daemon, or starts an emulator.
+The names below are the public API (docs/api.md) and are imported on first use. A folder of `analysis` must not share a
+name with a function of the API, because importing the folder would hide the function. The folders form layers, from
+`robot` inside to `cli`, with `apps` outside (docs/decisions/0014). The only parts of `daq` they use read runs, talk to
+a running daemon, or start an emulator.
 """
 
 # ruff: noqa: F403, F405 - the names of the list below are those of `analysis.api`, which is slow to import
@@ -53,7 +53,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """A public name, imported on first use: what it needs takes most of a second."""
+    """Return a public name, imported on first use because the import takes most of a second."""
     if name not in __all__:
         raise AttributeError(f"module 'analysis' has no attribute {name!r}")
     from analysis import api  # noqa: PLC0415

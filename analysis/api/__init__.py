@@ -1,9 +1,9 @@
-"""The functions of `from analysis import …`: from files or simulation to runs, from runs to results.
+"""The functions of `from analysis import …`: creation of runs from files or by simulation, and evaluation of runs.
 
-A run (`Measured`) comes from `load_run`, `read_table` or `simulate`; all the other functions take runs and return
-frozen results with their curves, `to_dict()`, `to_table()` (pyarrow) and `to_frame()` (pandas). Nothing is printed.
-Every expected failure is a RigError: FileError for files and readings, CellError for disks. The commands of `rig` call
-these functions and nothing else.
+`load_run`, `read_table` and `simulate` return a run (`Measured`). All other functions take runs and return frozen
+results with curves, `to_dict()`, `to_table()` (pyarrow) and `to_frame()` (pandas). No function prints. Every expected
+failure is a RigError: FileError for files and readings, CellError for disks. The commands of `rig` use only these
+functions.
 """
 
 from __future__ import annotations
@@ -43,20 +43,20 @@ from rigs.rig import Rig
 from rigs.schema.vocabulary import Direction, TestName, direction_of
 
 RigFile = str | Path
-"""The path of a rig file, the name of a shipped rig such as `paper-fanuc`, or that of an arm in the library."""
+"""Path of a rig file, name of a shipped rig such as `paper-fanuc`, or name of an arm in the library."""
 AnyRun = Measured | str | Path
-"""A run, or the path of its directory."""
+"""A run, or the path of a run directory."""
 
 
 def load_run(path: str | Path) -> Measured:
-    """Read a run directory that was recorded, imported or simulated, and align its streams to one table.
+    """Read a recorded, imported or simulated run directory, and align the streams to a common table.
 
     path: the run directory.
 
-    Returns the run: `table` with the readings (g_mm (n, k) mm of k gauges, q (n, 6) rad of the joints), `rig` as it was
-    at the time, `doubts` in words. `to_table()` has the columns of docs/tables.md, in degrees and mm.
+    Returns the run: `table` with the readings (g_mm (n, k) mm of k gauges, q (n, 6) rad of the joints), `rig` at the
+    time of measurement, and `doubts` as text. `to_table()` has the columns of docs/tables.md, in degrees and mm.
 
-    Raises FileError where the run is missing, still being recorded, not recovered after a crash, or damaged.
+    Raises FileError if the run is missing, still being recorded, not recovered after a crash, or damaged.
 
     Source: docs/recording.md (run directories), docs/analysis.md (alignment of times).
     """
@@ -73,20 +73,20 @@ def read_table(
     placement: str = "",
     joints: JointSource = "measured",
 ) -> Measured:
-    """Read a table of measurements from elsewhere as a run; nothing is written.
+    """Read a table of measurements as a run, in memory only.
 
-    path: CSV file or workbook with the columns of docs/tables.md; poses and touches also as their instrument wrote
-    them, if nothing about their columns is left open.
-    rig: rig file of the cell that it was measured in, or the name of a shipped rig or of an arm in the library.
-    test: `yaw`, `roll`, `radial`, `repeatability`, `pose`, `touch` or `path`; by the columns where it is None.
-    direction: `acw` or `cw`, of a circle whose table has no column `direction`.
-    operator: who measured.
-    placement: where instrument or ball stood; runs of one placement share a set-up.
-    joints: `commanded` where the columns qN_commanded_deg are the robot's joints.
+    path: CSV file or workbook with the columns of docs/tables.md. Poses and touches may have the format of the
+    instrument if the meaning of the columns is unambiguous.
+    rig: rig file of the measured cell, or name of a shipped rig or library arm.
+    test: `yaw`, `roll`, `radial`, `repeatability`, `pose`, `touch` or `path`; inferred from the columns if None.
+    direction: `acw` or `cw`, for a circle if the table lacks the column `direction`.
+    operator: name of the operator.
+    placement: name of the place of instrument or ball; runs with the same placement share a set-up.
+    joints: `commanded` to use the columns qN_commanded_deg as joint angles.
 
-    Returns the run; its `doubts` say what looks wrong about units, gauges and certificates.
+    Returns the run; `doubts` lists suspicious units, gauges and certificates.
 
-    Raises FileError where the rig file or the table cannot be read; every bad row is named with its line.
+    Raises FileError if the rig file or the table cannot be read; every bad row is listed with the line number.
 
     Source: docs/tables.md.
     """
@@ -104,15 +104,15 @@ def read_table(
 
 
 def save_run(run: Measured, directory: str | Path) -> Path:
-    """Write a run of `read_table` or `simulate` as a run directory, which `load_run` and `rig` read.
+    """Write a run of `read_table` or `simulate` as a run directory for `load_run` and `rig`.
 
-    run: of `read_table` or `simulate`.
-    directory: to be made; the run takes its name.
+    run: result of `read_table` or `simulate`.
+    directory: directory to create; it determines the name of the run.
 
     Returns the path of the directory.
 
-    Raises FileError where it exists already, or for a recorded run, whose directory can be copied instead; CellError
-    where the disk refuses.
+    Raises FileError if the directory exists, or for a recorded run, whose directory can be copied instead; CellError if
+    the disk cannot be written.
 
     Source: docs/recording.md (run directories).
     """
@@ -133,19 +133,19 @@ def simulate(
     seed: int | None = 0,
     effects: RigFile | Sequence[Effect] | None = None,
 ) -> Measured:
-    """Simulate a run of a test: the robot drives the test's program, the gauges read with noise.
+    """Simulate a run of a test, with the robot program of the test and noisy gauge readings.
 
-    rig: rig file, or the name of a shipped rig.
-    test: `yaw`, `roll`, `radial`, `repeatability` or `touch`; `pose` and `path` are those of ISO 9283.
-    direction: `acw` or `cw`, which yaw and roll need and the others do not have.
-    seed: of the noise, from 0; each direction has noise of its own; None for a run without noise.
-    effects: errors that the robot has instead of those in the rig file, as objects of `rigs.effects` or as a YAML file
-    with `effects` and `eccentricity_mm`. The run holds the rig file without them.
+    rig: rig file, or name of a shipped rig.
+    test: `yaw`, `roll`, `radial`, `repeatability` or `touch`; `pose` and `path` are the tests of ISO 9283.
+    direction: `acw` or `cw`, required for yaw and roll only.
+    seed: seed of the noise, from 0; the two directions have independent noise. None disables the noise.
+    effects: errors of the robot that replace the effects of the rig file, as objects of `rigs.effects` or as a YAML
+    file with `effects` and `eccentricity_mm`. The rig file in the run does not contain them.
 
     Returns the run, in memory; `save_run` writes it.
 
-    Raises FileError where a file cannot be read or the robot cannot do the test, UseError for a test or direction that
-    does not exist.
+    Raises FileError if a file cannot be read or the robot cannot drive the test, UseError for an unknown test or
+    direction.
 
     Source: docs/simulation.md.
     """
@@ -160,15 +160,15 @@ def simulate(
 
 
 def evaluate(run: AnyRun, like: Result | None = None) -> Result:
-    """Evaluate a run: every figure of its test with its standard uncertainty, and the curve behind them.
+    """Evaluate a run: the figures of the test with standard uncertainties, and the underlying curve.
 
-    run: of `load_run`, `read_table` or `simulate`, or the path of its directory.
-    like: result of a run of two laps or more in the same cell, whose noise a run of one lap borrows.
+    run: result of `load_run`, `read_table` or `simulate`, or the path of a run directory.
+    like: result of a run with at least two laps in the same cell, which supplies the noise for a run of a single lap.
 
     Returns the result: `figures` by the names of docs/figures.md, each with value, u and unit; `curve` over the circle
-    angle or the targets, in degrees and mm; `reversals` of the joints; `doubts` in words.
+    angle or the targets, in degrees and mm; `reversals` of the joints; `doubts` as text.
 
-    Raises FileError where the readings are not a measurement of the test that they are labelled as.
+    Raises FileError if the readings are not a measurement of the labelled test.
 
     Source: docs/figures.md (definitions), docs/analysis.md (uncertainty); Y. T. Oh, Applied Sciences 9 (2019).
     """
@@ -176,9 +176,9 @@ def evaluate(run: AnyRun, like: Result | None = None) -> Result:
 
 
 def evaluate_runs(runs: AnyRun | Sequence[AnyRun]) -> list[Result]:
-    """Evaluate runs; each of a single lap borrows the noise of the first run of its test that has more laps.
+    """Evaluate runs. A run of a single lap uses the noise of the first run of the same test with more laps.
 
-    runs: of any tests, robots and cells; runs, or the paths of their directories.
+    runs: runs or paths of run directories, of any tests, robots and cells.
 
     Returns a result for each run, in the same order.
 
@@ -192,17 +192,17 @@ def evaluate_runs(runs: AnyRun | Sequence[AnyRun]) -> list[Result]:
 def compare(
     runs: AnyRun | Sequence[AnyRun], rig: RigFile | Rig | None = None, *, unseen: AnyRun | Sequence[AnyRun] = ()
 ) -> Compared:
-    """Simulate each run from its own joint feedback, fit the set-up, and lay simulated and measured side by side.
+    """Simulate each run from its joint feedback, fit the set-up, and compare simulation and measurement.
 
-    runs: of one robot, at least one; runs, or the paths of their directories.
-    rig: the model; the rig file of the first run where it is None.
-    unseen: runs at another place or radius, each compared in a set-up of its own.
+    runs: at least one run, or paths of run directories, of the same robot.
+    rig: the model; the rig file of the first run if None.
+    unseen: runs at a different place or radius, each compared with a separately fitted set-up.
 
-    Returns `runs` with the curves and figures of both and `residuals_mm` (m, k) of every reading, `poses` with what is
-    left of runs without gauges, the fitted `setups`, and `doubts` in words. `disagreement` is where model and readings
-    disagree, with the joints that turn back there, and what is left as the model's effects are added one by one.
+    Returns `runs` with measured and simulated curves and figures and `residuals_mm` (m, k) of every reading, `poses`
+    with the residuals of runs without gauges, the fitted `setups`, and `doubts` as text. `disagreement` lists the
+    places of disagreement with the joints that reverse there, and the residual after each effect of the model.
 
-    Raises FileError where a run is not of the model's robot or circle.
+    Raises FileError if a run does not belong to the robot or circle of the model.
 
     Source: docs/simulation.md.
     """
@@ -223,21 +223,22 @@ def calibrate(
     unseen: AnyRun | Sequence[AnyRun] = (),
     progress: Callable[[str], None] | None = None,
 ) -> Diagnosis:
-    """Calibrate the model of a robot: find, or fit, effects beside everything else that the runs determine.
+    """Calibrate the model of a robot: fit given effects, or find them, together with all other parameters the runs
+    determine.
 
-    runs: of one robot, at least one; runs, or the paths of their directories.
-    effects: which to fit, with commas between, as `backlash:1,joint_offset`: NAME:AXIS, or a name alone for all axes;
-    the runs decide where it is None, as in `diagnose`.
-    rig: the model to begin with; the rig file of the first run where it is None.
-    hold_out: runs to judge by, which are not used; a fifth of the neighbourhoods of poses where there are none.
-    unseen: runs at another place or radius to judge by.
-    progress: called with a few words at each step, which may take seconds.
+    runs: at least one run, or paths of run directories, of the same robot.
+    effects: effects to fit, separated by commas, such as `backlash:1,joint_offset`: NAME:AXIS, or NAME for all axes. If
+    None, the runs determine the effects, as in `diagnose`.
+    rig: the initial model; the rig file of the first run if None.
+    hold_out: runs used for validation only; by default a fifth of the neighbourhoods of poses.
+    unseen: runs at a different place or radius for validation.
+    progress: called with a short text at each step, which may take seconds.
 
-    Returns the diagnosis, with `calibrated`, the calibrated model, the `effects` with sizes and standard uncertainties,
-    and the rms gap in µm before and after on each set of runs.
+    Returns the diagnosis with the calibrated model in `calibrated`, the `effects` with sizes and standard
+    uncertainties, and the rms gap in µm before and after for each set of runs.
 
-    Raises UseError where an effect is not known, FileError where a run is of another robot or given twice, or where
-    there are too few readings.
+    Raises UseError for an unknown effect, FileError if a run belongs to a different robot or is given twice, or if the
+    readings are too few.
 
     Source: docs/calibration.md.
     """
@@ -257,20 +258,20 @@ def diagnose(
     tolerance_um: float | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Diagnosis:
-    """Find where simulation and measurement disagree, and which effect is missing in the model.
+    """Find the causes of disagreement between simulation and measurement: the effects missing in the model.
 
-    runs: of one robot, at least one; runs, or the paths of their directories.
-    rig: the model to begin with; the rig file of the first run where it is None.
-    hold_out: runs of the same places to judge by, which are not used to find names.
-    unseen: runs at another place or radius to judge by.
-    tolerance_um: the largest error of the readings that is accepted, rms; the limits of the rig file where None.
-    progress: called with a few words at each step, which may take seconds.
+    runs: at least one run, or paths of run directories, of the same robot.
+    rig: the initial model; the rig file of the first run if None.
+    hold_out: runs at the same places, used for validation only.
+    unseen: runs at a different place or radius for validation.
+    tolerance_um: largest accepted rms error of the readings; the limits of the rig file if None.
+    progress: called with a short text at each step, which may take seconds.
 
-    Returns the two verdicts, `condition` and `accuracy`, the `budget` of the error, the `effects` with their odds,
-    sizes and rivals, the rms gap in µm before and after on each set of runs, the curves of residuals, `calibrated`, the
-    calibrated model, and `extended_rig`, the model with the effects that the diagnosis stands by.
+    Returns the verdicts `condition` and `accuracy`, the `budget` of the error, the `effects` with odds, sizes and
+    rivals, the rms gap in µm before and after for each set of runs, the curves of residuals, the calibrated model in
+    `calibrated`, and `extended_rig`, the model with the confirmed effects.
 
-    Raises FileError where a run is of another robot or given twice, or where there are too few readings.
+    Raises FileError if a run belongs to a different robot or is given twice, or if the readings are too few.
 
     Source: docs/diagnosis.md.
     """
@@ -278,15 +279,15 @@ def diagnose(
 
 
 def calibrated_arm(rig: RigFile | Rig) -> CalibratedArm:
-    """Return the arm of a rig file with all that was found of it: forward and inverse kinematics with uncertainty.
+    """Return the calibrated arm of a rig file: forward and inverse kinematics with uncertainty.
 
-    rig: rig file, with the calibration beside it, or the name of a shipped rig or of an arm in the library.
+    rig: rig file next to its calibration, or name of a shipped rig or library arm.
 
-    Returns the arm: `forward(q_deg)` gives the poses of its tool, T (n, 4, 4) with lengths in mm, and u_mm (n,), the
-    standard uncertainty of the place; `inverse(T, near_deg)` gives q_deg (n, axes), `reached` (n,) and u_mm (n,).
-    Whatever depends on the posture alone is in them; plays, and what depends on time, are in u_mm.
+    Returns the arm: `forward(q_deg)` gives the poses of the tool, T (n, 4, 4) with lengths in mm, and u_mm (n,), the
+    standard uncertainty of the place; `inverse(T, near_deg)` gives q_deg (n, axes), `reached` (n,) and u_mm (n,). The
+    poses include all effects that depend only on the posture. Plays and time-dependent effects are included in u_mm.
 
-    Raises FileError where the file cannot be read.
+    Raises FileError if the file cannot be read.
 
     Source: docs/calibration.md.
     """
@@ -315,7 +316,7 @@ def _diagnosed(
 
 
 def _run(run: AnyRun) -> Measured:
-    """The run itself, or that of a directory. Raises UseError for anything else."""
+    """Return the run, read from a directory if necessary. Raises UseError for any other type."""
     if isinstance(run, str | Path):
         return load_run(run)
     if not isinstance(run, Measured):
@@ -325,21 +326,21 @@ def _run(run: AnyRun) -> Measured:
 
 
 def _runs(runs: AnyRun | Sequence[AnyRun]) -> list[Measured]:
-    """The runs of one, or of several."""
+    """Return a list of runs for a single run or several."""
     is_one = isinstance(runs, Measured | str | Path) or not hasattr(runs, "__iter__")
     several: Sequence[AnyRun] = cast("Sequence[AnyRun]", (runs,) if is_one else runs)
     return [_run(run) for run in several]
 
 
 def _test(test: TestName) -> TestName:
-    """A test by its name. Raises UseError for another word."""
+    """Return the test. Raises UseError for an unknown name."""
     if test not in get_args(TestName):
         raise UseError("test", f"{test!r} is not a test", f"give one of {', '.join(get_args(TestName))}")
     return test
 
 
 def _direction(direction: str | None) -> Direction | None:
-    """A direction as people write it: ccw is acw. Raises UseError for another word."""
+    """Return a direction from its common spellings: ccw is acw. Raises UseError for an unknown name."""
     if direction is None:
         return None
     way = direction_of(str(direction))
@@ -349,11 +350,11 @@ def _direction(direction: str | None) -> Direction | None:
 
 
 def _silent(doing: str) -> None:
-    """What is called at each step where no progress was asked for."""
+    """Ignore progress."""
 
 
 def _model(rig: RigFile | Rig | None, runs: Sequence[Measured]) -> Rig:
-    """The rig that is asked for, or that of the first run. Raises FileError where there are no runs."""
+    """Return the given rig, or the rig of the first run. Raises FileError for an empty list of runs."""
     if not runs:
         raise FileError("runs", "none is given", "give at least one")
     if rig is None:

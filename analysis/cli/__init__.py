@@ -1,4 +1,4 @@
-"""The command `rig`: its entry point, and how it ends. `commands` lists each command and imports its file."""
+"""Entry point and exit codes of the command `rig`. Module `commands` lists the commands and imports each on demand."""
 
 from __future__ import annotations
 
@@ -22,31 +22,35 @@ from rigs.text import forget_width_of_0
 
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 _OF_A_CELL = ("fcntl", "grp", "resource", "termios", "tty")
-"""Modules that Windows lacks: serial lines, and the socket of a running daemon."""
+"""Modules missing on Windows, used for serial lines and for the socket of a running daemon."""
 
 _THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
-"""What the libraries beneath numpy and scipy read as they load. Their threads cost a diagnosis more than they give: its
-matrices are small, so two threads took 27.5 s of processor time where one takes 9.8 s (two cores, measured)."""
+"""Variables that the libraries of numpy and scipy read on import. Extra threads slow a diagnosis down because the
+matrices are small: two threads took 27.5 s of processor time, a single thread 9.8 s (two cores, measured).
+"""
 
 _NO_PLUGINS = "PYDANTIC_DISABLE_PLUGINS"
-"""Without it pydantic reads what every installed package declares, for plugins: a twentieth of a small run."""
+"""Setting that stops pydantic from scanning all installed packages for plugins, which takes a twentieth of a small
+run.
+"""
 
 _GARBAGE = 100_000
-"""Objects after which Python looks for garbage. Imports make tens of thousands that stay: looked through at every 700,
-as Python has it, they cost a tenth of the time that a small run takes (0.80 of 0.89 s of CPU, measured)."""
+"""Number of objects that triggers garbage collection. Imports create tens of thousands of permanent objects; with
+Python's default of 700, collection takes a tenth of the time of a small run (0.80 of 0.89 s of CPU, measured).
+"""
 
 _INTERRUPTED = 130
-"""What a shell expects of a program that Ctrl-C ended."""
+"""Exit code expected by a shell for a program ended by Ctrl-C."""
 
 
 def main() -> None:
-    """Entry point: every expected failure is one line and an exit code."""
+    """Entry point: report every expected failure in a line and set the exit code."""
     if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="replace")  # a terminal that knows no φ is no reason to say nothing
+        sys.stdout.reconfigure(errors="replace")  # a terminal that cannot show φ shows ? instead
     os.environ.update({name: os.environ.get(name, "1") for name in (*_THREADS, _NO_PLUGINS)})
     forget_width_of_0()
     gc.set_threshold(_GARBAGE)
-    # numpy only warns where a figure becomes nan; such a figure is no result.
+    # numpy only warns when a figure becomes nan; such a figure is not a result.
     warnings.simplefilter("error", RuntimeWarning)
     try:
         sys.exit(app(standalone_mode=False))
@@ -54,7 +58,7 @@ def main() -> None:
         _wrong_use(error)
     except typer.Abort:
         sys.exit(1)
-    except KeyboardInterrupt:  # between the command and here
+    except KeyboardInterrupt:  # between the command and this point
         sys.exit(_INTERRUPTED)
     except RigError as error:
         _fail(error)
@@ -78,14 +82,14 @@ def main() -> None:
 
 
 def _out_of_room(error: MemoryError | OSError) -> NoReturn:
-    """Report memory or a disk that is full in one line; any other error of the system is raised again."""
+    """Report full memory or a full disk in a line; re-raise any other system error."""
     if isinstance(error, MemoryError) or error.errno == errno.ENOMEM:
         _fail(
             CellError("memory", "there is not enough for this", "close other programs, or give fewer or shorter runs")
         )
     if error.errno not in _NO_ROOM or error.filename is not None:
         raise error
-    # What is left in the buffer would fail once more at the end.
+    # The remaining buffer would cause a second failure at exit.
     full = CellError("output", error.strerror or str(error), "free some space, or write it elsewhere")
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     _fail(full)
@@ -98,6 +102,6 @@ def _fail(error: RigError) -> NoReturn:
 
 def _wrong_use(error: TyperException) -> NoReturn:
     use_error = wrong_use(error, "rig")
-    if use_error is None:  # its help is printed; for `rig` alone that is what was asked for
+    if use_error is None:  # the help is printed; plain `rig` requests it
         sys.exit(2 if sys.argv[1:] else 0)
     _fail(use_error)

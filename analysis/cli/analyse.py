@@ -1,4 +1,4 @@
-"""`rig analyse RUN…`: the figures of recorded runs, as a table, as JSON, as pictures."""
+"""`rig analyse RUN…`: figures of recorded runs as a table, as JSON or as pictures."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def analyse(
 
 
 def _as_line(run: Path) -> str:
-    """A run and its figures as one line of JSON, plain ASCII."""
+    """Return the figures of a run as a line of JSON in ASCII."""
     from analysis.procedures.results import figures_alone
 
     return json.dumps(figures_alone(run).to_dict())

@@ -1,5 +1,5 @@
-"""`rig calibrate RUN…`: the calibrated model of a robot, as a rig file with its calibration beside it; `rig versions
-RIG`: the calibrations of a robot, and going back to one.
+"""`rig calibrate RUN…`: the calibrated model of a robot as a rig file and a calibration file; `rig versions RIG`:
+list and restore calibrations of a robot.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def calibrate(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Calibrate the model of the robot from runs, judge it where it had no part, and write it as a rig file."""
+    """Calibrate the model of a robot, validate it on data not used for the fit, and write a rig file."""
     import analysis
     from analysis.cli.console import progress_of
     from analysis.cli.diagnose import by_use, say_correct, with_commands_here
@@ -85,7 +85,10 @@ def versions(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """List the calibrations of a robot, the newest first, or go back to one; rig compare shows how two differ."""
+    """List the calibrations of a robot, newest first, or restore an earlier one.
+
+    Use rig compare to see the differences between two calibrations.
+    """
     from analysis.correction.versions import roll_back
     from analysis.correction.versions import versions as versions_in
     from analysis.report.listings import version_object, versions_table

@@ -1,6 +1,5 @@
-"""`rig example DIR`, the shipped rig files, to start from; `rig interfaces`, what a rig file can name, and how sure we
-are of each; `rig check RIG` or `rig check RUN…`, whether a rig file is good, and whether runs are what they are
-labelled as.
+"""`rig example DIR`: copy the shipped rig files; `rig interfaces`: list the available interfaces; `rig check RIG` or
+`rig check RUN…`: check a rig file, or the labels of runs.
 """
 
 from __future__ import annotations
@@ -33,8 +32,12 @@ def check(
     ],
     as_json: AsJson = False,
 ) -> None:
-    """Check a rig file: report every mistake with its line, and whether the robot can drive the tests. Of runs, check
-    whether units, joints, gauges, times and places are meant as labelled."""
+    """Check a rig file, or the labels of runs.
+
+    For a rig file, report every mistake with its line, and tests that the robot
+    cannot drive. For runs, report units, joints, gauges, times and places that
+    contradict the labels.
+    """
     runs = [Path(argument) for argument in arguments if Path(argument).is_dir()]
     if runs and len(runs) < len(arguments):
         not_a_run = next(argument for argument in arguments if not Path(argument).is_dir())
@@ -48,7 +51,7 @@ def check(
 
 
 def _check_runs(paths: Sequence[Path], *, as_json: bool) -> None:
-    """Hold runs of one robot against every convention. Ends with exit code 3 where one is contradicted."""
+    """Check runs of a robot against all conventions. Ends with exit code 3 if any is contradicted."""
     from analysis.cli.several import end_with, over_runs, runs_below, worst
     from analysis.procedures.checks.check_runs import check_runs
     from analysis.runs.loading import load_measured
@@ -116,7 +119,7 @@ def example(
         Path, typer.Argument(metavar="DIR", help="Directory for the files; it is created if it does not exist.")
     ],
 ) -> None:
-    """Write the shipped rig files, and what their emulated cells hide, into a directory: copies to start from."""
+    """Copy the shipped rig files, and the hidden effects of their emulated cells, to a directory."""
     from analysis.runs.written_files import holding, write_all_new
     from rigs.load import shipped, shipped_effects
 
@@ -129,7 +132,7 @@ def example(
 def interfaces(
     as_json: AsJson = False,
 ) -> None:
-    """List the gauge and robot interfaces: instruments, line settings, source of the protocol, and what is in doubt."""
+    """List the gauge and robot interfaces with instruments, line settings, protocol source and open questions."""
     from dataclasses import asdict
 
     from analysis.report.listings import interfaces_table

@@ -1,7 +1,7 @@
-"""The commands of `rig`: listed here with a line each, imported when one is named.
+"""The commands of `rig`, listed with a summary and imported on demand.
 
-How each is declared: with an example below its help, and with flags that show no `<bool>`. typer writes the type of
-every option into its help; for a flag that is `<bool>`, which reads as if a value followed.
+Every command shows an example below the help. The type `<bool>`, which typer prints for flags, is hidden, since it
+suggests a value after the flag.
 """
 
 from __future__ import annotations
@@ -22,14 +22,12 @@ from rigs.distribution import version
 
 JOBS = {
     "Set up": {
-        "example": "Write the shipped rig files, and what their emulated cells hide, into a directory: copies to start "
-        "from.",
+        "example": "Copy the shipped rig files, and the hidden effects of their emulated cells, to a directory.",
         "init": "Look for gauges and robot, ask which is which, and write a checked rig file.",
-        "check": "Check a rig file: report every mistake with its line, and whether the robot can drive the tests. Of "
-        "runs, check whether units, joints, gauges, times and places are meant as labelled.",
+        "check": "Check a rig file, or the labels of runs.",
         "doctor": "Report what is wrong with a cell: ports, line settings, rates, clocks, disk, service.",
-        "interfaces": "List the gauge and robot interfaces: instruments, line settings, source of the protocol, and "
-        "what is in doubt.",
+        "interfaces": "List the gauge and robot interfaces with instruments, line settings, protocol source and open "
+        "questions.",
         "arms": "List the arm library, or show one arm as the robot section of a rig file.",
         "import-urdf": "Turn a URDF into the robot section of a rig file, equal to it within 1e-9 mm and rad.",
         "parts": "Write the parts of touches and of the link as STL, with a drawing and a list of what to buy.",
@@ -43,21 +41,20 @@ JOBS = {
         "program": "Write the robot programs of a test, after a check of limits, singularities and turns; the robot is "
         "not moved.",
         "record": "Start and stop a recording of the running daemon.",
-        "automatic": "Print the section `automatic` of a rig file, by which the robot's signal or motion starts runs "
-        "like these.",
+        "automatic": "Print the section `automatic` of a rig file, which starts runs like these on a robot signal or "
+        "motion.",
         "live": "Show gauges, angle, lap, joints, faults and recording until q or Ctrl-C.",
         "window": "Serve the live cell, its session, runs, reports and history to browsers, until Ctrl-C.",
-        "status": "Show what the daemon reads and records now.",
+        "status": "Show the current readings and recording of the daemon.",
         "emulate": "Start the gauges and the robot of RIG on ptys and local ports, and serve until stopped.",
         "replay": "Serve the instruments of a capture on ptys and local ports, at the times of the capture, until its "
         "end.",
     },
     "Understand": {
         "analyse": "Evaluate runs of any test (gauges, poses, touches, paths); every figure has its uncertainty.",
-        "report": "Write one page: the verdict against the limits, what is wrong and what to do, then every test with "
-        "pictures.",
-        "diagnose": "Find where simulation and measurement differ, name the missing effects, and verify that they "
-        "close the gap.",
+        "report": "Write a report page: verdict against the limits, causes and remedies, and every test with pictures.",
+        "diagnose": "Find the causes of the error: compare runs with the model, name the missing effects, and verify "
+        "them.",
         "moved": "Report what moved since a reference: base, socket, tool, a joint's zero, nothing, or something else.",
         "compare": "Simulate each run from its own feedback, fit the set-up, and show measured and simulated side by "
         "side.",
@@ -69,33 +66,29 @@ JOBS = {
         "paper": "Simulate and evaluate the tests of the paper, and show its figures beside those computed here.",
     },
     "Correct": {
-        "calibrate": "Calibrate the model of the robot from runs, judge it where it had no part, and write it as a rig "
-        "file.",
+        "calibrate": "Calibrate the model of a robot, validate it on data not used for the fit, and write a rig file.",
         "correct": "Write joint zeros, link constants, corrected targets and programs, each only where the effects "
         "support it.",
-        "versions": "List the calibrations of a robot, the newest first, or go back to one; rig compare shows how two "
-        "differ.",
+        "versions": "List the calibrations of a robot, newest first, or restore an earlier one.",
     },
     "Look after runs and daemon": {
-        "runs": "List runs with size and age, whether they were exported, and whether they are kept.",
-        "verify": "Report which runs are whole, recovered or not whole; the exit code is 3 if anything is wrong or "
-        "missing.",
-        "recover": "Recover runs that were cut off: keep every verified batch, and report what is lost.",
-        "relabel": "Correct the labels of runs; their ledgers keep the old labels.",
-        "keep": "Mark runs as kept: rigd never deletes them, whatever the rig file says of retention.",
+        "runs": "List runs with size, age, date of export and keep mark.",
+        "verify": "Check that runs are complete and unchanged; the exit code is 3 if anything is wrong or missing.",
+        "recover": "Recover interrupted runs: keep every verified batch, and report the losses.",
+        "relabel": "Correct the labels of runs; the ledgers keep the old labels.",
+        "keep": "Mark runs as kept: rigd never deletes them, regardless of the retention settings.",
         "logs": "Show what the services rigd@NAME have logged, and when systemd started and stopped them.",
-        "metrics": "Print the daemon's rates, faults, queues, disk and clocks in the text format of Prometheus.",
+        "metrics": "Print rates, faults, queues, disk and clocks of the daemon in the text format of Prometheus.",
     },
     "Exchange": {
-        "import": "Create a run from each table of measurements; every bad row is reported with its line and the "
-        "reason.",
+        "import": "Create a run from each table of measurements; report every bad row with its line and the reason.",
         "export": "Write the table of each run as CSV, Parquet or a workbook, its raw streams as MCAP, or the map of "
         "its import.",
         "export-urdf": "Write the arm of a rig file for other programs, with the joint zeros and link constants that "
         "were found.",
     },
 }
-"""The commands by what a person wants to do, in the order of the work, each with the first paragraph of its help."""
+"""Commands by purpose in the order of the work, each with the first paragraph of the help text."""
 
 _FILES = {
     **dict.fromkeys(("status", "metrics", "automatic"), "record"),
@@ -108,7 +101,7 @@ _FILES = {
     "logs": "doctor",
     "versions": "calibrate",
 }
-"""The file of a command that is not called like it."""
+"""Module of a command if the names differ."""
 
 _APPS = {
     **dict.fromkeys(("arms", "export"), "interchange"),
@@ -117,24 +110,26 @@ _APPS = {
     **dict.fromkeys(("correct", "plan", "program"), "makers"),
     **{name: name for name in ("emulate", "live", "paper", "parts", "session", "window")},
 }
-"""The app that has a file of commands, as cli_FILE; the others are next to this file."""
+"""App that contains a module of commands, as cli_FILE; all other modules are in this package."""
 
 _ADDED = {"record": "analysis.apps.commission.cli_touch"}
-"""The file of an app that adds a command to a group."""
+"""Module of an app that adds a command to a group."""
 
 _HELP: dict[str, Any] = {"help_option_names": ["-h", "--help"]}
-"""The names of the help of every command."""
+"""Names of the help option of every command."""
 _OF_TYPER = ("help", "install_completion", "show_completion")
-"""The flags that typer adds."""
+"""Flags added by typer."""
 _NEVER_SHOWN = {"rich.markdown": "Markdown", "rich.traceback": "Traceback"}
-"""Modules that typer imports to lay out help, which none of rig's has: more than half of the time that help took."""
+"""Modules that typer imports to render help, although the help of rig uses none. They take more than half of that
+time.
+"""
 
 F = TypeVar("F", bound=Callable[..., Any])
 
 
 @contextmanager
 def _without_what_is_never_shown() -> Iterator[None]:
-    """Let a class without content stand for each of those modules while typer's pages are imported."""
+    """Replace these modules by empty classes during the import of typer's help pages."""
     absent = [name for name in _NEVER_SHOWN if name not in sys.modules]
     for name in absent:
         sys.modules[name] = ModuleType(name)
@@ -151,7 +146,7 @@ def _with_plain_flags(parameters: list[Any]) -> list[Any]:
         if isinstance(parameter, TyperOption) and parameter.is_flag:
             parameter.metavar = ""
             if parameter.name in _OF_TYPER:
-                parameter.default = False  # typer's is None, and to make a bool of that it would import pydantic
+                parameter.default = False  # the default None of typer would import pydantic for the conversion to bool
     return parameters
 
 
@@ -160,11 +155,11 @@ _OLD_OPTIONS = {
     "history": {"--data": "--runs"},
     "simulate": {"--runs": "--times"},
 }
-"""Options as earlier versions spelled them, by command: they are understood, and no help shows them."""
+"""Former names of options by command. They are accepted but not shown in the help."""
 
 
 class Command(TyperCommand):
-    """A command whose flags are plain, and which understands options as they were spelled before."""
+    """Command with plain flags that accepts former names of options."""
 
     def get_params(self, ctx: Any) -> list[Any]:
         return _with_plain_flags(super().get_params(ctx))
@@ -180,7 +175,9 @@ class Command(TyperCommand):
 
 
 def taking_all(option: str) -> type[Command]:
-    """Return a command whose `option` takes all arguments up to the next option, as a shell's wildcard gives them."""
+    """Return a command class with an `option` that takes all arguments up to the next option, as a shell expands
+    wildcards.
+    """
 
     class TakingAll(Command):
         def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
@@ -191,16 +188,16 @@ def taking_all(option: str) -> type[Command]:
                     words += [] if follows else [argument]
                 else:
                     words += [option, argument] if follows else [argument]
-            # An option without an argument stays, so that the parser names it.
+            # An option with no argument stays, so that the parser reports it.
             return super().parse_args(ctx, [*words, option] if args and args[-1] == option else words)
 
     return TakingAll
 
 
 class Group(TyperGroup):
-    """A group of commands whose own flags are plain, and whose messages have no colours where NO_COLOR is set.
+    """Group of commands with plain flags and, if NO_COLOR is set, plain messages.
 
-    rich respects that variable for tables and help; typer's own `echo` does not, but asks the context.
+    rich respects NO_COLOR for tables and help; `echo` of typer follows the context instead.
     """
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
@@ -217,7 +214,7 @@ class Group(TyperGroup):
 
 
 class _Program(Group):
-    """The commands of `rig`, as they are listed; the one that is called is imported then."""
+    """The commands of `rig` as listed; only the called command is imported."""
 
     def __init__(self, **attributes: Any) -> None:
         super().__init__(**attributes)
@@ -257,7 +254,7 @@ def _options(
 
 
 def imported(name: str) -> TyperCommand | TyperGroup:
-    """Return a command of `rig`, or a group of them, as its file declares it. name: one that is listed above."""
+    """Return a command or group of `rig` as declared in its module. name: a listed command."""
     file = _FILES.get(name, name.replace("-", "_"))
     import_module(f"analysis.apps.{_APPS[file]}.cli_{file}" if file in _APPS else f"analysis.cli.{file}")
     if name in _ADDED:
@@ -273,7 +270,7 @@ def imported(name: str) -> TyperCommand | TyperGroup:
 
 
 def all_imported() -> TyperGroup:
-    """Return the group `rig` with every command and group as its file declares it."""
+    """Return the group `rig` with every command and group as declared in its module."""
     program = get_group(app)
     program.commands = {name: imported(name) for name in program.commands}
     return program
@@ -282,5 +279,5 @@ def all_imported() -> TyperGroup:
 def command(
     group: typer.Typer, example: str, *, name: str | None = None, cls: type[Command] = Command
 ) -> Callable[[F], F]:
-    """Declare a function as a command of a group, with one line that a person could type."""
+    """Declare a function as a command of a group, with an example of a command line."""
     return group.command(name, cls=cls, epilog=f"Example: {example}")

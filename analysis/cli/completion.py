@@ -1,7 +1,7 @@
-"""What a shell offers for the word being typed: runs, rig files, arms, robots, running daemons.
+"""Shell completion of arguments: runs, rig files, arms, robots, running daemons.
 
-Nothing is read that is not needed, since a person waits. typer leaves out what does not begin as the word does; where
-nothing is offered, the shell completes file names.
+Completion reads as little as possible, because the user waits. typer drops candidates with a different prefix; if none
+remains, the shell completes file names.
 """
 
 from __future__ import annotations
@@ -15,18 +15,18 @@ from pathlib import Path
 import typer
 
 SERVED = Path("/etc/rig")
-"""Where the rig files of services are."""
+"""Directory of the rig files of services."""
 _LEVELS = 2
-"""Runs are looked for so many levels below the directory typed, as runs/NAME is below none, not in a whole disk."""
+"""Number of directory levels searched for runs: runs/NAME is at level one. It prevents the search of a large disk."""
 
 
 def _quietly(offer: Callable[..., Iterator[str]]) -> Callable[..., list[str]]:
-    """What is offered, as far as it can be read; a name that a terminal cannot show is left out."""
+    """Return the readable candidates, except names that a terminal cannot show."""
 
     @wraps(offer)
     def offered(*arguments: object, **named: object) -> list[str]:
         names: list[str] = []
-        # Without these, an error would be written into the line that is being typed.
+        # An exception would print an error into the line being typed.
         with contextlib.suppress(OSError, ImportError, ValueError):
             names.extend(name for name in offer(*arguments, **named) if name.isprintable())
         return names
@@ -36,13 +36,15 @@ def _quietly(offer: Callable[..., Iterator[str]]) -> Callable[..., list[str]]:
 
 @_quietly
 def runs(incomplete: str) -> Iterator[str]:
-    """Offer the run directories that begin so."""
+    """Complete run directories."""
     folder, slash, begun = incomplete.rpartition("/")
     yield from _runs_below(folder + slash, begun, _LEVELS)
 
 
 def _runs_below(folder: str, begun: str, levels: int) -> Iterator[str]:
-    """Run directories whose path below the folder begins so. folder: with its slash, or empty for this directory."""
+    """Yield run directories below a folder with a given prefix. folder: with final slash, or empty for the current
+    directory.
+    """
     for entry in sorted(Path(folder).iterdir()):
         if not entry.name.startswith(begun) or entry.name.startswith(".") or not entry.is_dir():
             continue
@@ -59,7 +61,7 @@ def _is_run(path: Path) -> bool:
 
 @_quietly
 def rig_files(incomplete: str) -> Iterator[str]:
-    """Offer the rig files of the directory typed, and the names of the shipped ones."""
+    """Complete rig files in the given directory, and names of shipped rig files."""
     from rigs.load import shipped
 
     folder = "".join(incomplete.rpartition("/")[:2])
@@ -69,7 +71,7 @@ def rig_files(incomplete: str) -> Iterator[str]:
 
 @_quietly
 def arms() -> Iterator[str]:
-    """Offer the arms of the library."""
+    """Complete arms of the library."""
     from rigs.arms import arm_names
 
     yield from arm_names()
@@ -77,7 +79,7 @@ def arms() -> Iterator[str]:
 
 @_quietly
 def robots(ctx: typer.Context) -> Iterator[str]:
-    """Offer the rigs that the runs below --runs were made with."""
+    """Complete rigs of the runs below --runs."""
     directory = Path(ctx.params.get("runs") or "runs")
     names = (json.loads((run / "manifest.json").read_bytes()) for run in directory.iterdir() if _is_run(run))
     yield from sorted({str(manifest["rig_name"]) for manifest in names})
@@ -85,7 +87,7 @@ def robots(ctx: typer.Context) -> Iterator[str]:
 
 @_quietly
 def daemons() -> Iterator[str]:
-    """Offer the rigs whose daemons run."""
+    """Complete rigs with a running daemon."""
     from daq.service.client import sockets
 
     yield from (path.stem for path in sockets())
@@ -93,5 +95,5 @@ def daemons() -> Iterator[str]:
 
 @_quietly
 def services() -> Iterator[str]:
-    """Offer the rigs that a service is set up for."""
+    """Complete rigs with an installed service."""
     yield from sorted(file.stem for file in SERVED.glob("*.yaml"))

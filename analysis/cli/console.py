@@ -1,5 +1,7 @@
-"""The way to a person's terminal: lines and JSON, all text in them plain (`rigs.text`), and what is being done and for
-how long, shown on a terminal while it takes, and nowhere else. Tables: `PlainConsole`."""
+"""Output to the terminal: lines, JSON and progress. All text is made plain (`rigs.text`).
+
+Progress appears only on a terminal. Tables: `PlainConsole`.
+"""
 
 from __future__ import annotations
 
@@ -18,32 +20,32 @@ from rigs.text import plain
 
 
 def say(line: object, *, err: bool = False, mark: str = "") -> None:
-    """Print one line. mark: the program's own words before it, which may be coloured."""
+    """Print a line. mark: text of the program before the line, which may contain colours."""
     typer.echo(mark + plain(str(line)), err=err)
 
 
 def say_error(error: RigError) -> None:
-    """Print an error on standard error, one line for each mistake."""
+    """Print an error on standard error, a line for each mistake."""
     for line in error.lines():
         say(f"error: {line}", err=True)
 
 
 def say_json(value: Any) -> None:
-    """Print JSON. Its encoder escapes what is below a space or beyond ASCII; DEL alone is left to escape here."""
+    """Print JSON. The encoder escapes control characters below space and non-ASCII text; DEL is escaped here."""
     typer.echo(json.dumps(value, indent=2).replace("\x7f", "\\u007f"))
 
 
 _SILENT_S, _STEP_S = 1.0, 0.1
-"""Nothing is shown of counted work that takes no longer, and then a line so often."""
+"""Delay before counted progress is shown, and interval of updates."""
 
 
 @contextmanager
 def progress_of(doing: str = "reading the runs", *, is_still: bool = False) -> Iterator[Callable[[str], None]]:
-    """Show what is being done on standard error; give the function to call when something else is.
+    """Show the current step on standard error, and yield a function to change it.
 
-    is_still: as a line without seconds, where processes are forked meanwhile: they must not inherit the thread and the
-    locks of a moving display. Nothing is shown where standard error is no terminal. Everything else is printed after
-    it: within, it would stand on the same line.
+    is_still: show a line without a timer. This is required if processes are forked meanwhile, because they must not
+    inherit the thread and the locks of a live display. Nothing is shown if standard error is not a terminal. Print all
+    other output after this context, since it would share the line.
     """
     if not sys.stderr.isatty():
         yield lambda doing: None
@@ -60,7 +62,7 @@ def progress_of(doing: str = "reading the runs", *, is_still: bool = False) -> I
     from analysis.report.plain_console import PlainConsole
 
     words = TextColumn("{task.description}", markup=False)
-    # Redirected, what is printed to a file within would land on the terminal.
+    # Redirection would also send output for files to the terminal.
     with Progress(
         SpinnerColumn(),
         words,
@@ -74,16 +76,16 @@ def progress_of(doing: str = "reading the runs", *, is_still: bool = False) -> I
 
 
 def _rewrite_line(words: str) -> None:
-    """Put words in place of the line where the cursor stands, as far as the terminal is wide."""
+    """Replace the current line of the terminal by a text, cut to the width."""
     shown = plain(words)[: shutil.get_terminal_size().columns - 1]
     sys.stderr.write(f"\r\x1b[K{shown}")
     sys.stderr.flush()
 
 
 class CountedProgress:
-    """What is done of how much, on a terminal, once it takes longer than a second; after Ctrl-C how far it got.
+    """Counter of completed items on a terminal, shown after a second. Ctrl-C reports the count.
 
-    Not `progress_of`: work goes on in forked processes, which must not inherit a display's thread and locks.
+    It replaces `progress_of` when processes are forked, since they must not inherit the thread and locks of a display.
     """
 
     def __init__(self) -> None:

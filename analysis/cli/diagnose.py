@@ -1,4 +1,4 @@
-"""`rig diagnose RUN…`: where simulation and measurement disagree, and which effect is missing in the model."""
+"""`rig diagnose RUN…`: disagreement of simulation and measurement, and the effects missing in the model."""
 
 from __future__ import annotations
 
@@ -56,14 +56,15 @@ def diagnose(
     jobs: ReadingJobs = 1,
     scheduler: Scheduler = None,
 ) -> None:
-    """Find where simulation and measurement differ, name the missing effects, and verify that they close the gap."""
+    """Find the causes of the error: compare runs with the model, name the missing effects, and verify them."""
     import analysis
     from analysis.cli.console import progress_of
     from analysis.cli.several import end_with, load_runs, with_tables, worst
     from rigs.load import load
 
     runs, hold_out, unseen = (with_tables(paths or (), rig_file) for paths in (runs, hold_out, unseen))
-    if output:  # before anything is computed; what writes pictures is imported for it alone, as it takes half a second
+    # check before any computation; the import of the picture module takes half a second and happens only here
+    if output:
         from analysis.report.diagnosis_report import hold_empty
         from analysis.report.html_page import is_page
 
@@ -98,7 +99,7 @@ def diagnose(
 
 
 def by_use(runs: Sequence[Path], hold_out: Sequence[Path], unseen: Sequence[Path]) -> tuple[list[Path], ...]:
-    """The runs that names are looked for in, those held out, and those unseen. Raises UseError without the first."""
+    """Return the paths of the runs used, the held-out runs and the unseen runs. Raises UseError if no run is used."""
     from analysis.cli.several import runs_below
 
     every, judges, elsewhere = ([run.resolve() for run in runs_below(paths)] for paths in (runs, hold_out, unseen))
@@ -111,8 +112,12 @@ def by_use(runs: Sequence[Path], hold_out: Sequence[Path], unseen: Sequence[Path
 def with_commands_here(
     diagnosis: Diagnosis, output: Path | None, again: tuple[str, ...] = (), to: str = "found"
 ) -> Diagnosis:
-    """Return a diagnosis whose acts name the model where it is: the file, or in the directory, asked for, or else in
-    the one into which it is written by the words `again`, or those of this command, as `to` or the next such name."""
+    """Return a diagnosis with acts whose commands refer to the written model.
+
+    The model is `output`, or the rig file in that directory. If no output was requested, the acts refer to a new file
+    that a repeated command would write: `again`, or the present command, with output to the next free name based on
+    `to`.
+    """
     from analysis.diagnosis.judge.acts import acts_with
 
     model = ""
@@ -128,8 +133,10 @@ def with_commands_here(
 def _write(
     diagnosis: Diagnosis, by_use: Sequence[list[Measured]], text: str, output: Path, errors: Sequence[RigError]
 ) -> None:
-    """Write the page, or the directory; the rig file with what was missing comes last there. `by_use` are the runs
-    used, those held out, and those unseen."""
+    """Write the report page, or the output directory with the extended rig file last.
+
+    by_use: the runs used, the held-out runs, and the unseen runs.
+    """
     from analysis import evaluate_runs
     from analysis.cli.console import progress_of
     from analysis.report.diagnosis_report import write
@@ -155,7 +162,9 @@ def _write(
 
 
 def _as_arguments(used: Sequence[Path], held_out: Sequence[Path], unseen: Sequence[Path]) -> str:
-    """Runs as arguments that mean the same runs from here: the directory, where all of its runs have a use."""
+    """Return runs as command-line arguments relative to the current directory, or as their parent directory if all
+    runs in it are used.
+    """
     from analysis.cli.several import runs_below
 
     directory, current = used[0].parent, Path.cwd()
@@ -169,7 +178,7 @@ def _as_arguments(used: Sequence[Path], held_out: Sequence[Path], unseen: Sequen
 
 
 def say_correct(diagnosis: Diagnosis, model: Path) -> None:
-    """Say how the model that was written is corrected by, unless it is to correct nothing or has no effects."""
+    """Print the correction command for the written model, unless the model is empty or should not be applied."""
     from rigs.calibration import verdict_of
 
     calibrated = diagnosis.calibrated

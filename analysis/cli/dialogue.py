@@ -1,4 +1,4 @@
-"""Questions to a person: answered by an option, at the terminal, or by what is usual."""
+"""Questions to the operator, answered by an option, at the terminal, or by a default."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from rigs.errors import RigError, UseError
 T = TypeVar("T")
 _EVERY_S = 0.1
 _TO_THE_END = "\x1b[K"
-"""Clears what an older, longer line has left."""
+"""Escape sequence that clears the rest of a longer old line."""
 Busy = Callable[[str], AbstractContextManager[Callable[[str], None]]]
-"""Shows what is being done until it is left; gives the function to call when something else is."""
+"""Context that shows the current step and yields a function to change it."""
 
 
 class Stopped(Exception):
-    """The person has ended the questions: Ctrl-D, or the terminal is closed."""
+    """The operator ended the questions by Ctrl-D or by closing the terminal."""
 
 
 @dataclass(frozen=True)
 class Dialogue:
-    """Where questions are asked.
+    """Input and output of questions.
 
-    say: prints a line; busy: shows what is done meanwhile; terminal: whether there is a person who can answer.
+    say: prints a line. busy: shows the current step. terminal: whether an operator can answer.
     """
 
     say: Callable[[str], None]
@@ -37,16 +37,17 @@ class Dialogue:
     screen: TextIO
 
     def ask(self, question: str, option: str, read: Callable[[str], T], usual: str | None = None) -> T:
-        """Ask until `read` understands the answer; again only by the last line of the question.
+        """Ask until `read` accepts the answer. Repetitions show only the last line of the question.
 
-        option: what answers the question without a terminal. Raises UseError without a terminal, and Stopped.
+        option: the option that answers the question without a terminal. Raises UseError if neither is available, and
+        Stopped.
         """
         if not self.terminal:
             if usual is None:
                 raise UseError(option, "is not given, and without a terminal it cannot be asked for", f"give {option}")
             return read(usual)
         explained, _, asked = question.rpartition("\n")
-        for line in explained.splitlines():  # `say` is the gate for one line, and escapes what ends one
+        for line in explained.splitlines():  # `say` prints single lines and escapes line breaks
             self.say(line)
         while True:
             answer = self.line(f"{asked}{f' [{usual}]' if usual else ''}: ") or usual
@@ -59,13 +60,13 @@ class Dialogue:
                     self.say(f"error: {line}")
 
     def line(self, prompt: str) -> str:
-        """Return what is typed, without blanks around it. Raises Stopped."""
+        """Return the typed line, stripped of blanks. Raises Stopped."""
         self.screen.write(prompt)
         self.screen.flush()
         return self._typed()
 
     def line_or(self, prompt: Callable[[], str], happened: Callable[[], T | None]) -> str | T:
-        """Return what is typed, or what happens before. The prompt is shown again and again, in its one line."""
+        """Return the typed line, or an earlier event. The prompt is refreshed in place."""
         while True:
             self.screen.write(f"\r{prompt()}{_TO_THE_END}")
             self.screen.flush()
@@ -76,7 +77,7 @@ class Dialogue:
                 return event
 
     def _has_typed(self) -> bool:
-        """Wait a moment for a line: a Ctrl-C that comes just before an endless wait would go unnoticed."""
+        """Wait briefly for a line. Polling avoids an endless wait that misses a Ctrl-C just before it."""
         return bool(select.select([self.keyboard], [], [], _EVERY_S)[0])
 
     def _typed(self) -> str:
@@ -93,11 +94,11 @@ class Dialogue:
 
 
 def at_terminal(say: Callable[[str], None], busy: Busy) -> Dialogue:
-    """Return the dialogue with the person at this program's terminal, if it has one."""
+    """Return the dialogue at the terminal of this program, if any."""
     has_terminal = has_keyboard() and sys.stdout.isatty()
     return Dialogue(say, busy, has_terminal, sys.stdin, sys.stdout)
 
 
 def has_keyboard() -> bool:
-    """Return whether a person can type to this program; standard input may be a file, or closed."""
+    """Return whether standard input is a terminal; it may be a file or closed."""
     return sys.stdin is not None and sys.stdin.isatty()

@@ -1,4 +1,4 @@
-"""`rig import TABLE…`: tables of measurements from elsewhere, and bags of ROS 2, as runs."""
+"""`rig import TABLE…`: runs from tables of other programs and from ROS 2 bags."""
 
 from __future__ import annotations
 
@@ -78,12 +78,12 @@ def import_(
         ),
     ] = False,
 ) -> None:
-    """Create a run from each table of measurements; every bad row is reported with its line and the reason.
+    """Create a run from each table of measurements; report every bad row with its line and the reason.
 
-    Poses may come as their instrument wrote them: a map of the columns is
-    proposed, checked by the arm of the rig file, shown, and kept in the run. What
-    remains open is asked; without a terminal the map is written for you to
-    complete, and nothing is imported.
+    Tables of poses may have the format of the instrument: rig proposes a map of
+    the columns, checks it with the arm of the rig file, shows it and stores it
+    in the run. You answer open questions at the terminal. If there is none, rig
+    writes the map for you to complete and imports nothing.
     """
     from analysis import read_table, save_run
     from analysis.apps.interchange.bags import file_of
@@ -126,7 +126,7 @@ def _by_its_columns(table: Path, rig_file: str) -> TestName:
 
 
 def _hold_options(test: TestName, direction: Direction | None, topic: str, socket: str) -> None:
-    """Raise UseError for an option that a test does not have."""
+    """Raise UseError for an option that does not apply to a test."""
     from analysis.intake.table_map import MAPPED
     from analysis.runs.table_format import kind_named
 

@@ -1,4 +1,4 @@
-"""The map of a table that is not written in our columns: proposed, shown, asked about, and kept in the run."""
+"""Column maps of tables in foreign formats: proposal, questions to the operator, and storage in the run."""
 
 from __future__ import annotations
 
@@ -24,13 +24,17 @@ if TYPE_CHECKING:
 
 
 def has_person() -> bool:
-    """Return whether a person reads and can answer; what is asked goes beside the run's path, which is for a script."""
+    """Return whether an operator can answer. Questions go to standard error, because scripts read the run path from
+    standard output.
+    """
     return has_keyboard() and sys.stderr.isatty()
 
 
 def needs_map(table: Path, test: TestName, socket: str = "") -> bool:
-    """Return whether a file is no table of docs/tables.md and may be read by a map that is proposed. socket: of all
-    rows of a table of touches."""
+    """Return whether a file differs from the format of docs/tables.md but can be read with a proposed map.
+
+    socket: socket of all rows of a table of touches.
+    """
     return needs_touch_map(table, test, socket) or (test == MAPPED and not is_plain(table, test))
 
 
@@ -50,7 +54,7 @@ def mapped_run(
     placement: str,
     joints: JointSource,
 ) -> Measured:
-    """The run of the files of a measurement by a map: that of a file, or one that is proposed and completed here."""
+    """Return the run of the files of a measurement, read with a given map or with a map proposed and completed here."""
     if map_file:
         table_map = load_map(map_file)
         if topic:
@@ -116,8 +120,8 @@ def _answer_of(question: Question) -> Callable[[str], Reading]:
 
 
 def _refuse(proposal: Proposal, run: Path, files: Sequence[Path]) -> None:
-    """Write the map with its questions marked, and raise FileError: no person is there to answer."""
-    path = Path(f"{run.name}.map.yaml")  # not beside the run, where every file is taken for one
+    """Write the map, mark the open questions, and raise FileError: no terminal is available for answers."""
+    path = Path(f"{run.name}.map.yaml")  # not next to the run, since every file in that directory counts as a run
     choices = {
         question.key: [
             question.asks,

@@ -1,4 +1,4 @@
-"""`rig moved REFERENCE… NEW`: what moved between a reference and new readings, and what to touch next."""
+"""`rig moved REFERENCE… NEW`: movements between a reference and new readings, and the next touch."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def moved(
 
 
 def _found(runs: list[Path], new: list[Path], rig_file: str | None, *, plan: bool) -> tuple[Moved, str]:
-    """Return what moved, and the name of the rig."""
+    """Return the result and the name of the rig."""
     from analysis.cli.console import progress_of
     from analysis.cli.several import distinct, end_with, load_runs, runs_below, worst
     from analysis.movement.runs import what_moved_in

@@ -1,4 +1,4 @@
-"""Arguments and options that several commands take, each with one meaning, one help text and one completion."""
+"""Arguments and options shared by several commands, with common help text and completion."""
 
 from __future__ import annotations
 
@@ -14,15 +14,16 @@ from rigs.schema.vocabulary import MAKERS, Direction, MakerName, direction_of, m
 
 
 def location(text: str | Path) -> Path:
-    """What a person named, or a default: a path of this computer, or a URL. Raises FileError for a URL that cannot be
-    taken."""
+    """Return a path of this computer, or a URL, from user input or a default. Raises FileError for an unsupported
+    URL.
+    """
     from analysis.runs.batch import remote_path
 
     return remote_path.location(str(text))
 
 
 def operator_or_user(operator: str) -> str:
-    """Return the operator given, else the name of the user; empty where the system has none, as in many containers."""
+    """Return the given operator, or the user name; empty if the system has none, as in many containers."""
     import getpass
 
     with suppress(KeyError, OSError, ImportError):
@@ -58,7 +59,7 @@ RunsElsewhere = Annotated[
 
 
 def _processes(text: str | int) -> int:
-    """A number of processes, 0 for one on each core. Raises typer.BadParameter."""
+    """Return a number of processes; 0 means the number of cores. Raises typer.BadParameter."""
     if text == "auto":
         return 0
     if str(text).isdecimal():
@@ -80,7 +81,7 @@ Scheduler = Annotated[
 
 
 def _direction(text: str) -> Direction:
-    """A direction as people write it. Raises typer.BadParameter."""
+    """Return a direction from common spellings. Raises typer.BadParameter."""
     direction = direction_of(text)
     if direction is None:
         raise typer.BadParameter(f"{text!r} is no direction; give acw (ccw) or cw")
@@ -88,7 +89,7 @@ def _direction(text: str) -> Direction:
 
 
 def direction_option(meaning: str) -> Any:
-    """The option --direction, with what it means for a command."""
+    """Return the option --direction with the meaning for a command."""
     return typer.Option(
         "--direction",
         metavar="<acw|cw>",
@@ -99,7 +100,7 @@ def direction_option(meaning: str) -> Any:
 
 
 def _maker(text: str) -> MakerName:
-    """A maker as people write it. Raises typer.BadParameter."""
+    """Return a maker from common spellings. Raises typer.BadParameter."""
     maker = maker_named(text)
     if maker is None:
         raise typer.BadParameter(f"{text!r} is no maker whose controllers are known; give {_one_of(MAKERS)}")
@@ -111,7 +112,7 @@ def _one_of(names: Sequence[str]) -> str:
 
 
 def maker_option(meaning: str, default: str = "") -> Any:
-    """The option --for, with what it means for a command, and what stands for it where it is not given."""
+    """Return the option --for with the meaning for a command, and the default."""
     help_text = f"{meaning}: {_one_of(MAKERS)}" + (f"; default: {default}." if default else ".")
     return typer.Option("--for", metavar="MAKER", parser=_maker, autocompletion=lambda: list(MAKERS), help=help_text)
 

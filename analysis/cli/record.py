@@ -1,5 +1,5 @@
-"""`rig record start|stop`, `rig status` and `rig metrics`: asking the running daemon; `rig automatic RUN…`: rules by
-which it will know recorded programs again.
+"""`rig record start|stop`, `rig status` and `rig metrics`: requests to the running daemon; `rig automatic RUN…`:
+rules to recognise recorded programs.
 """
 
 from __future__ import annotations
@@ -22,7 +22,9 @@ record = typer.Typer(cls=Group, no_args_is_help=True, help="Start and stop a rec
 app.add_typer(record, name="record")
 
 _MOST_ROWS = 2_000_000
-"""Rows of a run that is looked at when it ends: a second's work. A person does not wait for what is longer."""
+"""Maximum number of rows of a run that is checked when the recording stops, which takes a second. The operator
+should not have to wait longer.
+"""
 
 RigName = Annotated[
     str | None,
@@ -54,7 +56,7 @@ def start(
     ] = None,
     rig: RigName = None,
 ) -> None:
-    """Start a recording and print its run directory."""
+    """Start a recording and print the run directory."""
     from daq.service.client import Client, find_socket
 
     with Client(find_socket(rig)) as client:
@@ -71,9 +73,10 @@ def start(
 
 @command(record, "rig record stop")
 def stop(rig: RigName = None) -> None:
-    """Stop the recording and print its run directory.
+    """Stop the recording and print the run directory.
 
-    Standard error has its faults, its seal, whether the robot was still driving, and why rig analyse would refuse it.
+    Standard error shows faults, the seal, whether the robot was still moving,
+    and the reason if rig analyse would reject the run.
     """
     from analysis.procedures.results import fitness
     from daq.service.client import Client, find_socket
@@ -104,7 +107,7 @@ def stop(rig: RigName = None) -> None:
                     f"correct its label: rig relabel {as_argument(ended['run'])} --direction {fitness_of_run.drove}"
                 )
             say(f"cannot be analysed: {fitness_of_run.why}; {remedy}", err=True)
-            with suppress(RigError):  # a daemon that is older, or gone
+            with suppress(RigError):  # the daemon is older or has stopped
                 client.ask("judged", run=ended["run"], said=fitness_of_run.why)
 
 
@@ -113,7 +116,7 @@ def status(
     rig: RigName = None,
     as_json: AsJson = False,
 ) -> None:
-    """Show what the daemon reads and records now."""
+    """Show the current readings and recording of the daemon."""
 
     from daq.service.client import Client, find_socket
 
@@ -131,7 +134,7 @@ def status(
 
 @command(app, "rig metrics --rig cell")
 def metrics(rig: RigName = None) -> None:
-    """Print the daemon's rates, faults, queues, disk and clocks in the text format of Prometheus."""
+    """Print rates, faults, queues, disk and clocks of the daemon in the text format of Prometheus."""
     from daq.service.client import Client, find_socket
 
     with Client(find_socket(rig)) as client:
@@ -148,7 +151,7 @@ def automatic(
         ),
     ],
 ) -> None:
-    """Print the section `automatic` of a rig file, by which the robot's signal or motion starts runs like these."""
+    """Print the section `automatic` of a rig file, which starts runs like these on a robot signal or motion."""
     import yaml
     from pydantic import ValidationError
 

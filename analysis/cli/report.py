@@ -1,4 +1,4 @@
-"""`rig report RUN… -o FILE.html`: one page for the person who decides."""
+"""`rig report RUN… -o FILE.html`: a page for the decision maker."""
 
 from __future__ import annotations
 
@@ -40,9 +40,11 @@ def report(
     jobs: Jobs = 1,
     scheduler: Scheduler = None,
 ) -> None:
-    """Write one page: the verdict against the limits, what is wrong and what to do, then every test with pictures.
+    """Write a report page: verdict against the limits, causes and remedies, and every test with pictures.
 
-    The page needs no other file and no network, and prints to A4. A run that cannot be evaluated is named on it."""
+    The page needs no other files and no network, and prints on A4. It lists runs
+    that could not be evaluated.
+    """
     from analysis.cli.console import progress_of
     from analysis.cli.diagnose import with_commands_here
     from analysis.cli.several import end_with, evaluated, runs_below, say_doubts, worst

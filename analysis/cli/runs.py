@@ -1,5 +1,5 @@
-"""`rig runs`, `rig keep`, `rig relabel`, `rig recover`, `rig verify`: which runs there are, which stay and under which
-label, and whether they are whole.
+"""`rig runs`, `rig keep`, `rig relabel`, `rig recover`, `rig verify`: listing, retention, labels and integrity of
+runs.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ def runs(
     directory: Annotated[Path, typer.Argument(metavar="DIR", help="Directory that holds the runs.")] = Path("runs"),
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON list instead of text.")] = False,
 ) -> None:
-    """List runs with size and age, whether they were exported, and whether they are kept."""
+    """List runs with size, age, date of export and keep mark."""
     import time
 
     from analysis.cli.console import progress_of
@@ -50,7 +50,7 @@ def runs(
 
     table = runs_table(rows)
     whole = PlainConsole(width=10_000).measure(table).maximum
-    # A directory in pieces cannot be copied: a line stays one, however narrow the terminal is.
+    # A directory split over several lines cannot be copied. Rows stay unbroken on narrow terminals.
     PlainConsole(width=max(whole, PlainConsole().width)).print(table)
 
 
@@ -71,7 +71,7 @@ def keep(
         typer.Option("--not", help="Remove the mark, so that retention may delete the runs once they are exported."),
     ] = False,
 ) -> None:
-    """Mark runs as kept: rigd never deletes them, whatever the rig file says of retention."""
+    """Mark runs as kept: rigd never deletes them, regardless of the retention settings."""
     from daq.store import mark_kept
 
     def mark(path: Path) -> None:
@@ -83,7 +83,7 @@ def keep(
 
 @command(app, "rig recover runs/lap-acw")
 def recover(paths: Runs) -> None:
-    """Recover runs that were cut off: keep every verified batch, and report what is lost."""
+    """Recover interrupted runs: keep every verified batch, and report the losses."""
     for_each(paths, _recover)
 
 
@@ -121,7 +121,7 @@ def verify(
     jobs: Jobs = 1,
     scheduler: Scheduler = None,
 ) -> None:
-    """Report which runs are whole, recovered or not whole; the exit code is 3 if anything is wrong or missing."""
+    """Check that runs are complete and unchanged; the exit code is 3 if anything is wrong or missing."""
     from analysis.cli.several import runs_below
 
     not_whole = []
@@ -142,7 +142,7 @@ def verify(
 
 
 def judged(path: Path) -> Verdict:
-    """Whether a run is whole, wherever it lies. Raises RigError for one elsewhere that cannot be fetched."""
+    """Return the integrity verdict of a local or remote run. Raises RigError if a remote run cannot be fetched."""
     from dataclasses import replace
 
     from analysis.runs.batch.fetched import fetched, named
@@ -169,7 +169,7 @@ def relabel(
         typer.Option(help="Your name for where the instrument or the ball stood, '' for none; default: unchanged."),
     ] = None,
 ) -> None:
-    """Correct the labels of runs; their ledgers keep the old labels."""
+    """Correct the labels of runs; the ledgers keep the old labels."""
     from daq.store import relabel as relabel_run
 
     if test is None and direction is None and operator is None and placement is None:

@@ -1,5 +1,6 @@
-"""Several runs or files in one command, as a person types them: each once, with its doubts on standard error before
-anything is computed; a failure costs only its own part, and the exit code reports it."""
+"""Commands on several runs or files: duplicates are dropped, remarks on the data precede the results, and a failure
+affects only that item and the exit code.
+"""
 
 from __future__ import annotations
 
@@ -20,9 +21,9 @@ if TYPE_CHECKING:
 
 
 def for_each(paths: Iterable[Path], work: Callable[[Path], None]) -> None:
-    """Do the work for each path, once where a path is given twice.
+    """Do the work for each distinct path.
 
-    An error is reported as it happens, and the rest goes on. Raises typer.Exit with the highest exit code of all.
+    Errors are reported immediately, and the remaining paths continue. Raises typer.Exit with the highest exit code.
     """
     codes = [0]
     for path in dict.fromkeys(paths):
@@ -37,13 +38,13 @@ def for_each(paths: Iterable[Path], work: Callable[[Path], None]) -> None:
 
 
 def end_with(code: int) -> None:
-    """End the command with an exit code; 0 lets it go on. Raises typer.Exit."""
+    """End the command with an exit code other than 0. Raises typer.Exit."""
     if code:
         raise typer.Exit(code)
 
 
 def worst(errors: Iterable[RigError]) -> int:
-    """The highest exit code of errors, 0 of none."""
+    """Return the highest exit code of errors; 0 for an empty list."""
     return max((error.exit_code for error in errors), default=0)
 
 
@@ -56,10 +57,10 @@ def over_runs(
     jobs: int = 1,
     scheduler: str | None = None,
 ) -> list[RigError]:
-    """Do the work for each run, wherever, and use its value as soon as it and those before it are there.
+    """Do the work for each run, possibly elsewhere, and use the values in the order of the runs as soon as possible.
 
-    doing: in words, for a terminal. An error is reported as it comes, and the rest goes on. Returns the errors. Raises
-    StoreLost where a store does not answer any more, since the rest would fail as well.
+    doing: description for the terminal. Errors are reported immediately and returned; the remaining runs continue.
+    Raises StoreLost if a store stops responding, since all further runs would fail.
     """
     from analysis.cli.console import progress_of
     from analysis.runs.batch.each import each
@@ -94,9 +95,10 @@ def over_runs(
 def evaluated(
     runs: Sequence[Path], *, jobs: int = 1, scheduler: str | None = None, with_rows: bool = True
 ) -> tuple[list[Result], list[RigError]]:
-    """The results of the runs that can be evaluated, as `evaluate_runs` gives them, and the errors of the others.
+    """Return the results of evaluable runs, as from `evaluate_runs`, and the errors of the others.
 
-    with_rows: keep the rows of each run; figures and doubts alone take some 0.2 MB a run."""
+    with_rows: keep the rows of each run. Figures and remarks by themselves take some 0.2 MB per run.
+    """
     from analysis.procedures.results import (
         borrowers,
         evaluated_again,
@@ -124,12 +126,12 @@ def evaluated(
 
 
 def distinct(paths: Iterable[Path]) -> dict[Path, None]:
-    """Each path once, in the order given."""
+    """Return distinct paths in the given order."""
     return dict.fromkeys(path.resolve() for path in paths)
 
 
 def runs_below(paths: Iterable[Path], scheduler: str | None = None) -> list[Path]:
-    """The runs that the paths stand for; absolute for a cluster, whose workers have directories of their own."""
+    """Return the runs at or below paths; absolute for a cluster, since the workers run in other directories."""
     from analysis.cli.console import progress_of
     from analysis.runs.batch.run_directories import run_directories
 
@@ -138,18 +140,18 @@ def runs_below(paths: Iterable[Path], scheduler: str | None = None) -> list[Path
 
 
 _TABLES = (".csv", ".tsv", ".txt", ".xlsx", ".dat")
-"""How the names of tables end, which stand in the place of runs."""
+"""Suffixes of tables accepted in place of runs."""
 _imported: list[TemporaryDirectory[str]] = []
-"""Where tables were imported to for one command; each is removed as the command ends."""
+"""Temporary directories of tables imported for this command; each is removed when the command ends."""
 
 
 def with_tables(paths: Iterable[Path], rig_file: str | None) -> list[Path]:
-    """Return the paths, each table among them as a run that lasts as long as the command. Raises FileError."""
+    """Return the paths with tables replaced by temporary runs, which exist until the command ends. Raises FileError."""
     return [_run_of(path, rig_file) if path.suffix.lower() in _TABLES and path.is_file() else path for path in paths]
 
 
 def _run_of(table: Path, rig_file: str | None) -> Path:
-    """Import a table, whose test its columns say, into a temporary directory; return that of its run."""
+    """Import a table to a temporary run and return the run directory. The columns determine the test."""
     from analysis.api import read_table, save_run
 
     if rig_file is None:
@@ -164,7 +166,7 @@ def _run_of(table: Path, rig_file: str | None) -> Path:
 def load_runs(
     paths: Iterable[Path], *, jobs: int = 1, scheduler: str | None = None
 ) -> tuple[list[Measured], list[RigError]]:
-    """The runs that can be read, their doubts written to standard error, and the errors of the others."""
+    """Return the readable runs and the errors of the others, and print remarks on the runs to standard error."""
     from analysis.runs.loading import load_measured
 
     runs: list[Measured] = []
@@ -174,7 +176,7 @@ def load_runs(
 
 
 def say_doubts(runs: Iterable[Measured]) -> None:
-    """Print what a person should know of each run before it is used, on standard error."""
+    """Print remarks on each run to standard error before it is used."""
     from analysis.procedures.checks.check_runs import doubts_of
 
     for run in runs:

@@ -1,4 +1,4 @@
-"""Correction: use of the effects in a rig file by a cell.
+"""Correction of a robot by the effects in a rig file.
 
-effects → correctable or not, and how → zeros and link constants, corrected targets of a path
+The chain: effects, their use for a correction, corrected zeros and link constants, corrected targets of a path.
 """

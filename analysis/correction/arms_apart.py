@@ -1,7 +1,7 @@
-"""Compare two arms of one model pose by pose: the distance between their tools at equal joint angles.
+"""Comparison of two arms of the same model: the distance between their tools at equal joint angles.
 
-This answers whether a program can be moved from one arm to the other. In the robots' bases it is the complete
-difference; with frame and tool taught for each arm, the remaining one.
+It shows whether a program can be moved from one arm to the other. The complete difference refers to the robot bases,
+the remaining difference to frame and tool taught for each arm.
 """
 
 from __future__ import annotations
@@ -24,22 +24,20 @@ from rigs.schema.robot import Pose
 _POSTURES = 200
 """Chosen: the rms is then certain to 5 %."""
 _OTHER_MODEL_MM = 20.0
-"""Arms of one model, calibrated or not, agree within some mm; beyond this limit the nominal constants belong to two
-models."""
+"""Limit of the difference between arms of the same model in mm. Arms of a model, calibrated or not, agree within
+some mm.
+"""
 _CONSTANTS = (("zero_deg", "offset"), ("a_mm", "a"), ("d_mm", "d"), ("alpha_deg", "alpha"), ("beta_deg", "beta"))
 
 
 @dataclass(frozen=True)
 class ArmsApart:
-    """Tool of `other` less that of `rig`, in the bases of the arms, with the tool of `rig` on both.
+    """Tool of `other` minus tool of `rig` in the bases of the arms, with the tool of `rig` on both.
 
     q_deg (n, axes): postures within the limits of both arms, and within the joint angles of their runs if known.
-    apart_mm (n, 3),
-    turned_deg (n,): differences of position and orientation. taught_mm (n,): remaining position difference with frame
-    and tool
-    taught. u_mm (n,): standard uncertainty of the difference, NaN if unknown for an arm. constants: differing constants
-    by axis.
-    doubts: as text.
+    apart_mm (n, 3), turned_deg (n,): differences of position and orientation. taught_mm (n,): remaining position
+    difference with frame and tool taught. u_mm (n,): standard uncertainty of the difference, NaN if unknown for an arm.
+    constants: differing constants by axis. doubts: as text.
     """
 
     names: tuple[str, str]
@@ -91,10 +89,10 @@ class ArmsApart:
 
 
 def arms_apart(rig: Rig, second: Rig) -> ArmsApart:
-    """Return the difference between two arms of one model. Raises FileError for different models."""
+    """Return the difference between two arms of the same model. Raises FileError for different models."""
 
     def mounted(robot_of: Rig) -> CalibratedArm:
-        """Return an arm at the origin, with the tool of the first: both are compared relative to their bases."""
+        """Return an arm at the origin with the tool of the first arm, to compare both relative to their bases."""
         bare = {"base": Pose(), "tool": rig.robot.tool, "rail": None}
         robot = robot_of.robot.model_copy(update=bare)
         return CalibratedArm(robot_of.model_copy(update={"robot": robot}))
@@ -129,7 +127,7 @@ def arms_apart(rig: Rig, second: Rig) -> ArmsApart:
 
 
 def _postures(*arms: CalibratedArm) -> Array:
-    """Return postures (n, axes) in degrees possible for all arms. Raises FileError if there are none."""
+    """Return postures (n, axes) in degrees possible for all arms. Raises FileError if none exist."""
     robots = [arm.rig.robot for arm in arms]
     if len({len(robot.axes) for robot in robots}) > 1:
         problem = f"its arm has {len(robots[1].axes)} axes, that of {arms[0].rig.name} has {len(robots[0].axes)}"

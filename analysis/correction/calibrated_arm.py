@@ -1,7 +1,7 @@
-"""The calibrated arm as a function: tool pose from joint angles, and joint angles from a tool pose.
+"""The calibrated arm: tool pose from joint angles, and joint angles from a tool pose.
 
 Both refer to the real arm: all posture-dependent effects are included; backlash and time-dependent effects are not. The
-uncertainty includes these, the uncertainty of the calibration, and its unexplained error.
+uncertainty includes the excluded effects, the uncertainty of the calibration, and the unexplained error.
 """
 
 from __future__ import annotations
@@ -31,9 +31,10 @@ from rigs.rig import Rig
 from rigs.schema.vocabulary import DRIVEN_AXES
 
 _SEEDS = 128
-"""Start postures for an arm without a list of branches, in addition to the given one. Measured: of 100 random postures
-of an FR3, an iiwa 14 and a WAM 128 starts reach all within the limits, 32 reach 99, 100 and 98, and 8 reach 70, 94 and
-91; 65 to 165 ms per pose."""
+"""Number of start postures for an arm without closed-form branches, in addition to the given posture. Measured for
+100 random postures of an FR3, an iiwa 14 and a WAM: 128 starts reach all within the limits, 32 reach 99, 100 and
+98, and 8 reach 70, 94 and 91. A pose takes 65 to 165 ms.
+"""
 _ORTHONORMAL = 1e-6
 """Permitted deviation of rotation rows from orthonormality: rounding to ten digits."""
 _ONE_FRAME = 2
@@ -60,7 +61,7 @@ class ArmPoses:
 class ArmAngles:
     """Joint angles of poses.
 
-    q_deg (n, axes): NaN if there are none within the limits. reached (n,): mask of solutions. u_mm, covered: as in
+    q_deg (n, axes): NaN if no solution lies within the limits. reached (n,): mask of solutions. u_mm, covered: as in
     ArmPoses, at these angles. turned_deg (n,): rotation from the requested orientation, unavoidable for some arms with
     fewer than six axes; 0 with six.
     """
@@ -74,13 +75,16 @@ class ArmAngles:
 
 @dataclass(frozen=True)
 class CalibratedArm:
-    """Arm of a rig file with all effects found, in its file and in its calibration."""
+    """Arm of a rig file with all effects found, from the file and from the calibration."""
 
     rig: Rig
 
     def forward(self, q_deg: Array) -> ArmPoses:
-        """Return the poses of the tool at joint angles q_deg (n, axes), or (axes,) of one posture, as the controller
-        reports them; of an arm on a rail a column more, where it stands in m. Raises FileError for another number."""
+        """Return the tool poses at joint angles q_deg (n, axes), or (axes,) for a single posture, as reported by the
+        controller.
+
+        For an arm on a rail, an additional column contains the rail position in m. Raises FileError for other shapes.
+        """
         angles = _numbers(q_deg, "q_deg")
         angles = angles[None] if angles.ndim == 1 else angles
         widths = (self._axes, self._axes + 1) if self.rig.robot.rail else (self._axes,)
@@ -92,12 +96,12 @@ class CalibratedArm:
         return ArmPoses(tool_poses(self._model, q), self._u_mm(q), covered(self._known, q))
 
     def inverse(self, T: Array, near_deg: Array | None = None) -> ArmAngles:
-        """Return joint angles that put the tool of the calibrated arm at poses T (n, 4, 4), or (4, 4), lengths in mm.
+        """Return joint angles that move the tool of the calibrated arm to poses T (n, 4, 4), or (4, 4), lengths in mm.
 
-        Of several postures the one nearest to near_deg (axes,) is taken, or the middle of the limits; each pose after
-        the first is solved near the one before. Arms of seven axes keep as near to it as the pose allows. Those of
-        fewer than six take the place, with the turn that is nearest to what was asked. Raises FileError for frames that
-        are none.
+        Among several postures, the solution nearest to near_deg (axes,) is selected, by default the middle of the
+        limits. Each further pose is solved near the previous solution. Arms of seven axes stay as near to it as the
+        pose allows. Arms of fewer than six axes reach the place with the closest possible orientation. Raises FileError
+        for invalid frames.
         """
         poses = _numbers(T, "T")
         poses = poses[None] if poses.ndim == _ONE_FRAME else poses
@@ -126,7 +130,7 @@ class CalibratedArm:
 
     @cached_property
     def _model(self) -> Model:
-        """Return the model with all posture-dependent effects; its URDF contains their geometric part."""
+        """Return the model with all posture-dependent effects; the exported URDF contains the geometric part."""
         whole = model_of(self.rig)
         return replace(whole, effects=tuple(effect for effect in whole.effects if effect.compensation().use != "none"))
 
@@ -192,7 +196,7 @@ class CalibratedArm:
 
 
 def _numbers(values: Array, name: str) -> Array:
-    """Return an array of numbers. Raises FileError for what is none."""
+    """Return an array of numbers. Raises FileError for other values."""
     try:
         return np.array(values, dtype=float)
     except (TypeError, ValueError):

@@ -1,8 +1,8 @@
 """Corrected targets: commands that move the real arm to the positions commanded to the nominal arm.
 
-The real arm is the model with the correctable effects. The command is shifted by the error of the real arm until it
-vanishes; effects are small, so each round leaves about a thousandth. The controller is assumed to use the nominal arm,
-so a corrected pose is the pose of the nominal arm at the corrected angles.
+The real arm is the model with the correctable effects. The command is shifted by the error of the real arm until the
+error vanishes. Because effects are small, each round leaves about a thousandth. The controller is assumed to use the
+nominal arm, so a corrected pose is the pose of the nominal arm at the corrected angles.
 """
 
 from __future__ import annotations
@@ -49,21 +49,21 @@ _REACHED = 1e-6
 """Error in mm, with a radian counted as 1 m, of a reached target: 1 nm, below any resolution."""
 _SINGULAR = "cannot be corrected: the arm is at a singularity"
 _FEWEST_TAUGHT = 4
-"""Minimum targets for teaching a frame: three determine one without showing its error."""
+"""Minimum number of targets for teaching a frame: three determine a frame but do not show its error."""
 
 
 GAIN_UM = 1.0
-"""Minimum gain of a correction. Chosen: below any robot's repeatability."""
+"""Minimum gain of a correction in µm. Chosen: below the repeatability of any robot."""
 
 
 @dataclass(frozen=True)
 class WorkError:
-    """Rms position error of the tool over the work area of a rig, or over targets, in µm, in a frame taught with the
-    robot there.
+    """Rms position error of the tool over the work area of a rig, or over targets, in µm, in a frame taught there with
+    the robot.
 
-    `before_um`: without correction. `after_um`: with corrected targets, the standard uncertainty, including `u_um` of
-    the model and the uncorrectable error. `model_um`: correctable part. `base`: the same in the robot's base.
-    `base_u_um`: contribution of the arm's position on its base to the uncertainty. `unknown`: share of postures not
+    `before_um`: uncorrected. `after_um`: with corrected targets, the standard uncertainty, including `u_um` of the
+    model and the uncorrectable error. `model_um`: correctable part. `base`: the same errors in the robot's base.
+    `base_u_um`: contribution of the arm's position on the base to the uncertainty. `unknown`: share of postures not
     covered by runs, for which these figures are estimates of the model.
     """
 
@@ -80,7 +80,7 @@ class WorkError:
         """Return the error of positions displaced by sizes_mm (5, n) mm.
 
         Rows: displacement in the base and in a taught frame, uncertainties in both, and uncorrectable part. inside:
-        mask of covered ones.
+        mask of covered positions.
         """
         off_mm, taught_mm, u_mm, u_frame_mm, stays_mm = sizes_mm
 
@@ -108,7 +108,7 @@ class InBase:
 
 @dataclass(frozen=True)
 class NotCorrected:
-    """Unchanged target: index from 0, and the reason as a value and as text with the target as its subject."""
+    """Unchanged target: index from 0, reason as a value, and reason as text with the target as the subject."""
 
     place: int
     reason: Reason
@@ -119,17 +119,14 @@ class NotCorrected:
 class Corrected:
     """Targets of a path with their corrections.
 
-    `done` (n,): mask of corrected targets; `left`: the others. `q` (n, 6) rad: corrected angles. `T` (n, 4, 4): poses
-    of the
-    nominal arm at them. `missed_mm` (n,): error caused by the corrected effects. `left_out_mm` (n, e): rms error of
-    each
-    uncorrected effect, named in left_out (e,). `u_mm` (n,): standard uncertainty of the position in the robot's base,
-    from the
-    model and from uncorrected effects; `u_frame_mm` (n,): in a frame taught with the robot over these targets. All are
-    NaN for
-    uncorrected targets, both u also if not `covered` (n,), None if unknown. `unknown` (n,): reason, empty if covered.
-    `doubts`:
-    about all targets, as text. `error`: at the corrected and covered targets, None if there are none.
+    `done` (n,): mask of corrected targets; `left`: the remaining targets. `q` (n, 6) rad: corrected angles. `T` (n, 4,
+    4): poses of the nominal arm at these angles. `missed_mm` (n,): error caused by the corrected effects. `left_out_mm`
+    (n, e): rms error of each uncorrected effect, named in left_out (e,).
+
+    `u_mm` (n,): standard uncertainty of the position in the robot's base, from the model and from uncorrected effects.
+    `u_frame_mm` (n,): the same in a frame taught with the robot over these targets. All are NaN for uncorrected
+    targets, both u also if not `covered` (n,), None if unknown. `unknown` (n,): reason, empty if covered. `doubts`:
+    about all targets, as text. `error`: at the corrected and covered targets, None if none exist.
     """
 
     q: Array
@@ -200,7 +197,7 @@ def corrected(rig: Rig, supported: Sequence[Support], q: Array, unsolved: Sequen
 def corrected_angles(
     rig: Rig, supported: Sequence[Support], q: Array, unsolved: Sequence[NotCorrected] = ()
 ) -> tuple[Array, Mask, list[NotCorrected]]:
-    """Return only the corrected angles (n, 6) rad, their mask (n,), and the uncorrected targets, as for `corrected`."""
+    """Return only the corrected angles (n, 6) rad, the mask (n,), and the uncorrected targets, as for `corrected`."""
     model = model_of(rig, used_effects(rig, supported))
     skipped = {target.place: target for target in unsolved}
     beyond = _beyond_limits(model.arm, q)
@@ -224,11 +221,11 @@ def corrected_angles(
 
 
 def reached_angles(model: Model, wanted: Array, q: Array) -> tuple[Array, Mask]:
-    """Return angles (n, axes) rad with the tool of a model at poses `wanted` (n, 4, 4), lengths in mm, and their mask
-    (n,).
+    """Return angles (n, axes) rad with the tool of a model at poses `wanted` (n, 4, 4), lengths in mm, and the mask
+    (n,) of solutions.
 
-    Starts at q (n, axes) rad, where the nominal arm is close to `wanted`. With fewer than six axes the position is
-    reached with the closest possible orientation.
+    The search starts at q (n, axes) rad, where the nominal arm is close to `wanted`. With fewer than six axes, the
+    position is reached with the closest possible orientation.
     """
     if model.arm.axes < DRIVEN_AXES:
         return newton_in_part(model.arm, wanted, q, lambda angles: tool_poses(model, angles))
@@ -248,9 +245,9 @@ def reached_angles(model: Model, wanted: Array, q: Array) -> tuple[Array, Mask]:
 
 
 def angles_for(rig: Rig, poses: Array) -> tuple[Array, list[NotCorrected]]:
-    """Return nominal angles (n, 6) rad of target poses (n, 4, 4), and the unreachable ones, with NaN angles.
+    """Return nominal angles (n, 6) rad of target poses (n, 4, 4), and the unreachable targets, with NaN angles.
 
-    The first is closest to the posture of the rig's tests, each other closest to the previous one.
+    The first solution is closest to the posture of the rig's tests, each further solution closest to the previous.
     """
     arm = arm_of(rig.robot)
     solutions = inverse(arm, poses)
@@ -305,7 +302,7 @@ def _turned(rig: Rig, supported: Sequence[Support], q: Array, at: Array) -> list
 
 
 def _beyond_limits(arm: Arm, q: Array) -> list[NotCorrected]:
-    """Return the targets at angles q (n, 6) rad with a joint beyond its limits."""
+    """Return the targets at angles q (n, 6) rad with a joint beyond the limits."""
     joints = q[:, : arm.axes]
     outside = (joints < arm.limits[:, 0] - 1e-9) | (joints > arm.limits[:, 1] + 1e-9)
     beyond: dict[int, NotCorrected] = {}

@@ -1,5 +1,6 @@
-"""Deviation of a robot from its commanded path, before and after a correction, stored by sessions and shown on
-pages."""
+"""Deviation of a robot from the commanded path, before and after a correction, stored by sessions and shown on
+pages.
+"""
 
 from __future__ import annotations
 
@@ -17,8 +18,8 @@ Count = Annotated[int, Field(ge=0)]
 
 
 class Deviation(Part):
-    """Deviation of the tool from the program, in µm of the readings with fitted set-ups: rms and maximum over a number
-    of runs.
+    """Deviation of the tool from the program, in µm of the readings with fitted set-ups: rms and maximum over several
+    runs.
 
     u_um: standard uncertainty of the rms.
     """
@@ -30,7 +31,7 @@ class Deviation(Part):
 
 
 class Expected(Part):
-    """Expected remaining error of a correction, µm rms, with its standard uncertainty by the model, None if unknown."""
+    """Expected remaining error of a correction, µm rms, with the standard uncertainty by the model, None if unknown."""
 
     um: float
     u_um: float | None
@@ -44,9 +45,9 @@ class Expected(Part):
 
 
 class Work(Part):
-    """Position error of the tool over the work area of the rig file, µm rms, without and with the correction.
+    """Position error of the tool over the work area of the rig file, µm rms, uncorrected and corrected.
 
-    u_um: standard uncertainty of the model there, part of after_um. unknown: share of the work area not covered by
+    u_um: standard uncertainty of the model there, included in after_um. unknown: share of the work area not covered by
     runs, for which both are estimates of the model.
     """
 
@@ -58,7 +59,7 @@ class Work(Part):
 
 @dataclass(frozen=True)
 class Side:
-    """Error on the same circle or at a second place: before and after, None without later runs, and the expectation."""
+    """Error on the same circle or at a second place: before, after (None if there are no later runs), and expected."""
 
     place: Literal["same", "elsewhere"]
     before: Deviation

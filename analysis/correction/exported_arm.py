@@ -30,8 +30,8 @@ _SPRING = "deg_per_Nm"
 def joint_traits(rig: Rig, friction_nm: Mapping[int, float] | None = None) -> JointTraits:
     """Return the well-known backlash and the compliance of a rig's model, named and calibrated.
 
-    friction_nm: Coulomb friction of joints in Nm, by axis from 1. Terms of one axis add up; a sum that is not positive
-    is not a compliance and is left out.
+    friction_nm: Coulomb friction of joints in Nm, by axis from 1. Terms of the same axis add up; a sum that is not
+    positive is not a compliance and is dropped.
     """
     play_deg, soft = defaultdict[int, float](float), defaultdict[int, float](float)
     for effect in known_plays(rig):
@@ -46,9 +46,9 @@ def joint_traits(rig: Rig, friction_nm: Mapping[int, float] | None = None) -> Jo
 
 
 def friction_nm(friction: Mapping[int, Friction], nm_per_a: Sequence[float]) -> dict[int, float]:
-    """Return joint friction in Nm, by axis from 1, from its current and the torque constant.
+    """Return joint friction in Nm, by axis from 1, computed from motor current and torque constant.
 
-    Raises UseError for an axis without a constant.
+    Raises UseError if an axis has no constant.
     """
     if friction and max(friction) > len(nm_per_a):
         problem = f"has {len(nm_per_a)} numbers, and the run shows the friction of axis {max(friction)}"
@@ -72,14 +72,15 @@ def _axis(effect: Effect) -> int:
 
 
 _OF_THE_ARM: tuple[Stage, ...] = ("arm", "joint", "tool")
-"""Stages with an influence on the tool; the others concern clocks, ball and gauges."""
+"""Stages with an influence on the tool; the other stages concern clocks, ball and gauges."""
 
 
 @dataclass(frozen=True)
 class GeometricShare:
     """Rms tool displacement over the work area, in µm: of all effects, and remaining with the arm's constants.
-    left_out: effects
-    not represented by constants."""
+
+    left_out: effects that constants cannot represent.
+    """
 
     all_um: float
     left_um: float
@@ -111,9 +112,9 @@ def geometric_share(model: Model) -> GeometricShare:
 
 
 def simulated_arm(rig: Rig, arm: Arm, where: str, carried: str, friction: Mapping[int, float]) -> tuple[str, str]:
-    """Return an arm as a MuJoCo model including the joint properties, and its content as sentences, `carried` first.
+    """Return an arm as a MuJoCo model including the joint properties, and a description that starts with `carried`.
 
-    where: rig file, for errors. friction: of the joints in Nm, by axis from 1. Raises like `mjcf_text`.
+    where: rig file, for errors. friction: of the joints in Nm, by axis from 1. Raises the errors of `mjcf_text`.
     """
     traits = joint_traits(rig, friction)
     parts = [

@@ -1,11 +1,9 @@
-"""Backlash compensation in a program: a link lags behind its joint by half the backlash, so the command leads by as
-much.
+"""Backlash compensation in a program: a link lags behind its joint by half the backlash, so the command leads by that
+amount.
 
-For a single target the direction of approach is unknown; in a program the side of each link is known at each target
-(like
-reversal compensation of machine tools, ISO 230-1). If a joint reverses between two targets, its link crosses the
-backlash
-on the way instead of immediately: this part remains.
+For a single target the approach direction is unknown, but in a program the side of each link is known at each target
+(like reversal compensation of machine tools, ISO 230-1). If a joint reverses between two targets, the link crosses the
+backlash on the way and not immediately. This part of the error remains.
 """
 
 from __future__ import annotations
@@ -17,7 +15,7 @@ from rigs.schema.effect import is_play
 
 
 def known_plays(rig: Rig) -> tuple[Effect, ...]:
-    """Return the backlash effects of a rig file and its calibrated model known well enough for a program.
+    """Return the backlash effects of a rig file and the calibrated model that are known well enough for a program.
 
     Certain backlash is corrected whether or not it is larger than usual.
     """

@@ -1,10 +1,10 @@
-"""Uncertainty of the tool pose, as required by corrections from any model.
+"""Uncertainty of the tool pose for corrections from any model.
 
 A correction needs tool displacements at joint angles, each of one standard uncertainty, and the range in which the runs
-support them. Elsewhere the uncertainty is unknown, and no figure is given.
+support them. Outside this range the uncertainty is unknown, and no figure is given.
 
-A term turns a joint, changes a constant or moves the tool, and the pose changes by its derivative times the uncertainty
-of the term. Derivatives by joints are computed once, because most of a thousand terms turn a joint.
+A term turns a joint, changes a constant or moves the tool. The pose changes by the derivative times the uncertainty of
+the term. Derivatives by joints are computed once, because most of a thousand terms turn a joint.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _ROWS = 128
 
 @dataclass(frozen=True)
 class CalibratedUncertainty:
-    """Uncertainty of a rig from the covariance of its calibrated model and, independently, of other effects."""
+    """Uncertainty of a rig from the covariance of the calibrated model and, independently, of other effects."""
 
     rig: Rig
     calibrated: CalibratedModel
@@ -47,7 +47,7 @@ class CalibratedUncertainty:
 
     @cached_property
     def _kept(self) -> list[int]:
-        """Return the parameters of posture-dependent terms that move the tool."""
+        """Indices of the parameters of posture-dependent terms, which move the tool."""
         terms = self.calibrated.terms
         return [
             k
@@ -57,7 +57,7 @@ class CalibratedUncertainty:
 
     @cached_property
     def _root(self) -> Array:
-        """Return a root (p, r) of the covariance of the kept parameters."""
+        """Root (p, r) of the covariance of these parameters."""
         rows = self.calibrated.root[self._kept]
         values, vectors = np.linalg.eigh(rows @ rows.T)
         root: Array = vectors * np.sqrt(np.maximum(values, 0.0))
@@ -105,8 +105,9 @@ class CalibratedUncertainty:
 
     @property
     def unexplained_mm(self) -> float:
-        """Unexplained rms position error where a diagnosis validated the model: equal in three coordinates, and varying
-        between places, so that a taught frame cannot remove it."""
+        """Unexplained rms position error from the validation in a diagnosis. It is equal in all three coordinates
+        and varies between places, so a taught frame cannot remove it.
+        """
         judged = self.calibrated.judged
         return 0.0 if judged is None else np.sqrt(3.0) * judged.unexplained_um / 1e3
 
@@ -117,9 +118,9 @@ class CalibratedUncertainty:
         return joints if rail is None else np.vstack([joints, np.array(rail) / RAIL_MM])
 
     def is_within_reach(self, q: Array) -> Mask:
-        """Return a mask (n,) of balls no further from touched sockets than validated, at joint angles q (n, 6) rad.
+        """Return a mask (n,) of postures q (n, 6) rad with the ball no further from touched sockets than validated.
 
-        True for measurements by an instrument, false for a model that must not be used for correction.
+        True for runs measured with an instrument, false for a model that must not be used for correction.
         """
         reach_mm, judged = self.calibrated.reach_mm, verdict_of(self.calibrated) == "correct"
         if reach_mm is None or not judged:
@@ -151,8 +152,9 @@ class PoseUncertainty(Protocol):
         angles q (n, 6) rad: their sum of squares is the covariance."""
 
     def is_within_reach(self, q: Array) -> Mask:
-        """Return a mask (n,) of tool positions within the validated distance from the measured ones, at joint angles
-        q (n, 6) rad."""
+        """Return a mask (n,) of tool positions within the validated distance from measured positions, at joint
+        angles q (n, 6) rad.
+        """
 
     @property
     def joints_rad(self) -> Array | None:
@@ -160,12 +162,12 @@ class PoseUncertainty(Protocol):
 
     @property
     def unexplained_mm(self) -> float:
-        """Unexplained rms position error beyond the covariance, from the validation; 0 without one."""
+        """Unexplained rms position error in mm beyond the covariance, from the validation; 0 if not validated."""
 
 
 @dataclass(frozen=True)
 class EffectsUncertainty:
-    """Uncertainty of a rig from that of the effects in its rig file, with correlations."""
+    """Uncertainty of a rig from the effects in the rig file, with correlations."""
 
     rig: Rig
     supported: tuple[Support, ...]
@@ -197,7 +199,7 @@ class EffectsUncertainty:
 
     @property
     def unexplained_mm(self) -> float:
-        """Always None: the effects were not validated together."""
+        """Always 0: the effects were not validated together."""
         return 0.0
 
     def is_within_reach(self, q: Array) -> Mask:
@@ -206,7 +208,7 @@ class EffectsUncertainty:
 
     @property
     def joints_rad(self) -> Array | None:
-        """Joint ranges (6, 2) rad common to the runs of all effects, None if no effect has any."""
+        """Joint ranges (6, 2) rad common to the runs of all effects; None if all are unknown."""
         effects = used_effects(self.rig, self.supported)
         ranges_deg = [effect.found.joints_deg for effect in effects if effect.found and effect.found.joints_deg]
         if not ranges_deg:
@@ -217,8 +219,7 @@ class EffectsUncertainty:
 
 
 def pose_uncertainty(rig: Rig, supported: Sequence[Support]) -> PoseUncertainty:
-    """Return the uncertainty of a rig's model: of its calibration, and of effects of its file outside the
-    calibration."""
+    """Return the uncertainty of a rig's model: of the calibration, and of effects outside the calibration."""
     if rig.calibrated is None:
         return EffectsUncertainty(rig, tuple(supported))
     held_labels = {label_of(effect) for effect in named_in(rig.calibrated)}
@@ -229,7 +230,7 @@ def pose_uncertainty(rig: Rig, supported: Sequence[Support]) -> PoseUncertainty:
 def position_u_mm(uncertainty: PoseUncertainty, q: Array) -> Array:
     """Return the standard uncertainty (n,) mm of the tool position at joint angles q (n, 6) rad.
 
-    Root of the trace of its covariance, plus the unexplained error.
+    It is the root of the trace of the covariance plus the squared unexplained error.
     """
     parts = [uncertainty.pose_displacements(q[k : k + _ROWS])[:, :, :3] for k in range(0, len(q), _ROWS)]
     squares = [np.zeros(0), *((moves**2).sum(axis=(0, 2)) for moves in parts)]

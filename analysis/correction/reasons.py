@@ -1,4 +1,4 @@
-"""Why a target of a program is left as it stands."""
+"""Reasons for targets of a program that stay uncorrected."""
 
 from __future__ import annotations
 
@@ -78,4 +78,4 @@ WHY: dict[Reason, str] = {
     "too_large": "would move by more than is plausible for a correction",
     "changes_flags": "would get another posture or turn than its flags say: touch it up by hand",
 }
-"""Completes a sentence whose subject is the target."""
+"""Predicates that complete a sentence with the target as the subject."""

@@ -1,7 +1,8 @@
-"""Correctable effects of a rig file, reasons for the others, and corrected joint zeros and link constants.
+"""Correctable effects of a rig file, reasons for the uncorrectable effects, and corrected joint zeros and link
+constants.
 
 A target can compensate posture-dependent effects, but not effects of direction, time or instruments. An effect not
-significantly different from zero is not corrected. Several effects on one constant (a second diagnosis adds to the
+significantly different from zero is not corrected. Several effects on the same constant (a second diagnosis adds to the
 first) are summed, with uncertainties added in quadrature.
 
 If the diagnosis says *correct nothing* (`rigs.calibration.verdict_of`), a correction is refused, or written and marked.
@@ -31,8 +32,9 @@ _HOW: dict[Use, str] = {
 
 @dataclass(frozen=True)
 class Support:
-    """Use of an effect for a correction: `value` and `u`, size and standard uncertainty in its own unit, u NaN if
-    unknown; `reason`: explanation."""
+    """Use of an effect for a correction. `value` and `u`: size and standard uncertainty in the unit of the effect, u
+    NaN if unknown. `reason`: explanation.
+    """
 
     effect: Effect
     value: float
@@ -51,8 +53,10 @@ def supports(rig: Rig) -> list[Support]:
 
 
 def supports_beside(rig: Rig) -> list[Support]:
-    """Return every effect named by the diagnosis but only part of the calibration, with its use: certain, and not
-    larger than usual."""
+    """Return the effects outside the named ones of a diagnosis that are part of the calibration, with their use.
+
+    These effects are certain, and not larger than usual.
+    """
     if rig.calibrated is None:
         return []
     terms = [(rig.calibrated.terms[parameter.term], parameter.field) for parameter in rig.calibrated.parameters]
@@ -84,15 +88,18 @@ def _support(effect: Effect, u: float, *, from_calibration: bool = False) -> Sup
 
 
 CERTAIN_U = 2.0
-"""Number of standard uncertainties that counts as certain: a smaller gain is not shown, and the action may do harm."""
+"""Number of standard uncertainties from which an effect counts as certain. The gain of a smaller effect is not
+shown, and the act may do harm.
+"""
 CONSTANTS = ("a_mm", "alpha_deg", "beta_deg", "d_mm", "offset_deg")
 """Columns of a table of constants, named as in the rig file."""
 
 
 @dataclass(frozen=True)
 class Correction:
-    """Number to change: axis from 1, key as in the rig file, in mm or degrees, and the change `delta` with its standard
-    uncertainty `u`."""
+    """A number to change: axis from 1, key as in the rig file, in mm or degrees, and change `delta` with standard
+    uncertainty `u`.
+    """
 
     axis: int
     key: str
@@ -107,7 +114,7 @@ class Correction:
 
 
 def joint_zeros(rig: Rig, supported: Sequence[Support]) -> list[Correction]:
-    """Return the changes of the controller's joint angles at an unchanged posture, for mastering."""
+    """Return the changes of the controller's joint angles in an unchanged posture, for mastering."""
     return _summed(supported, "joint zero", {axis: {"q_deg": 0.0} for axis in range(1, len(rig.robot.axes) + 1)})
 
 
@@ -127,7 +134,7 @@ def corrected_table(rig: Rig, corrections: Sequence[Correction]) -> list[dict[st
 
 
 def _summed(supported: Sequence[Support], use: Use, nominal: dict[int, dict[str, float]]) -> list[Correction]:
-    """Return the corrections of one use, by axis and key."""
+    """Return the corrections for a given use, by axis and key."""
     places: dict[tuple[int, str], list[Support]] = {}
     for support in supported:
         if support.use == use and (place := support.effect.compensation().constant):

@@ -1,8 +1,7 @@
-"""The calibrations of a robot as versions: rig files that name a calibration, each as a diagnosis left it.
+"""Versions of a robot's calibration: rig files with a calibration, as written by diagnoses.
 
-A version is a rig file with its calibration: the effects that the file names were found beside those that the
-calibration holds, and neither is right without the other. Nothing is thrown away: what a version replaces stays beside
-it under a name with its date.
+A version consists of a rig file and a calibration. The effects in the file were found together with the calibration,
+and neither is valid without the other. No file is deleted: the replaced version is kept under a name with the date.
 """
 
 from __future__ import annotations
@@ -21,12 +20,12 @@ from rigs.load import load
 from rigs.rig import Rig
 
 _MOST = 10_000
-"""YAML files below a folder: one of more is not that of a robot's calibrations."""
+"""Maximum number of YAML files below a folder; more indicate the wrong folder."""
 
 
 @dataclass(frozen=True)
 class Version:
-    """A rig file with its calibration. in_use: whether the rig file that was asked about has the same calibration."""
+    """A rig file with its calibration. in_use: the current rig file has the same calibration."""
 
     path: Path
     calibrated: CalibratedModel
@@ -35,9 +34,11 @@ class Version:
 
 
 def versions(rig_file: Path, folder: Path) -> list[Version]:
-    """Return the calibrations below a folder of the arm of a rig file, the newest first; what is not a rig file, of
-    another robot or without a calibration is no version. Raises FileError where the rig file cannot be read, and for a
-    folder of too many files."""
+    """Return the calibrations below a folder for the arm of a rig file, newest first.
+
+    Other files, other robots and rig files without a calibration are skipped. Raises FileError if the rig file cannot
+    be read, or if the folder contains too many files.
+    """
     rig, _ = load(rig_file)
     files = list(islice(folder.rglob("*.y*ml"), _MOST + 1))
     if len(files) > _MOST:
@@ -57,14 +58,15 @@ def versions(rig_file: Path, folder: Path) -> list[Version]:
 
 
 def _identity(rig: Rig) -> tuple[str, str]:
-    """The name and the serial number of a robot, by which it is another or the same."""
+    """Return name and serial number, which identify a robot."""
     return rig.robot.name, rig.robot.serial
 
 
 @dataclass(frozen=True)
 class RolledBack:
-    """What was written: kept, the rig file as it was; calibration, the file that the rig file names now. differing: the
-    keys of a rig file beside effects and calibration whose content is not what it was."""
+    """Result of a restored version. kept: the previous rig file. calibration: the calibration file now in use.
+    differing: keys of the rig file, other than effects and calibration, with changed contents.
+    """
 
     kept: Path
     calibration: Path
@@ -72,11 +74,11 @@ class RolledBack:
 
 
 def roll_back(rig_file: Path, version: Path, now: dt.datetime) -> RolledBack:
-    """Put a version in the place of a rig file, which is kept under a name with the time.
+    """Replace a rig file by a version and keep the previous file under a name with the time.
 
-    now: the time in the name of what is kept. Raises FileError where either cannot be read, the version has no
-    calibration or is of another robot, or is the file itself; CellError when the disk refuses. The rig file is the old
-    one or the new one at every moment.
+    now: the time in that name. Raises FileError if either file cannot be read, or if the version has no calibration,
+    belongs to a different robot or is the file itself; CellError if the disk cannot be written. The replacement is
+    atomic.
     """
     rig, text = load(rig_file)
     former, former_text = load(version)

@@ -1,14 +1,15 @@
 """Work area of a rig: the postures of its tests, at which the benefit of a correction is computed.
 
-The error left by a correction is computed at each target, approached from both sides, and early and late in a shift,
-because the program's approach is unknown. The rms error of an effect over these approaches is its contribution to the
-uncertainty of the position: half the backlash of a joint, the remainder of a spike on arrival, thermal growth.
+The residual error of a correction is computed at each target, approached from both sides, and early and late in a
+shift, because the approach in a program is unknown. The rms error of an effect over these approaches is the
+contribution to the position uncertainty: half the backlash of a joint, the remainder of a reversal spike, thermal
+growth.
 
-Frame and tool are taught with the robot itself: a rigid motion of the whole arm and a shift of the tool on the flange
-are invisible. A tracker or a ball cannot show the position of an arm on its base, nor of the target on the last link:
-the zero of joint 1, the height of the shoulder and the length of the last link are visible in no run, nor in work with
-a frame and a tool centre taught with the same arm. So errors over the work area are stated after removing these nine
-terms, by least squares over the tool positions, as set-ups are fitted elsewhere.
+Frame and tool are taught with the robot itself. A rigid motion of the whole arm and a shift of the tool on the flange
+are therefore invisible. A tracker or a ball cannot show the position of an arm on its base, or of the target on the
+last link: no run reveals the zero of joint 1, the height of the shoulder and the length of the last link. They do not
+matter in work with a frame and a tool centre taught with the same arm. Errors over the work area are therefore stated
+after a least-squares removal of these nine terms, like set-ups in other fits.
 """
 
 from __future__ import annotations
@@ -32,8 +33,9 @@ from rigs.errors import FileError
 from rigs.rig import Rig
 
 _FEWEST, _SPREAD = 12, 60
-"""Number of postures below which the work area is too small for judging a correction, and the number used instead.
-Chosen: about 24 constants need several times as many numbers."""
+"""Minimum number of postures of a work area used to judge a correction, and the number used otherwise. Chosen: about
+24 constants need several times as many values.
+"""
 _AROUND_RAD = np.radians(30.0)
 """Range around the work area if the runs' joint angles are unknown. Chosen: a usual range."""
 _STEP_RAD = np.radians(15.0)
@@ -41,8 +43,10 @@ _STEP_RAD = np.radians(15.0)
 
 
 def work_angles(rig: Rig) -> Array:
-    """Return the joint angles (n, 6) rad of the rig's circle and hemisphere, as far as reachable, or the middle of the
-    limits if neither is."""
+    """Return the joint angles (n, 6) rad of the rig's circle and hemisphere, as far as reachable.
+
+    If neither is reachable, return the middle of the limits.
+    """
     angles = []
     arm, circle, hemisphere = arm_of(rig.robot), rig.tests.circle, rig.tests.hemisphere
     if circle:
@@ -86,7 +90,7 @@ def work_or_spread(rig: Rig, joints_rad: Array | None) -> Array:
 def tool_poses(model: Model, q: Array) -> Array:
     """Return tool poses (n, 4, 4) of the real arm at commanded angles q (n, 6) rad, for effects independent of history.
 
-    The arm stands at each, so the choice of the clock does not matter.
+    The arm is at rest in each posture, so the clock is arbitrary.
     """
     return moved(model, Path(Motion(np.arange(len(q), dtype=float), q), np.arange(len(q)), stands=True)).T
 
@@ -97,14 +101,15 @@ def tool_places(rig: Rig, effects: Sequence[Effect], q: Array) -> Array:
 
 
 def used_effects(rig: Rig, supported: Sequence[Support]) -> tuple[Effect, ...]:
-    """Return the effects corrected by a correction: all posture-dependent ones, except uncertain ones of the rig
-    file."""
+    """Return the effects removed by a correction: all posture-dependent ones, except uncertain effects of the rig
+    file.
+    """
     unsure = _unsure(supported)
     return tuple(effect for effect in model_of(rig).effects if not _stays(effect, unsure))
 
 
 def rest_effects(rig: Rig, supported: Sequence[Support]) -> tuple[Effect, ...]:
-    """Return the effects left by a correction at a standing robot: clocks and servo lag matter in motion only."""
+    """Return the effects that a correction leaves on a stationary robot. Clocks and servo lag matter only in motion."""
     unsure, stays = _unsure(supported), list[Effect]()
     for effect in filter(lambda effect: _stays(effect, unsure), model_of(rig).effects):
         portions = tuple(portion for portion in getattr(effect, "portions", ()) if portion.of.part != "clocks")
@@ -130,10 +135,11 @@ def rms_um(distance_mm: Array) -> float:
 
 
 _SWING_RAD = np.radians(2.0)
-"""Distance over which every joint approaches from its side. Chosen: wider than any backlash."""
+"""Distance over which every joint approaches from the given side. Chosen: wider than any backlash."""
 _SWING_S, _STEPS = 0.1, 20
 """Time from the reversal of a joint to the target, at about 20 degrees per second, and number of samples. Chosen: a
-usual speed."""
+usual speed.
+"""
 _REST_S = 1.0
 """Rest before the next target in seconds. Chosen: longer than the decay of a reversal spike."""
 _LATE_S = 1e6
@@ -159,7 +165,8 @@ def apart_mm(model: Model, second: Model, q: Array) -> Array:
 
 def _approaches(q: Array) -> list[Path]:
     """Return the four approaches to joint angles q (n, 6) rad: from either side, early and late."""
-    # From each target to one side, back and beyond, so that joints reverse away from it, with a rest before the next.
+    # Move from each target to the given side, back and beyond, so that joints reverse at a distance, and rest before
+    # the next target.
     along = np.concatenate([np.linspace(0, -1, _STEPS, endpoint=False), np.linspace(-1, 1, 2 * _STEPS + 1)])
     swing_s = np.arange(len(along)) * (_SWING_S / _STEPS)
     starts = np.arange(len(q)) * (swing_s[-1] + _REST_S)
@@ -225,7 +232,7 @@ class TaughtFrame:
 def rest_mm(places: Array, nominal: Array, taught: tuple[Array, Array] | None = None) -> Array:
     """Return distances (n,) mm between positions (n, 3) mm and wanted poses (n, 4, 4), with the best frame and tool.
 
-    taught: other positions (m, 3) mm and wanted poses (m, 4, 4) that determine frame and tool.
+    taught: separate positions (m, 3) mm and wanted poses (m, 4, 4) that determine frame and tool.
     """
     places_taught, poses = taught or (places, nominal)
     T = best_rigid(places_taught, poses[:, :3, 3])  # exact for a large rotation, about which the other terms are linear
@@ -236,7 +243,7 @@ def rest_mm(places: Array, nominal: Array, taught: tuple[Array, Array] | None = 
 
 
 def base_u_um(u_mm: Array, u_frame_mm: Array) -> float:
-    """Return the rms contribution in µm of the arm's position on its base to the uncertainty of positions.
+    """Return the rms contribution in µm of the arm's position on the base to the uncertainty of positions.
 
     u_mm, u_frame_mm (n,): standard uncertainties in mm in the robot's base and in a taught frame.
     """

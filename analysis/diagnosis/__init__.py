@@ -1,6 +1,5 @@
-"""Inference about the arm from runs. Effects are searched (`diagnose`), given (`calibrate`), or none (`compare`).
+"""Inference about the arm from runs: effects are searched (`diagnose`), given (`calibrate`), or none (`compare`).
 
-Repeated runs become blocks; candidate effects become columns in addition to the background; effects are selected by
-evidence,
-refined on the simulator, and validated on independent data: docs/architecture.md shows the chain.
+Repeated runs become blocks, and candidate effects become columns in addition to the background. Effects are selected by
+evidence, refined on the simulator, and validated on independent data. docs/architecture.md shows the chain.
 """

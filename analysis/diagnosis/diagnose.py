@@ -1,4 +1,4 @@
-"""Diagnosis of runs: find the disagreement, identify the missing effects, validate them, and state the doubts."""
+"""Diagnosis of runs: find the disagreement, identify and validate the missing effects, and state the doubts."""
 
 from __future__ import annotations
 
@@ -66,8 +66,9 @@ from rigs.schema.effect import label_of, name_of
 # Doubts about a diagnosis.
 
 _BETTER = 0.97
-"""Ratio of the gap without an effect of the rig file to that with it, below which the effect is doubted. Chosen: 3 % of
-the rms is more than a refitted set-up gains by chance."""
+"""Ratio of the gap after removal of an effect of the rig file to the original gap, below which the effect is
+doubted. Chosen: 3 % of the rms is more than a refitted set-up gains by chance.
+"""
 
 
 def doubts_of_runs(blocks: Sequence[Block]) -> tuple[str, ...]:
@@ -104,7 +105,7 @@ def doubts_of_runs(blocks: Sequence[Block]) -> tuple[str, ...]:
 
 
 def doubts_of_limits(names: Sequence[Named]) -> tuple[str, ...]:
-    """Return a message for each confirmed name whose size reached the limit of fits."""
+    """Return a message for each confirmed name with a size at the limit of fits."""
     doubts = []
     for named in names:
         if named.stands and ended_at_limit(named.effect):
@@ -116,7 +117,7 @@ def doubts_of_limits(names: Sequence[Named]) -> tuple[str, ...]:
 
 
 def doubts_of_rig(rig: Rig, fitted: FittedRuns) -> tuple[str, ...]:
-    """Return a message for each effect of the rig file without which the model fits better."""
+    """Return a message for each effect of the rig file that worsens the fit of the model."""
     if not rig.effects:
         return ()
     whole = rms(fitted.beside(())[1])
@@ -139,7 +140,7 @@ def doubts_of_rig(rig: Rig, fitted: FittedRuns) -> tuple[str, ...]:
 # validation
 
 _FEW_TESTS = 3
-"""Number of further tests listed with the reason why the robot cannot drive them."""
+"""Number of listed further tests that the robot cannot drive, each with the reason."""
 
 
 def diagnose(
@@ -151,14 +152,12 @@ def diagnose(
     tolerance_um: float | None = None,
     given: Sequence[Effect] | None = None,
 ) -> Diagnosis:
-    """Diagnose runs of one robot with the model of a rig, validated on held-out runs and unseen places.
+    """Diagnose runs of a robot with the model of a rig, validated on held-out runs and unseen places.
 
     `tolerance_um`: largest accepted rms error of the readings (m, k); by default the limits of the rig file decide.
-    `given`:
-    effects to be fitted regardless of their significance, without a search. Without held-out runs, a fifth of the
-    neighbourhoods
-    of poses in joint space is held out. Raises FileError for runs of a different robot, or not readable as the stated
-    test.
+    `given`: effects to be fitted regardless of their significance, without a search. By default, a fifth of the
+    neighbourhoods of poses in joint space is reserved for validation. Raises FileError for runs of a different robot,
+    or not readable as the stated test.
     """
     begin_s = time.perf_counter()
     progress("reading the runs")
@@ -171,7 +170,7 @@ def diagnose(
     sound, wild = without_wild(runs, result.effects, "the runs used")
     fitted = FittedRuns(sound)
     stages = stages_of(fitted, result)
-    # Relative to the calibrated model: named effects alone leave residuals that hide outliers of 1 mm.
+    # Relative to the calibrated model: named effects by themselves leave residuals that hide outliers of 1 mm.
     judges, wild_judges = without_wild(judges, stages.calibrated.effects, "held-out runs")
     elsewhere, wild_elsewhere = without_wild(elsewhere, stages.calibrated.effects, "the unseen place")
     judged_runs = ((sound, _names(used)), (judges, _names(held_out or used)), (elsewhere, _names(unseen)))
@@ -228,8 +227,10 @@ def diagnose(
 def _found_in(
     runs: Sequence[ObservedRun], given: Sequence[Effect] | None, progress: Callable[[str], None]
 ) -> tuple[SearchResult, OutOfRange | None]:
-    """Return the result of a search in runs, of (m, k) mm, or of the fit of `given` effects. If a search finds that one
-    parameter is out of range, the result is the fit of that one, without a limit."""
+    """Return the result of a search in runs, of (m, k) mm, or of the fit of `given` effects.
+
+    If a search finds a single parameter out of range, the result is the fit of that parameter, without a limit.
+    """
     if given is not None:
         return fit_given(runs, given, progress), None
     result = search(runs, progress)
@@ -243,7 +244,7 @@ _TEMPERATURE = re.compile(r"(?<![a-z])temp(erature)?(?![a-z])")
 def _temperature(used: Sequence[Measured]) -> Array | None:
     """Return the temperature (n,) of each table row; None for several runs or if unknown.
 
-    It is an extra column identified by its name, in any unit.
+    It is an extra column identified by name, in any unit.
     """
     table = used[0].run.table if len(used) == 1 else None
     if table is None:
@@ -289,7 +290,7 @@ def _named_in(
     *,
     given: bool,
 ) -> tuple[list[Named], tuple[str, ...]]:
-    """Return the effects of a search as names, confirmed ones first, and doubts about their sizes.
+    """Return the effects of a search as names, confirmed names first, and doubts about their sizes.
 
     `runs`: used and held out, of (m, k) mm. Unless the effects were `given`, a vibration of the link is a name too.
     """
@@ -303,7 +304,7 @@ def _named_in(
         swing = find_vibration(with_effects(used, result.effects), result.linear.setups)
     if swing is not None and given:
         doubts += doubts_of_phases(vibrations, swing)
-    elif swing is not None:  # confirmed if its contribution exceeds the scatter of a circle without it
+    elif swing is not None:  # confirmed if the contribution exceeds the remaining scatter of a circle
         circles = [block.sampling is not None for block in result.linear.blocks]
         limits = limits_um(result.linear, swing.scatter_um)
         named += named_vibration(swing, limits[circles], train.after_um)
@@ -323,7 +324,8 @@ def _verdicts_of(
     *,
     early: bool,
 ) -> Diagnosis:
-    """Return the verdicts, for readings (m, k): a diagnosis without calibrated model, next test, doubts and actions.
+    """Return the verdicts, for readings (m, k): a diagnosis excluding the calibrated model, next test, doubts and
+    actions.
 
     `both`: gaps with the complete model, which decide the condition, and with the exported model. `early`: whether
     poses were read before standstill.
@@ -371,9 +373,11 @@ def _verdicts_of(
 def _completed(
     verdicts: Diagnosis, result: SearchResult, left_out: LeftOut | None, beyond: OutOfRange | None
 ) -> Diagnosis:
-    """Return verdicts with what the unexplained part of the readings (N,) follows, if there is much of it. If it
-    follows nothing and no target was visited twice, it is scatter; if a parameter is `beyond` its limit, that is the
-    condition."""
+    """Return the verdicts with the dependences of the unexplained part of the readings (N,), if it is large.
+
+    If it follows no subject and all targets were visited only once, it is scatter. If a parameter is `beyond` the
+    limit, that determines the condition.
+    """
     if beyond and verdicts.is_testable:
         verdicts = replace(verdicts, condition="out_of_range", runs_to_decide=None, groups=())
     if verdicts.condition != "outside_library":
@@ -384,7 +388,7 @@ def _completed(
 
 
 def _hold_enough(runs: Sequence[ObservedRun]) -> None:
-    """Raise FileError if there are fewer readings than set-up terms."""
+    """Raise FileError if the readings are fewer than the set-up terms."""
     terms = sum({run.setup: run.table.kind.setup_terms for run in runs}.values())
     if (count := sum(run.values.size for run in runs)) < terms:
         raise FileError("RUN…", f"{count} readings are fewer than the {terms} terms of the set-up", "give more runs")
@@ -395,8 +399,9 @@ def _names(runs: Sequence[Measured]) -> list[str]:
 
 
 def _next_test(named: Sequence[Named], further: FurtherTests) -> tuple[NextTest | None, list[str]]:
-    """Return the shortest test that, together with the existing runs, separates the first ambiguous name from its
-    closest rival; otherwise a doubt."""
+    """Return the shortest test that, together with the existing runs, separates the first ambiguous name from the
+    closest rival; otherwise a doubt.
+    """
     open_ones = [(name, name.rivals) for name in ambiguous_names(named)]
     open_ones += [(name, tuple(fault_rivals(name))) for name in named]
     name, rivals = next(((name, rivals) for name, rivals in open_ones if rivals), (None, ()))

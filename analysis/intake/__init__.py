@@ -1,1 +1,1 @@
-"""Table files: reading with every bad row named, checks against the rig, writing, MCAP."""
+"""Import of table files: parsing with errors by row, column maps, checks against the rig, and creation of runs."""

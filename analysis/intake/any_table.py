@@ -1,4 +1,4 @@
-"""Reading a table unattended: its test is inferred from its columns, and its map must leave no question."""
+"""Unattended import of tables: the test is inferred from the columns, and the column map must be unambiguous."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ _GIVE_TEST = "say which with --test"
 def read_any_table(
     source: Path, *, rig_file: str | Path, test: TestName | None = None, socket: str = "", **label: Any
 ) -> Measured:
-    """Return the run of a table as it comes, not written. test: inferred from the columns if None; socket: of all rows
-    of touches; label: direction, operator, placement and joints, as of `read_table`.
+    """Return the run of any table, not written to disk.
 
-    Raises FileError, also for a table whose columns leave open what only a person knows.
+    test: inferred from the columns if None. socket: socket of all rows of touches. label: direction, operator,
+    placement and joints, see `read_table`. Raises FileError, also if only an operator could interpret the columns.
     """
     rig = load(rig_file)[0]
     kind = test_of(source, rig) if test is None else test
@@ -46,7 +46,7 @@ def read_any_table(
 
 
 def test_of(source: Path, rig: Rig) -> TestName:
-    """Return the test that a table is of, by its columns. Raises FileError if it may be of several, or of none."""
+    """Return the test of a table, inferred from the columns. Raises FileError if several tests match, or none."""
     where, axes, head = str(source), len(rig.robot.axes), read_head(source)
     if is_bag(head):
         raise FileError(where, "is a bag, which may hold poses or a circle", _GIVE_TEST)

@@ -1,7 +1,7 @@
-"""The cells of a table: the value of each, or why it has none, by its line and column; and its rows as columns of
-numbers, counts and words, a batch at a time, every bad cell named.
+"""Cells of a table: validated values with error messages by line and column, and batched conversion of rows to typed
+columns.
 
-Python's own float() takes `1_000`, `nan` and digits of any script; a table of measurements does not. The first twenty
+The parser is stricter than float() of Python, which accepts `1_000`, `nan` and digits of any script. The first twenty
 mistakes are reported.
 """
 
@@ -30,7 +30,7 @@ _SHOWN = 20
 
 @dataclass(frozen=True, order=True)
 class TableProblem:
-    """One mistake in a table: the line of the file, counted from 1, the column or "" for the whole row, the reason."""
+    """A mistake in a table: line number from 1, column or "" for the complete row, and reason."""
 
     line: int
     column: str
@@ -45,13 +45,13 @@ class TableProblem:
 
 @dataclass
 class Problems:
-    """The mistakes found so far: how many, and the first of them in order of lines; a bad file may have millions."""
+    """Count of the mistakes found, and the first ones by line; a bad file may have millions."""
 
     count: int = 0
     _kept: list[TableProblem] = field(default_factory=list)
 
     def add(self, problems: Iterable[TableProblem]) -> None:
-        """Count problems, and keep those that may be among the first."""
+        """Count problems, and keep candidates for the first ones."""
         for problem in problems:
             self.count += 1
             self._kept.append(problem)
@@ -60,17 +60,17 @@ class Problems:
 
     @property
     def first(self) -> list[TableProblem]:
-        """The problems that are shown, in order."""
+        """The reported problems in order."""
         return sorted(self._kept)[:_SHOWN]
 
 
 class TableFileError(FileError):
-    """A table with mistakes; the first of them in `problems`, in order of lines."""
+    """A table with mistakes; `problems` contains the first ones by line."""
 
     def __init__(
         self, path: str, problems: list[TableProblem], remedy: str = "correct the file", count: int | None = None
     ) -> None:
-        """count: of all mistakes, where problems are the first of them only."""
+        """Create the error. count: number of all mistakes, if problems is a part of it."""
         total = len(problems) if count is None else count
         self.problems = sorted(problems)[:_SHOWN]
         shown = [str(problem) for problem in self.problems]
@@ -88,20 +88,20 @@ class TableFileError(FileError):
 
 
 def quoted(text: str) -> str:
-    """What stands in a file, fit for one line of a message."""
+    """Return text of a file, shortened and escaped for a message."""
     return repr(text if len(text) <= 40 else text[:37] + "…")
 
 
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 _COUNT = re.compile(r"\+?[0-9]{1,9}(\.0*)?")
 _OF_NUMBERS = re.compile(r"[0-9+\-.eE \t,]*")
-"""Where a text has no other characters, float() and `value` agree on whether it is a number."""
+"""Characters of plain numbers. For texts limited to these, float() and `value` agree on validity."""
 Value = float | int | str
 MOST_LETTERS = 40
 
 
 def value(column: str, text: str) -> Value:
-    """The value of a cell of a known column. Raises ValueError with the reason in words."""
+    """Parse a cell of a known column. Raises ValueError with the reason."""
     text = text.strip(" \t")
     if not text:
         raise ValueError("has no value; fill it in or remove the row")
@@ -136,7 +136,7 @@ def value(column: str, text: str) -> Value:
 
 
 def numbers(texts: Sequence[str]) -> Array | None:
-    """The values (n,) of cells of a column of numbers; None where `value` has to look at them one by one."""
+    """Parse the cells of a numeric column to values (n,); None if `value` has to parse each cell."""
     if not _OF_NUMBERS.fullmatch(",".join(texts)):
         return None
     try:
@@ -147,16 +147,17 @@ def numbers(texts: Sequence[str]) -> Array | None:
 
 
 _BATCH_CELLS = 100_000
-"""Cells that are objects of Python at a time: some 6 MB."""
+"""Number of cells converted at a time; as Python objects they take some 6 MB."""
 Row = tuple[int, list[str]]
-"""Line on which a row begins, counted from 1, and its fields."""
+"""Line number of a row, from 1, and the fields."""
 Columns = Mapping[str, pa.ChunkedArray]
-"""Columns by name, null where a cell is bad."""
+"""Columns by name, null for bad cells."""
 
 
 def columns_of(rows: Iterator[Row], names: list[str], layout: Layout, problems: Problems) -> tuple[Columns, np.ndarray]:
-    """Columns of rows that have a field for each name, and the number of each row's line (n,); bad cells become
-    problems."""
+    """Convert rows with a field for each name to columns, and return also the line numbers (n,). Bad cells become
+    problems.
+    """
     parts: dict[str, list[pa.Array]] = {name: [] for name in names}
     lines: list[np.ndarray] = [np.empty(0, dtype=np.int64)]
     while batch := list(islice(rows, max(1, _BATCH_CELLS // len(names)))):
@@ -168,7 +169,7 @@ def columns_of(rows: Iterator[Row], names: list[str], layout: Layout, problems: 
 
 
 def column_type(name: str, layout: Layout) -> ColumnType:
-    """The type of a column in a table of a layout."""
+    """Return the type of a column in a table with a given layout."""
     if name not in layout.known or name in WORDS or name == SOCKET:
         return "string"
     return "int64" if name in COUNTS else "double"

@@ -1,6 +1,7 @@
-"""What the columns of a table may be, by their names alone: joints, places, turns, and whether measured or commanded.
+"""Interpretation of column names: joints, places, orientations, and measured or commanded values.
 
-Nothing is decided here: what names leave open, the arm's own kinematics show (`analysis.intake.map_proposal`).
+This module only lists candidates. Ambiguous names are resolved by the kinematics of the arm
+(`analysis.intake.map_proposal`).
 """
 
 from __future__ import annotations
@@ -27,10 +28,11 @@ _INSTRUMENTS = "measured measurement meas tracker leica laser faro observed moca
 _INSTRUMENT = frozenset(_INSTRUMENTS.split())
 _OF_ROBOTS = "tcp tool ee eef flange robot cartesian controller fk wrist hand gripper link effector broadcaster"
 _CONTROLLER = frozenset(_OF_ROBOTS.split())
-"""Words of a pose that the robot says of itself, unless an instrument is named beside them: of columns, of topics, and
-of the children of transforms."""
+"""Terms for a pose reported by the robot, in names of columns, topics and child frames, unless the name of an
+instrument is present.
+"""
 _SPOTS = frozenset(["spot", "spots", "floor", "mark", "marks", "punch", "socket", "sockets"])
-"""Words of places that the tool touches, which no instrument measured."""
+"""Terms for places touched by the tool and not measured by an instrument."""
 _ROLES: dict[Role, frozenset[str]] = {role: frozenset(words.split()) for role, words in _ROLE_WORDS.items()}
 _UNITS = {
     "mm": "mm", "millimeter": "mm", "millimetre": "mm", "m": "m", "meter": "m", "metre": "m", "cm": "cm", "um": "um",
@@ -42,22 +44,24 @@ _JOINT_WORDS = frozenset(_JOINTS.split())
 _TURNS = "r rot rotation orientation euler angle angles rotvec rvec rv e o ori quat quaternion q rpy"
 _TURN_WORDS = frozenset(_TURNS.split())
 _SETS = {"rpy": ("roll", "pitch", "yaw"), "abc": ("a", "b", "c"), "wpr": ("w", "p", "r"), "oat": ("o", "a", "t")}
-"""Names of three angles: of everybody, KUKA, FANUC and Kawasaki."""
+"""Names of angle triples: common, KUKA, FANUC and Kawasaki."""
 _UR_NAMES = (
     ("base", "shoulder", "elbow", "wrist1", "wrist2", "wrist3"),
     ("shoulderpan", "shoulderlift", "elbow", "wrist1", "wrist2", "wrist3"),
 )
 _A_CALL = 3
-"""Letters of the shortest name of an axis that is found inside a column's: others stand in any word."""
+"""Minimum length of an axis name searched for inside column names; shorter names occur in ordinary words."""
 _NAMELESS = re.compile(r"column \d+( \(.*\))?")
-"""A column of a file without a header (`analysis.intake.raw_table`): its number says where it stands, and no more."""
+"""A column of a file with a missing header (`analysis.intake.raw_table`). The number is only a position."""
 _ORDERS = tuple("".join(order) for order in permutations("xyz"))
 _ZYZ = ("zyz", "zxz")
 
 
 @dataclass(frozen=True)
 class TurnReading:
-    """One way to read columns as a turn, columns in the order of the form (`analysis.intake.table_map.Turn`)."""
+    """An interpretation of columns as an orientation, in the column order of the form
+    (`analysis.intake.table_map.Turn`).
+    """
 
     columns: tuple[str, ...]
     form: str
@@ -65,8 +69,10 @@ class TurnReading:
 
 @dataclass(frozen=True)
 class Group:
-    """Columns that belong together. unit: as the file states it, "" where it does not; of_controller: whether the robot
-    may have computed them."""
+    """Columns that belong together.
+
+    unit: as stated in the file, or "". of_controller: whether the robot may have computed the values.
+    """
 
     columns: tuple[str, ...]
     role: Role
@@ -76,7 +82,7 @@ class Group:
 
 @dataclass(frozen=True)
 class Seen:
-    """A place and the ways to read the turn beside it, none where there are no columns of one; turn_unit: stated."""
+    """A place and the possible interpretations of the orientation, possibly none. turn_unit: as stated."""
 
     place: Group
     turns: tuple[TurnReading, ...] = ()
@@ -85,7 +91,7 @@ class Seen:
 
 @dataclass(frozen=True)
 class Groups:
-    """What a table may hold. near: columns of joints of another number of axes, for a message."""
+    """Candidate columns of a table. near: columns of joints for a different number of axes, for a message."""
 
     joints: tuple[Group, ...]
     seen: tuple[Seen, ...]
@@ -95,7 +101,7 @@ class Groups:
 
 @dataclass(frozen=True)
 class _Name:
-    """A column's name in words, without its unit."""
+    """A column name split into parts, with the unit separated."""
 
     column: str
     words: tuple[str, ...]
@@ -103,23 +109,23 @@ class _Name:
 
     @property
     def role(self) -> Role:
-        """What the words say of it."""
+        """Role indicated by the name."""
         return next((role for role, role_words in _ROLES.items() if role_words & set(self.words)), "unsaid")
 
 
 def is_of_controller(name: str) -> bool:
-    """Return whether a name, as of a topic or the child of a transform, sounds like what a robot says of itself."""
+    """Return whether the name of a topic, column or child frame suggests a pose reported by the robot."""
     words = set(_name(name, "").words)
     return bool(words & _CONTROLLER) and not words & _INSTRUMENT
 
 
 def is_of_spot(column: str) -> bool:
-    """Return whether a column, by its name, is of a spot that the tool touches."""
+    """Return whether a column name refers to a spot touched by the tool."""
     return bool(set(_name(column, "").words) & _SPOTS)
 
 
 def groups_of(raw: RawTable, axis_names: Sequence[str]) -> Groups:
-    """Return what the columns of a table may be for an arm with these names of axes."""
+    """Return the candidate columns of a table for an arm with given axis names."""
     numeric = set(raw.numeric)
     names = [_name(name, unit) for name, unit in zip(raw.names, raw.units, strict=True) if name in numeric]
     names = [name for name in names if name.role != "other"]
@@ -158,8 +164,10 @@ def groups_of(raw: RawTable, axis_names: Sequence[str]) -> Groups:
 
 
 def _as_named(raw: RawTable, group: Group, axis_names: Sequence[str]) -> Group:
-    """Joints that are numbered through, in the order of the axes where columns of names beside them say which is which:
-    field.name0 … beside field.position0 …, as `rostopic echo -p` writes a JointState in the order of its sender."""
+    """Return numbered joint columns in axis order, if adjacent name columns identify the joints.
+
+    `rostopic echo -p` writes a JointState as field.name0 … and field.position0 …, in the order of the sender.
+    """
     for word in ("position", "pos"):
         name_columns = [re.sub(rf"{word}(?=\W*\d+$)", "name", column) for column in group.columns]
         if all(name in raw.names and name != column for name, column in zip(name_columns, group.columns, strict=True)):
@@ -194,7 +202,7 @@ def _group(names: Sequence[_Name]) -> Group:
 
 
 def _templates(names: Sequence[_Name]) -> dict[tuple[str, ...], dict[int, _Name]]:
-    """Numbered columns by what is the same in their names, the last number left out."""
+    """Group numbered columns by the rest of their names, ignoring the last number."""
     templates: dict[tuple[str, ...], dict[int, _Name]] = defaultdict(dict)
     for name in names:
         digits = [k for k, word in enumerate(name.words) if word.isdigit() and len(word) < 3]
@@ -212,7 +220,9 @@ def _in_order(numbered: dict[int, _Name], count: int) -> list[_Name] | None:
 
 
 def _numbered(names: Sequence[_Name], count: int, words_of_joints: frozenset[str] = _JOINT_WORDS) -> list[Group]:
-    """Columns that are numbered through from 0 or 1; words_of_joints: of which their name has one, any where empty."""
+    """Return columns numbered consecutively from 0 or 1. words_of_joints: terms of which the name must contain at
+    least one; any name if empty.
+    """
     groups = []
     for template, numbered in _templates(names).items():
         words = {word for word in template if word != "*"}
@@ -223,8 +233,10 @@ def _numbered(names: Sequence[_Name], count: int, words_of_joints: frozenset[str
 
 
 def _called(names: Sequence[_Name], axis_names: Sequence[str]) -> list[Group]:
-    """Columns that are called as the axes of the arm are, or as those of a Universal Robots arm, whatever stands before
-    and behind: the names settle the order, which in a message is often that of the alphabet."""
+    """Return columns named after the axes of the arm or of a Universal Robots arm, with any prefix and suffix.
+
+    The names determine the order, since the columns of a message are often sorted alphabetically.
+    """
     groups = []
     call_sets = [tuple(re.sub(r"[^a-z0-9]", "", name.lower()) for name in axis_names)]
     call_sets += [calls for calls in _UR_NAMES if len(calls) == len(axis_names)]
@@ -245,15 +257,17 @@ def _called(names: Sequence[_Name], axis_names: Sequence[str]) -> list[Group]:
 
 
 _Turns = list[tuple[Group, tuple[TurnReading, ...]]]
-"""Columns of a turn, and the ways to read them."""
+"""Columns of an orientation, with the possible interpretations."""
 
 
 def _lettered(names: Sequence[_Name]) -> tuple[list[Group], _Turns]:
-    """Places and turns whose columns differ by a letter or word: x, y, z; qx … qw; roll, pitch, yaw; A, B, C."""
+    """Return places and orientations with columns that differ by a letter or word: x, y, z; qx … qw; roll, pitch,
+    yaw; A, B, C.
+    """
     turns = _in_sets(names)
     taken = {column for group, _ in turns for column in group.columns}
     places = []
-    # Columns x, y, z, and w where there is one, by what is the same in their names.
+    # Columns x, y, z, and w if present, grouped by the rest of the name.
     parts: dict[tuple[str, ...], dict[str, _Name]] = defaultdict(dict)
     for name in names:
         for k, word in enumerate(name.words):
@@ -269,7 +283,7 @@ def _lettered(names: Sequence[_Name]) -> tuple[list[Group], _Turns]:
             turns.append((group, _angle_readings(group.columns)))
         else:
             places.append(group)
-    # Turns by q1 … q4, of which the first or the last is the real part.
+    # Quaternions q1 … q4, with the real part first or last.
     for template, numbered in _templates(names).items():
         order = _in_order(numbered, 4)
         if order and {"q", "quat", "quaternion"} & set(template):
@@ -280,7 +294,9 @@ def _lettered(names: Sequence[_Name]) -> tuple[list[Group], _Turns]:
 
 
 def _in_sets(names: Sequence[_Name]) -> _Turns:
-    """Turns by three words: roll, pitch, yaw; A, B, C; W, P, R; O, A, T, about x, y, z but for KUKA and Kawasaki."""
+    """Return orientations named by three words: roll, pitch, yaw; A, B, C; W, P, R; O, A, T. The axes are x, y, z
+    except for KUKA and Kawasaki.
+    """
     sets: dict[tuple[str, ...], dict[str, _Name]] = defaultdict(dict)
     for name in names:
         for k, word in enumerate(name.words):
@@ -291,21 +307,21 @@ def _in_sets(names: Sequence[_Name]) -> _Turns:
     turns: _Turns = []
     for (call, *_), names_of_set in whole.items():
         columns = tuple(name.column for name in names_of_set)
-        readings: tuple[TurnReading, ...] = (TurnReading(columns, "moving zyz"),)  # Kawasaki's
+        readings: tuple[TurnReading, ...] = (TurnReading(columns, "moving zyz"),)  # Kawasaki
         if call != "oat":
             readings = _angle_readings(columns)
-        if call == "abc":  # KUKA's A, B, C turn about z, y, x
+        if call == "abc":  # A, B, C of KUKA turn about z, y, x
             readings = (*_angle_readings(columns[::-1]), *readings)
         turns.append((_group(names_of_set), readings))
     return turns
 
 
 def _angle_readings(columns: Sequence[str]) -> tuple[TurnReading, ...]:
-    """Three angles about x, y and z, in every order of moving axes, and as a rotation vector."""
+    """Return three angles about x, y and z in every order of moving axes, and as a rotation vector."""
     by_axis = dict(zip("xyz", columns, strict=True))
     readings = []
     for order in _ORDERS:
-        if order == "zyx":  # in the words of everybody: roll, pitch, yaw about fixed axes
+        if order == "zyx":  # common name: roll, pitch, yaw about fixed axes
             readings.append(TurnReading(tuple(columns), "fixed xyz"))
         else:
             readings.append(TurnReading(tuple(by_axis[axis] for axis in order), f"moving {order}"))
@@ -313,7 +329,7 @@ def _angle_readings(columns: Sequence[str]) -> tuple[TurnReading, ...]:
 
 
 def _matrices(names: Sequence[_Name]) -> _Turns:
-    """The nine columns of a rotation, r11 … r33 or r_0_0 … r_2_2, row by row."""
+    """Return the nine columns of a rotation matrix by row, named r11 … r33 or r_0_0 … r_2_2."""
     by_place = {}
     for name in names:
         digits = "".join(word for word in name.words if word.isdigit())
@@ -328,7 +344,7 @@ def _matrices(names: Sequence[_Name]) -> _Turns:
 
 
 def _vectors(names: Sequence[_Name]) -> Iterator[Seen]:
-    """Poses numbered through: of 6 (place and angles), 7 (place and quaternion), 12 or 16 numbers (a matrix)."""
+    """Yield poses with numbered columns: 6 (place and angles), 7 (place and quaternion), 12 or 16 (matrix)."""
     for numbered in _templates(names).values():
         for count in (6, 7, 12, 16):
             if order := _in_order(numbered, count):
@@ -348,13 +364,13 @@ def _vectors(names: Sequence[_Name]) -> Iterator[Seen]:
 
 
 def _poses(columns: Sequence[str]) -> Iterator[Seen]:
-    """The ways to read so many columns in a row as a pose."""
+    """Yield the interpretations of consecutive columns as a pose."""
     c = list(columns)
     match len(c):
         case 3:
             yield Seen(Group(tuple(c), "unsaid"))
         case 6:
-            # Of these three angles no name says the axes.
+            # Names do not indicate the axes of these three angles.
             turned = (TurnReading(tuple(c[3:]), f"moving {order}") for order in (*_ORDERS, *_ZYZ))
             yield Seen(Group(tuple(c[:3]), "unsaid"), tuple(dict.fromkeys((*_angle_readings(c[3:]), *turned))))
         case 7:
@@ -374,9 +390,9 @@ def _poses(columns: Sequence[str]) -> Iterator[Seen]:
 def _by_position(
     raw: RawTable, columns: list[str], axes: int, joints: bool, seen: bool
 ) -> tuple[list[Group], list[Seen]]:
-    """Columns that no name explains, by how many there are: joints before the pose, or behind it."""
+    """Return groups of unnamed columns by count, with the joints before or after the pose."""
     if columns and columns[0] == raw.names[0] and len(columns) - int(joints) * axes in (4, 7, 8, 13, 17):
-        columns = columns[1:]  # a count, or a time
+        columns = columns[1:]  # a counter or a time
     pose = len(columns) - axes if joints else len(columns)
     if not joints:
         return [], list(_poses(columns))

@@ -1,8 +1,8 @@
-"""The constants by which a controller computes the place of its flange, read out of poses that it computed.
+"""Identification of the kinematic constants used by a controller from poses it computed.
 
-A robot that its maker calibrated computes with constants of its own. Many controllers do not show them, but each states
-the pose of its flange: some 20 poses and their joints hold them, to the digits that are stated. This is no measurement:
-it says what the controller believes, and nothing of where the arm is.
+A robot calibrated by the maker computes with individual constants. Typical controllers do not show these constants but
+report the pose of the flange. Some 20 poses with joint angles determine the constants to the reported digits. This is
+not a measurement: it shows the beliefs of the controller, not the position of the arm.
 """
 
 from __future__ import annotations
@@ -19,15 +19,17 @@ from rigs.errors import FileError
 from rigs.schema.robot import Robot
 
 _LEFT_MM = 0.02
-"""Controllers state places to 0.01 mm or better and joints to 0.001° (10 µm at 0.6 m); more is another tool."""
+"""Largest residual of a fit. Controllers report places to 0.01 mm or better and joints to 0.001° (10 µm at 0.6 m);
+more indicates a tool that is not removed.
+"""
 _SPARE = 10
-"""Readings beyond the constants that must confirm them."""
+"""Minimum number of redundant readings that confirm the constants."""
 _DIGITS = 7
 
 
 @dataclass(frozen=True)
 class ControllerConstants:
-    """A robot with its controller's constants, as a section, and what a person should know of them."""
+    """A robot with the constants of the controller, as a section of a rig file, and a remark for the operator."""
 
     robot: Robot
     text: str
@@ -35,10 +37,13 @@ class ControllerConstants:
 
 
 def controller_constants(arm: Arm, q: Array, xyz_mm: Array, R: Array | None, where: str) -> ControllerConstants:
-    """Return an arm of the library with the constants by which its controller put the flange at places xyz_mm (n, 3),
-    turned as R (n, 3, 3) where stated, at joints q (n, axes) rad. Raises FileError where no constants do."""
+    """Fit the constants of a library arm to flange poses computed by the controller.
+
+    q: joint angles (n, axes) rad. xyz_mm: places (n, 3). R: orientations (n, 3, 3), if reported. Raises FileError if no
+    constants fit.
+    """
     bare = without_setup(arm_of(arm.robot))
-    # The frame of the poses is the arm's base, or that turned half round about z, as base_link of ROS drivers is.
+    # The poses refer to the base of the arm, or to a base turned by 180° about z, such as base_link of ROS drivers.
     seen = fit_setup(forward(bare, q), xyz_mm).T_world_base[:3, :3]
     base = np.diag([-1.0, -1.0, 1.0]) if np.trace(seen[:2, :2]) < 0 else np.eye(3)
     fitted = fit_constants(bare, q, xyz_mm @ base, R if R is None else base @ R)

@@ -1,7 +1,9 @@
-"""The stops of the ISO 9283 cube in a table of places alone: which row is which of P1 … P5, and so its joints.
+"""Assignment of measured stops to the poses P1 … P5 of the ISO 9283 cube, which gives the joint angles of a table of
+places.
 
-A tracker that is triggered at each stop writes places, and sometimes misses one. Its rows lie in five heaps. Of the
-ways to name these that fit the cube, four of a rectangle with its centre, one is driven in the order of the standard.
+A tracker triggered at each stop writes only places and sometimes misses a stop. The rows form five clusters. Several
+assignments fit the cube, which is a rectangle with a centre; the assignment that follows the standard order is
+selected.
 """
 
 from __future__ import annotations
@@ -21,17 +23,19 @@ from analysis.runs.table_layout import joint_columns
 from rigs.errors import FileError
 
 _HEAP = 0.05
-"""Radius of a heap in sides of the cube: no arm stops so badly, and poses lie sixteen times as far apart."""
+"""Radius of a cluster in sides of the cube. Arms stop more accurately, and poses are sixteen times farther apart."""
 _FITS = 0.01
-"""Share of the side within which heaps are those of the cube."""
+"""Tolerance for the clusters of the cube, as a share of the side."""
 _IN_ORDER = 0.6
-"""Share of steps from row to row that are those of a cycle: each stop that was missed breaks two."""
+"""Minimum share of steps between rows in cycle order; each missed stop breaks two steps."""
 _MOST_HEAPS = 50
 
 
 def with_joints(raw: RawTable, place: Lengths, cube: Cube) -> RawTable:
-    """Return the table with the joints of the cube's poses as columns, and the pose of each row. Raises FileError where
-    the rows are not the stops of the cube, TableFileError for rows that are at none of its poses."""
+    """Return the table with the joint angles and the pose name of each row added.
+
+    Raises FileError if the rows are not stops of the cube, and TableFileError for rows at none of the poses.
+    """
     xyz_mm = raw.numbers(place.columns) * TO_MM[place.unit]
     pose = poses_of_stops(xyz_mm, cube)
     if pose is None:
@@ -54,8 +58,9 @@ def with_joints(raw: RawTable, place: Lengths, cube: Cube) -> RawTable:
 
 
 def poses_of_stops(xyz_mm: Array, cube: Cube) -> Integers | None:
-    """The pose 1 … 5 of each place (n, 3) mm, in order of time, 0 for a row elsewhere; None where they are no stops of
-    the cube in its order."""
+    """Return the pose 1 … 5 of each place (n, 3) mm in time order, 0 for a different place; None if the order is not
+    that of the cube.
+    """
     first: list[Array] = []
     heap = np.zeros(len(xyz_mm), dtype=np.int64)
     for row, place in enumerate(xyz_mm):
@@ -79,7 +84,7 @@ def poses_of_stops(xyz_mm: Array, cube: Cube) -> Integers | None:
         named = np.zeros(len(middles), dtype=np.int64)
         named[largest] = names
         pose = named[heap]
-        # The share of steps that lead to the next pose of a cycle
+        # The share of steps that lead to the next pose of the cycle
         visited = pose[pose > 0]
         follows = {pose_number: ORDER[(place + 1) % len(ORDER)] for place, pose_number in enumerate(ORDER)}
         steps = [

@@ -1,4 +1,4 @@
-"""From a table file to a run: read, and held against the rig."""
+"""Creation of runs from table files, including checks against the rig."""
 
 from __future__ import annotations
 
@@ -40,9 +40,10 @@ def read_table(
     placement: str = "",
     joints: JointSource = "measured",
 ) -> Measured:
-    """The run of a table file, not written; among its doubts is what an evaluation will refuse.
+    """Return the run of a table file, not written to disk. The doubts include reasons for which an evaluation would
+    reject it.
 
-    Raises FileError for mistakes in either file.
+    Raises FileError for mistakes in the table or the rig file.
     """
     rig, rig_text = load(rig_file)
     with named_by(rig_file, rig):
@@ -65,27 +66,28 @@ def read_table(
 
 
 def is_plain(path: Path, test: TestName) -> bool:
-    """Whether a file begins with the columns of docs/tables.md, or is a bag of a circle: it is read without a map."""
+    """Return whether a file starts with the columns of docs/tables.md, or is a bag of a circle, which can be read
+    directly.
+    """
     head = read_head(path)
     if is_bag(head):
         return test != MAPPED
     ours = header_names(head) & set(kind_named(test).layout().required)
-    # Rig's own joints beside a place in other columns, as tvec_x … of OpenCV, are read by a map like any others.
+    # Joints named by rig with places in foreign columns, such as tvec_x … of OpenCV, need a map.
     return len(ours) > 1 and (test != MAPPED or bool(ours - set(PLACE) and ours & set(PLACE)))
 
 
 def propose_map(files: Sequence[Path], rig_file: str | Path, join: str = "", topic: str = "") -> Proposal:
-    """Propose the map of the files of one measurement of poses, held against the arm of a rig file. topic: of the poses
-    in a bag; the only one where none is given.
+    """Propose the column map of the files of a pose measurement, checked with the arm of a rig file.
 
-    Raises FileError where the files are no such table, or nothing in them fits the arm.
+    topic: topic of the poses in a bag, if it has several. Raises FileError if the files are not such a table, or do not
+    fit the arm.
     """
     return _proposed(files, load(rig_file)[0], join, topic)[0]
 
 
 def poses_of_controller(files: Sequence[Path], rig: Rig) -> MappedPoses:
-    """Return the poses of files that a controller computed, by the map that they propose for the arm of a rig. Raises
-    FileError."""
+    """Return controller-computed poses, read with the map proposed for the arm of a rig. Raises FileError."""
     proposal, raw = _proposed(files, rig, "", "")
     computed = [question for question in proposal.questions if question.key == "place"]
     for question in computed:
@@ -97,7 +99,7 @@ def poses_of_controller(files: Sequence[Path], rig: Rig) -> MappedPoses:
 
 
 def _proposed(files: Sequence[Path], rig: Rig, join: str, topic: str) -> tuple[Proposal, RawTable]:
-    """The map of files, and the table that they are together."""
+    """Return the proposed map of files, and the joined table."""
     _hold_standing(rig, str(files[0]))
     tables, layouts = [], []
     for path in files:
@@ -118,7 +120,9 @@ def _proposed(files: Sequence[Path], rig: Rig, join: str, topic: str) -> tuple[P
 
 
 def _stands_in(data: bytes, where: str, rig: Rig, topic: str) -> tuple[bytes, str, tuple[str, ...]]:
-    """The table of the stands in a bag, its topic and doubts; any other file as it is."""
+    """Return the table of the stationary poses in a bag, the topic and the doubts; other files are returned
+    unchanged.
+    """
     if is_bag(data):
         stands = stands_of_bag(data, where, rig, topic)
         return stands.text, stands.topic, stands.doubts
@@ -128,7 +132,7 @@ def _stands_in(data: bytes, where: str, rig: Rig, topic: str) -> tuple[bytes, st
 
 
 def _hold_standing(rig: Rig, where: str) -> None:
-    """Raise FileError for an arm on a rail: a map does not say where that stands."""
+    """Raise FileError for an arm on a rail, since a map does not contain the position of the rail."""
     if rig.robot.rail:
         problem = "has other columns than those of docs/tables.md, and a map does not say where the rail stands"
         raise FileError(where, problem, "name its columns q1_deg …, e1_mm, x_mm, y_mm, z_mm")
@@ -145,9 +149,9 @@ def read_mapped(  # noqa: PLR0913 - what a run is labelled with
     placement: str = "",
     joints: JointSource = "measured",
 ) -> Measured:
-    """The run of the files of one measurement by their map, not written; see `read_table`.
+    """Return the run of the files of a measurement read with their map, not written to disk; see `read_table`.
 
-    Raises FileError for mistakes in a file, in the map and in the rig file.
+    Raises FileError for mistakes in a file, in the map or in the rig file.
     """
     rig, rig_text = load(rig_file)
     where = str(files[0])
@@ -198,7 +202,7 @@ def read_mapped(  # noqa: PLR0913 - what a run is labelled with
 
 
 def _held(run: Run, rig: Rig, where: str, doubts: Iterable[str]) -> Measured:
-    """A run held against the rig, with what an evaluation will refuse among its doubts."""
+    """Check a run against the rig, and add reasons for a later rejection to the doubts."""
     measured = measured_of(run, rig)
     refuse_impossible(measured, where)
     refused, table = [], measured.table
@@ -206,7 +210,7 @@ def _held(run: Run, rig: Rig, where: str, doubts: Iterable[str]) -> Measured:
         table.kind.hold_evaluable(table, rig, where)
         columns = zip(table.kind.gauges, table.kind.readings(table).T, strict=False)
         hold_alive(where, **{f"{gauge}_mm": column for gauge, column in columns})
-    except FileError as error:  # it is better reported now
+    except FileError as error:  # report it now
         refused = [str(error)]
     reasons = (*doubts, *refused, *measured.doubts)
     return replace(measured, doubts=doubts_of(replace(measured, doubts=reasons)))

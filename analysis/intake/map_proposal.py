@@ -1,8 +1,9 @@
-"""A map proposed from the header and the data of a table, and checked by the arm.
+"""Proposal of a column map from the header and data of a table, checked with the arm.
 
-The nominal arm's flanges are fitted to the places, base and target free. A wrong unit leaves metres or decimetres, the
-right one the errors of an arm by its nominal constants, some mm. The turns are then held against the arm's, the tool's
-turn free. A reading is taken where it fits, and the second best clearly does not; anything else is a question.
+The flange positions of the nominal arm are fitted to the measured places, with free base and target. The right unit
+leaves some mm, the error of a nominal arm; a wrong unit leaves decimetres or metres. Orientations are then compared
+with those of the arm, with a free tool orientation. An interpretation is accepted if it fits clearly better than the
+next. All other cases become a question.
 """
 
 from __future__ import annotations
@@ -29,32 +30,41 @@ from rigs.errors import FileError
 from rigs.rig import Rig
 
 _JUDGED = 200
-"""Rows that judge a reading, evenly chosen; more would show no more."""
+"""Number of evenly selected rows used to compare interpretations; more rows add little."""
 _SCREEN_STEPS, _STEPS = 12, 100
 _KEPT = 0.8
 _FARTHEST_MM = 1e6
 _RIGHT_DEG = 2.0
-"""The tool of an arm by its nominal constants turns as it should within some tenths of a degree."""
+"""Largest residual of an orientation. The tool orientation of a nominal arm is right within some tenths of a degree."""
 _COMPUTED_MM, _SHARE_OF_CONSTANTS = 0.1, 0.8
-"""Few arms stand by their nominal constants so near, and of these their constants leave a smaller share: of places that
-the controller computed, or a simulation with noise, no constants leave less. Of 25 poses F is 3 there (p 0.001)."""
+"""Criteria for computed places: residual below the first limit, and reduced by fitted constants to the second share
+at best. Few real arms are as close to nominal, and fitted constants improve the fit further. For 25 poses this
+share means F = 3 (p = 0.001).
+"""
 _FEW_POSTURES = 20
-"""So few postures, as those of a cube, leave hardly more than a fit of instrument and target takes."""
+"""With few postures, such as those of a cube, the fit of instrument and target already removes most of the error."""
 _FLOOR_MM, _FLOOR_DEG = 0.05, 0.01
-"""Below this a fit is as good as it can be: digits and noise."""
+"""Residual below which a fit cannot improve: rounding and noise."""
 _SHOWN, _NAMED = 6, 30
 _SMALL_MM = 100.0
-"""Places that lie no further apart (rms) show little of joints: what is meant otherwise may fit within 10 mm, too."""
+"""Spread of places (rms) below which they contain little information about joints: a wrong interpretation may also
+fit within 10 mm.
+"""
 _FAULTY_SHARE = 0.05
-"""Up to here an arm may be faulty and not another one: a zero wrong by 2.5° moves places by 0.044 of their lever."""
+"""Largest relative residual of a faulty arm; more means a different arm. A zero wrong by 2.5° moves places by 0.044
+of the lever.
+"""
 _ANGLES = ("deg", "rad")
 _LENGTHS = ("mm", "m", "in", "cm")
 
 
 @dataclass(frozen=True)
 class Reading:
-    """One way to read a part of the table, and what it leaves: rms of the nearest four fifths, in mm or degrees; of
-    places also as a share of how far they lie apart, by which readings in other units are compared."""
+    """An interpretation of a part of the table, with the residual.
+
+    left: rms of the best four fifths, in mm or degrees. share: for places also relative to their spread, to compare
+    units.
+    """
 
     value: Any
     left: float
@@ -63,7 +73,7 @@ class Reading:
     share: float = 0.0
 
     def line(self, next_best: Reading | None = None) -> str:
-        """The reading and what it leaves, for a person, and the next best beside it."""
+        """Return the interpretation and the residual as text, with the next best for comparison."""
         text = f"{self.words}{self._leaves()}"
         return f"{text}; the next best, {next_best.words}{next_best._leaves()}" if next_best else text
 
@@ -75,13 +85,13 @@ class Reading:
 
     @property
     def fits(self) -> bool:
-        """Whether places read so are those of the arm."""
+        """Whether the places fit the arm."""
         return self.left <= RIGHT_MM and self.share <= RIGHT_SHARE
 
 
 @dataclass(frozen=True)
 class Question:
-    """What the data do not show: a key of the map, and its possible values, the likeliest first."""
+    """A key of the map that the data leave open, with candidate values, likeliest first."""
 
     key: str
     asks: str
@@ -90,8 +100,9 @@ class Question:
 
 @dataclass(frozen=True)
 class Proposal:
-    """A map, what is open in it, and what was held against the arm, in lines. Where a question is open the map has its
-    likeliest answer."""
+    """A map, the open questions, and the results of the checks as text. Open keys have their likeliest value in the
+    map.
+    """
 
     table_map: TableMap
     questions: tuple[Question, ...]
@@ -99,12 +110,14 @@ class Proposal:
     rows: int
 
     def answered(self, question: Question, reading: Reading) -> Proposal:
-        """The proposal with an answer to a question."""
+        """Return the proposal with a question answered."""
         table_map = self.table_map.model_copy(update={question.key: reading.value})
         return replace(self, table_map=table_map, questions=tuple(q for q in self.questions if q is not question))
 
     def assumed(self) -> Proposal:
-        """The proposal with the likeliest answer to every question, each named in the map and so in every analysis."""
+        """Return the proposal with the likeliest answer to every question. The map records the assumptions for every
+        analysis.
+        """
         words = [
             f"{question.key}: {question.readings[0].words} was assumed and is not confirmed"
             for question in self.questions
@@ -115,7 +128,7 @@ class Proposal:
 
 @dataclass
 class _Judge:
-    """The rows and the bare arm by which readings are judged."""
+    """The rows and the bare arm used to compare interpretations."""
 
     raw: RawTable
     bare: Arm
@@ -129,7 +142,7 @@ class _Judge:
         return TableMap(files=self.layouts, join=self.join, joints=joints, place=place, residual=residual, **keys)
 
     def reading(self, table_map: TableMap, words: str, steps: int = _SCREEN_STEPS) -> Reading:
-        """A reading of joints and place as it fits the arm."""
+        """Return an interpretation of joints and place with the residual against the arm."""
         nothing = Reading(table_map, np.inf, "mm", words, np.inf)
         try:
             poses = poses_of(self.raw, table_map)
@@ -145,14 +158,14 @@ class _Judge:
 
 
 def _plain(number: float) -> str:
-    """A number with three digits, and no power of ten."""
+    """Return a number with three digits in plain notation."""
     return f"{number:.0f}" if number >= 100 else f"{number:.3g}"
 
 
 def propose(raw: RawTable, layouts: Sequence[Layout], join: str, rig: Rig) -> Proposal:
-    """Propose the map of a table of poses for the arm of a rig.
+    """Propose the column map of a table of poses for the arm of a rig.
 
-    Raises FileError where there are no columns of joints or places, or no reading of them fits the arm.
+    Raises FileError if columns of joints or places are missing, or if no interpretation fits the arm.
     """
     names = [axis.name for axis in rig.robot.axes]
     groups = groups_of(raw, names)
@@ -172,7 +185,7 @@ def propose(raw: RawTable, layouts: Sequence[Layout], join: str, rig: Rig) -> Pr
     measured, unsaid, commanded = (
         [group for group in groups.joints if group.role == role] for role in ("measured", "unsaid", "commanded")
     )
-    # Joints to read, and those that were commanded beside them.
+    # Joints to read, and the commanded joints in addition.
     joints, commanded = (measured or unsaid, commanded) if measured or unsaid else (commanded, [])
     only_commanded = all(group.role == "commanded" for group in joints)
     seen, residual = _places(groups)
@@ -184,7 +197,7 @@ def propose(raw: RawTable, layouts: Sequence[Layout], join: str, rig: Rig) -> Pr
     if chosen.turns and table_map.turn is None:
         table_map = _turned(judge, table_map, chosen)
     if residual and table_map.residual:
-        # Both signs of a residual fit an arm equally: its errors would only be mirrored.
+        # Both signs of a residual fit equally well: a wrong sign mirrors the errors.
         meanings = ("target - measured", "measured - target")
         values = [table_map.residual.model_copy(update={"meaning": meaning}) for meaning in meanings]
         words = [f"{_short(table_map.residual.columns)} is {meaning}" for meaning in meanings]
@@ -197,8 +210,11 @@ def propose(raw: RawTable, layouts: Sequence[Layout], join: str, rig: Rig) -> Pr
 
 
 def _stops_of_cube(raw: RawTable, groups: Groups, rig: Rig) -> RawTable | None:
-    """The table with the joints of the cube that a rig file declares, where it has places and no joints; None where it
-    has joints, or there is no such cube. Raises FileError where its places are not those of the cube."""
+    """Return a table of places with the joint angles of the declared cube; None if it has joints or no cube is
+    declared.
+
+    Raises FileError if the places are not those of the cube.
+    """
     if groups.joints or groups.near or rig.tests.iso9283 is None:
         return None
     seen = [pose.place for pose in groups.seen if pose.place.role != "commanded"]
@@ -216,7 +232,7 @@ def _stops_of_cube(raw: RawTable, groups: Groups, rig: Rig) -> RawTable | None:
 
 
 def _without_spots(raw: RawTable, groups: Groups) -> Groups:
-    """Return groups without the places of spots. Raises FileError if a table has no other places."""
+    """Return groups except places of touched spots. Raises FileError if a table has only such places."""
     spots = [pose.place.columns for pose in groups.seen if all(map(is_of_spot, pose.place.columns))]
     seen = tuple(pose for pose in groups.seen if pose.place.columns not in spots)
     if spots and not seen:
@@ -247,9 +263,9 @@ def _refuse_missing(raw: RawTable, groups: Groups, axes: int) -> None:
 
 
 def _places(groups: Groups) -> tuple[list[Seen], Group | None]:
-    """Places to read, and the residual beside them where no column holds what was measured."""
+    """Return the places to read, and the residual columns to add if no column contains measured places."""
     apart = [pose for pose in groups.seen if not pose.place.of_controller and pose.place.role != "commanded"]
-    seen = apart or groups.seen  # what the robot says of itself, only where nothing else was measured
+    seen = apart or groups.seen  # poses reported by the robot only if nothing else was measured
     measured = [pose for pose in seen if pose.place.role == "measured"]
     unsaid = [pose for pose in seen if pose.place.role == "unsaid"]
     commanded = [pose for pose in groups.seen if pose.place.role == "commanded"]
@@ -263,7 +279,7 @@ def _places(groups: Groups) -> tuple[list[Seen], Group | None]:
 def _placed(
     judge: _Judge, joints: Sequence[Group], seen: Sequence[Seen], residual: Group | None
 ) -> tuple[TableMap, Seen]:
-    """The map of joints and place, and the place that it is of; what remains open is a question of the judge."""
+    """Return the map of joints and place, and the selected place. Open points become questions of the judge."""
     candidates = _readings(judge, joints, seen, residual, stated=True)
     overruled = None
     if not candidates[0][0].fits:
@@ -308,8 +324,11 @@ def _placed(
 
 
 def _hold_faulty(judge: _Judge, best: Reading, readings: Sequence[Reading]) -> None:
-    """Assume of the best of readings, which does not fit the nominal arm, that it is of a faulty one. Raises FileError
-    where it fits in parts, where another reading leaves clearly less, and where no arm is so wrong."""
+    """Accept the best interpretation as that of a faulty arm although it does not fit the nominal arm.
+
+    Raises FileError if it fits in parts, if a different interpretation fits clearly better, or if the error is too
+    large for any arm.
+    """
     plain = next(reading for reading in readings if reading.value.sees == "the tool")
     if part := fits_in_parts(judge.raw, judge.bare, plain.value):
         problem = f"fits the arm of the rig file in {part}, and not as a whole; {plain.line()}"
@@ -327,7 +346,7 @@ def _hold_faulty(judge: _Judge, best: Reading, readings: Sequence[Reading]) -> N
 
 
 def _is_nominal(bare: Arm, poses: MappedPoses) -> bool:
-    """Whether many postures show no constants but the nominal ones."""
+    """Return whether the arm appears nominal: enough postures, and fitted constants that hardly improve the fit."""
     q, xyz_mm = poses.q, poses.xyz_mm
     if len(np.unique(np.round(q, 2), axis=0)) <= _FEW_POSTURES:
         return False
@@ -338,8 +357,11 @@ def _is_nominal(bare: Arm, poses: MappedPoses) -> bool:
 
 
 def _hardly_moved(judge: _Judge, taken: tuple[Reading, Seen]) -> Reading:
-    """Return the likeliest reading. Poses that hardly move may fit clearly better with a column meant otherwise, which
-    is asked; where they fit as well, names are taken for true, and it is said."""
+    """Return the likeliest interpretation of poses with small joint motion.
+
+    If a different interpretation fits clearly better, it becomes a question. If both fit equally, the column names are
+    trusted and the assumption is recorded.
+    """
     best, seen = taken
     ways = meant(judge.raw, judge.bare, best.value)
     if not ways:
@@ -358,7 +380,7 @@ def _hardly_moved(judge: _Judge, taken: tuple[Reading, Seen]) -> Reading:
 
 
 def _ask(judge: _Judge, candidates: Sequence[tuple[Reading, Seen]], asks: str) -> None:
-    """A question for each of joints and place that differs in readings, the likeliest first."""
+    """Add a question for each key with different values in the candidates, likeliest first."""
     for key in ("joints", "place", "turn", "sees"):
         values: dict[str, Reading] = {}
         for reading, _ in candidates:
@@ -372,7 +394,7 @@ def _ask(judge: _Judge, candidates: Sequence[tuple[Reading, Seen]], asks: str) -
 def _readings(
     judge: _Judge, joints: Sequence[Group], seen: Sequence[Seen], residual: Group | None, *, stated: bool
 ) -> list[tuple[Reading, Seen]]:
-    """Every way to read joints and place, the best first. stated: units that the file states are taken for true."""
+    """Return all interpretations of joints and place, best first. stated: trust the units stated in the file."""
     candidates = []
     for group, pose in product(joints, seen):
         if set(group.columns) & set(pose.place.columns):
@@ -393,14 +415,14 @@ def _readings(
 
 
 def _judged(judge: _Judge, candidates: list[tuple[Reading, Seen]]) -> list[tuple[Reading, Seen]]:
-    """The readings in order, the best few fitted to the end."""
+    """Return the interpretations in order of fit, the best few after a complete fit."""
     candidates.sort(key=lambda candidate: candidate[0].share)
     best = [(judge.reading(reading.value, reading.words, _STEPS), pose) for reading, pose in candidates[:_SHOWN]]
     return sorted(best, key=lambda candidate: candidate[0].share) + candidates[_SHOWN:]
 
 
 def _from_tool(judge: _Judge, joints: Sequence[Group], seen: Sequence[Seen]) -> list[tuple[Reading, Seen]]:
-    """Readings of an instrument on the tool that sees what stands in the cell: of a camera, hand-eye pairs."""
+    """Return interpretations for an instrument on the tool that observes the cell: camera and hand-eye pairs."""
     candidates = []
     for group, pose in product(joints, seen):
         for angle, length in product(_units(group.unit, _ANGLES), _units(pose.place.unit, ("mm", "m"))):
@@ -421,9 +443,12 @@ def _from_tool(judge: _Judge, joints: Sequence[Group], seen: Sequence[Seen]) -> 
 def _otherwise(
     judge: _Judge, joints: Sequence[Group], seen: Sequence[Seen], candidates: list[tuple[Reading, Seen]]
 ) -> tuple[tuple[Reading, Seen] | None, list[tuple[Reading, Seen]]]:
-    """The readings with columns in another order or direction, or of a left-handed frame, before the others, and the
-    reading that such a one overrules; behind the others, and None, where none fits. Raises FileError for what only a
-    rig file can state."""
+    """Return interpretations with reordered or reversed columns or a left-handed frame, and the interpretation they
+    overrule.
+
+    If one of them fits, they come first. If none fits, they come last and the second result is None. Raises FileError
+    if only a change of the rig file would fit.
+    """
     ways = []
     for group, pose in product(joints, seen):
         for angle, length in product(_units(group.unit, _ANGLES), _units(pose.place.unit, _LENGTHS)):
@@ -433,7 +458,7 @@ def _otherwise(
             named = f"joints {_short(group.columns)} in {angle}, place {_short(pose.place.columns)} in {length}"
             ways += [(way, base, named, pose) for way in meant(judge.raw, judge.bare, base)]
     ways.sort(key=lambda way: way[0].share)
-    # A zero half a turn off and an axis behind it that counts the other way are the same: a map states the latter.
+    # A zero wrong by 180° is equivalent to a reversed next axis; a map can state the latter.
     if any(way[0].share < AS_WELL * ways[0][0].share and not way[0].remedy for way in ways):
         ways = [way for way in ways if not way[0].remedy]
     read = [(Reading(way.table_map, way.left_mm, "mm", f"{named}, with {way.words}", way.share), pose)
@@ -448,7 +473,7 @@ def _otherwise(
 
 
 def _units(stated: str, units: tuple[Any, ...]) -> tuple[Any, ...]:
-    """The unit that the file states, where there is such a one, or all that are known."""
+    """Return the unit stated in the file if known, otherwise all candidates."""
     return (stated,) if stated in (*_ANGLES, *TO_MM) else units
 
 
@@ -469,7 +494,7 @@ def _turn_words(turn: Turn) -> str:
 
 
 def _turned(judge: _Judge, table_map: TableMap, seen: Seen) -> TableMap:
-    """The map with the turn that fits; where none does, or more than one, that is a question."""
+    """Return the map with the orientation that fits. If none or several fit, add a question."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
     base = poses_of(judge.raw, table_map)
@@ -483,7 +508,7 @@ def _turned(judge: _Judge, table_map: TableMap, seen: Seen) -> TableMap:
         except TableFileError:
             continue
         assert poses.turn is not None  # noqa: S101 - of readings with a turn
-        # What the nearest turns leave, with the tool's turn on the flange fitted to them.
+        # Residual of the best orientations after a fit of the tool orientation on the flange.
         arm = Rotation.from_matrix(T[:, :3, :3])
         tool = arm.inv() * Rotation.from_matrix(R_base).inv() * poses.turn
         kept, off = np.arange(len(T)), np.zeros(len(T))
@@ -494,7 +519,7 @@ def _turned(judge: _Judge, table_map: TableMap, seen: Seen) -> TableMap:
         candidates.append((Reading(turn, rms_deg, "°", f"turn as {_turn_words(turn)}"), poses.turn))
     readings, distinct = list[Reading](), list[Rotation]()
     for reading, turns in sorted(candidates, key=lambda candidate: candidate[0].left):
-        # Without those that turn every row as a better one does.
+        # Skip interpretations with the same orientation in every row as a better candidate.
         if all((turns * earlier.inv()).magnitude().max() > 1e-6 for earlier in distinct):
             readings.append(reading)
             distinct.append(turns)

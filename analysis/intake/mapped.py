@@ -1,10 +1,8 @@
-"""A table by its map: columns of the file become those of docs/tables.md, in degrees, mm and seconds.
+"""Conversion of a mapped table to the columns of docs/tables.md, in degrees, mm and seconds.
 
-Columns of a table read in another way than their names or their order say: the hypotheses that the conventions have
-of a run (`analysis.procedures.checks.meanings`), and a frame that is left-handed.
-
-What a map can state (another order of the columns, an axis that counts the other way, a mirror) becomes a question;
-zeros and couplings are of the rig file, and are named.
+It also tests alternative interpretations of columns: the hypotheses of `analysis.procedures.checks.meanings` and a
+left-handed frame. Alternatives that a map can express (column order, reversed axis, mirror) become questions. Zeros and
+couplings belong to the rig file, and are reported.
 """
 
 from __future__ import annotations
@@ -32,13 +30,15 @@ if TYPE_CHECKING:
 
 
 _UNIT_WITHIN = 0.01
-"""How far a quaternion's length, or a matrix times its transpose, may be from one: rounded digits, and no more."""
+"""Tolerance for the norm of a quaternion, and for a matrix times its transpose: rounding of digits only."""
 Columns = dict[str, pa.Array | pa.ChunkedArray]
 
 
 @dataclass(frozen=True)
 class MappedPoses:
-    """Poses by a map: joints q and commanded (n, k) rad, places xyz_mm (n, 3), turns, the last three None without."""
+    """Poses read with a map: joints q and commanded (n, k) rad, places xyz_mm (n, 3), orientations. The last two may
+    be None.
+    """
 
     q: Array
     xyz_mm: Array
@@ -47,7 +47,9 @@ class MappedPoses:
 
 
 def poses_of(raw: RawTable, table_map: TableMap) -> MappedPoses:
-    """The poses of a table by its map. Raises TableFileError for every bad cell, FileError for what the map lacks."""
+    """Read the poses of a table with the map. Raises TableFileError for bad cells, FileError for a key missing in
+    the map.
+    """
     problems = Problems()
     if table_map.joints is None or table_map.place is None:
         problem = f"states no {'joints' if table_map.joints is None else 'place'}, which every pose needs"
@@ -73,11 +75,11 @@ def poses_of(raw: RawTable, table_map: TableMap) -> MappedPoses:
 
 
 def turn_of(raw: RawTable, turn: Turn, problems: Problems) -> Rotation:
-    """The turns of a table by its map; what is none becomes a problem."""
+    """Read the orientations of a table with the map; invalid orientations become problems."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
     values = raw.numbers(turn.columns, problems)
-    values[~np.isfinite(values).all(axis=1)] = _none(turn)  # bad cells, which are problems already
+    values[~np.isfinite(values).all(axis=1)] = _none(turn)  # bad cells are already reported
     if turn.form == "quaternion":
         off = np.abs(np.linalg.norm(values, axis=1) - 1)
     elif turn.form == "matrix":
@@ -102,7 +104,7 @@ def turn_of(raw: RawTable, turn: Turn, problems: Problems) -> Rotation:
 
 
 def _none(turn: Turn) -> Array:
-    """The values of no turn, which stand in for those that are none until they are reported."""
+    """Return the identity in the form of a turn, which replaces invalid values until they are reported."""
     if turn.form == "quaternion":
         return np.array([0.0, 0.0, 0.0, 1.0])
     return np.eye(3).ravel() if turn.form == "matrix" else np.zeros(3)
@@ -118,7 +120,7 @@ def _radians(raw: RawTable, angles: Angles, problems: Problems) -> Array:
 def table_by(
     raw: RawTable, table_map: TableMap, test: TestName, axes: int, direction: Direction | None = None
 ) -> pa.Table:
-    """The table of docs/tables.md of a test, with every other column of the file as the text it is."""
+    """Return the table of a test in the format of docs/tables.md, with all other columns of the file as text."""
     if test == MAPPED:
         for part in filter(None, (table_map.joints, table_map.commanded)):
             if len(part.columns) != axes:
@@ -176,7 +178,7 @@ def _named(raw: RawTable, table_map: TableMap, test: TestName, axes: int, direct
 
 
 def _column(raw: RawTable, name: str, column: str, unit: str | None, problems: Problems) -> pa.Array:
-    """A column by our name: a number in its unit, a count, or a word."""
+    """Return a column by the standard name: a number in the standard unit, a count, or a word."""
     if name not in (*WORDS, *COUNTS, SOCKET):
         our_unit = name.rpartition("_")[2]
         if unit and unit not in TO_UNIT[our_unit]:
@@ -195,19 +197,24 @@ def _column(raw: RawTable, name: str, column: str, unit: str | None, problems: P
 
 
 _STEPS, _ALL_STEPS, _BEST = 8, 60, 3
-"""Steps of a fit while meanings are screened, of the best few of them, and how many those are."""
+"""Optimiser steps for screening, steps for the best candidates, and number of these."""
 _ALIKE = 4.0
-"""Places spread as far as the flange does, but for what the tool adds: units in which they do not are left out."""
+"""Largest ratio between the spread of the places and of the flange; a larger ratio means a wrong unit."""
 _FIRST, _PARTS = 0.4, 4
-"""The first rows that may be of another placing than the others, and how many values of a column of words name such."""
+"""Share of first rows that may belong to a separate placement, and maximum number of values of a column that names
+placements.
+"""
 _MIRROR = "y"
-"""Any axis will do: the frame is fitted."""
+"""Mirrored axis; any axis works because the frame is fitted."""
 
 
 @dataclass(frozen=True)
 class Meant:
-    """A map by which poses fit the arm, what it leaves, rms in mm and as a share of how far the places lie apart, and
-    what it reads otherwise, in words. remedy: what to do where a map cannot state it, else empty."""
+    """A map with an alternative interpretation, with residual and description.
+
+    left_mm: rms residual in mm; share: relative to the spread of the places. remedy: action if a map cannot express it,
+    otherwise empty.
+    """
 
     table_map: TableMap
     left_mm: float
@@ -217,8 +224,10 @@ class Meant:
 
 
 def meant(raw: RawTable, bare: Arm, base: TableMap) -> list[Meant]:
-    """Return the ways to read the joints and places of a map otherwise, the best first; none where its units do not
-    suit the arm, or hardly a row has a place."""
+    """Return alternative interpretations of the joints and places of a map, best first.
+
+    Empty if the units do not suit the arm or hardly any row has a place.
+    """
     try:
         poses = poses_of(raw, base)
     except TableFileError:
@@ -243,8 +252,10 @@ def meant(raw: RawTable, bare: Arm, base: TableMap) -> list[Meant]:
 
 
 def fits_in_parts(raw: RawTable, bare: Arm, base: TableMap) -> str:
-    """Return which rows of a table fit the arm by themselves where all together do not, in words, empty where none do:
-    the target sat elsewhere on the tool in the others, or the instrument stood elsewhere."""
+    """Return a description of rows that fit the arm separately although the complete table does not; empty if none do.
+
+    In the other rows the target or the instrument was in a different place.
+    """
     poses = poses_of(raw, base)
     measured, number = (poses.xyz_mm != 0).any(axis=1), np.arange(len(raw.lines))
     parts = {"the first rows": number < max(_FIRST * len(number), FEWEST), "every other row": number % 2 == 0}
@@ -263,8 +274,9 @@ def fits_in_parts(raw: RawTable, bare: Arm, base: TableMap) -> str:
 
 
 def _ways(base: TableMap, axes: int) -> Iterator[tuple[TableMap, Meaning | None, str, str]]:
-    """Every other way to read a map: the map, the meaning, None for a mirror, in words, and what to do where a map
-    cannot state it."""
+    """Yield alternative interpretations: map, meaning (None for a mirror), description, and remedy if a map cannot
+    express it.
+    """
     if base.joints is None or base.place is None:
         return
     mirrored = base.place.model_copy(update={"mirror": _MIRROR})
@@ -282,5 +294,5 @@ def _ways(base: TableMap, axes: int) -> Iterator[tuple[TableMap, Meaning | None,
 
 
 def spread_of(places: Array) -> float:
-    """Return how far places (n, 3) mm lie apart, rms from their middle."""
+    """Return the spread of places (n, 3) mm: rms distance from their mean."""
     return float(np.sqrt(((places - places.mean(axis=0)) ** 2).sum(axis=1).mean()))

@@ -1,6 +1,7 @@
-"""A table file as its instrument wrote it: separators, decimals, comments, header and units found, cells kept as text.
+"""A table file in the format of an instrument: detection of separators, decimals, comments, header and units, with
+cells as text.
 
-pyarrow splits the lines; what is found is a `Layout`, which a map states and a person can correct.
+pyarrow splits the lines. The detected `Layout` becomes part of the map, so that the operator can correct it.
 """
 
 from __future__ import annotations
@@ -32,27 +33,30 @@ from rigs.errors import FileError
 
 _WORKBOOK = b"PK\x03\x04"
 _MOST_UNPACKED = 40_000_000
-"""Bytes of a workbook's parts: a cell has some 30, and its reader takes eight times as much memory for texts."""
+"""Maximum unpacked size of a workbook in bytes. A cell takes some 30 bytes, and the reader needs eight times as much
+memory.
+"""
 _MOST_SHEET_CELLS = 500_000
-"""Cells of a workbook, as many as are read in some ten seconds (30 000 a second on a busy computer, measured)."""
+"""Maximum number of cells of a workbook, read in some ten seconds (30 000 per second on a busy computer, measured)."""
 _MOST_CELLS, _MOST_COLUMNS = 20_000_000, 1000
 _SAMPLED = 100
-"""Lines at the beginning and at the end by which a layout is found."""
+"""Number of lines at the start and at the end used to detect the layout."""
 _COMMENTS = ("#", "%", "//")
 _NUMBER = r"^[ \t]*[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?[ \t]*$"
 _POINT = re.compile(_NUMBER)
 _COMMA = re.compile(r"[+-]?[0-9]+,[0-9]+([eE][+-]?[0-9]+)?")
 _UNIT = re.compile(r"[\[(]?\s*(mm|m|cm|um|µm|in|inch|deg|°|rad|s|ms|-|degrees|radians|°c|)\s*[\])]?", re.IGNORECASE)
 _MOSTLY = 0.9
-"""Share of the rows that are numbers in a column of numbers."""
+"""Minimum share of numbers in a numeric column."""
 _FEWEST = 3
-"""Columns of the smallest table: a place."""
+"""Minimum number of columns: a place."""
 
 
 @dataclass(frozen=True)
 class RawTable:
-    """A table as it is written. cells: a column of text for each of `names`; lines (n,): the line of each row, from 1;
-    units: what a line of units has below the header, "" for none."""
+    """A table as written. cells: text columns for `names`. lines (n,): line numbers from 1. units: text of a units
+    line below the header, or "".
+    """
 
     where: str
     names: tuple[str, ...]
@@ -62,7 +66,7 @@ class RawTable:
     decimal_comma: bool
 
     def numbers(self, names: Sequence[str], problems: Problems | None = None) -> Array:
-        """Columns (n, k) as numbers. Bad cells are nan and go to `problems`, or are raised as TableFileError."""
+        """Return columns (n, k) as numbers. Bad cells are nan and added to `problems`, or raised as TableFileError."""
         bad_cells = Problems() if problems is None else problems
         columns = np.full((len(self.lines), len(names)), np.nan)
         for name, column in zip(names, columns.T, strict=True):
@@ -88,11 +92,11 @@ class RawTable:
 
     @cached_property
     def numeric(self) -> tuple[str, ...]:
-        """The columns that hold numbers but for a few bad cells, which an import then names."""
+        """Columns of numbers with at most a few bad cells, which an import reports."""
         return tuple(name for name in self.names if array_of(self._is_number(name)).mean() >= _MOSTLY)
 
     def evenly(self, rows: int) -> RawTable:
-        """So many rows of the table without bad cells in columns of numbers, evenly chosen."""
+        """Return a given number of evenly spaced rows that have valid cells in all numeric columns."""
         sound = np.ones(len(self.lines), dtype=bool)
         for name in self.numeric:
             sound &= array_of(self._is_number(name)).astype(bool)
@@ -111,12 +115,12 @@ class RawTable:
 
 
 def is_workbook(data: bytes) -> bool:
-    """Return whether bytes are those of an .xlsx workbook."""
+    """Return whether bytes are an .xlsx workbook."""
     return data.startswith(_WORKBOOK)
 
 
 def sheets_of(data: bytes, where: str) -> dict[str, bytes]:
-    """The sheets of a workbook that hold rows, each as text separated by commas. Raises FileError."""
+    """Return the sheets of a workbook with rows, each as comma-separated text. Raises FileError."""
     try:
         import openpyxl  # noqa: PLC0415 - an extra, and slow to import
     except ModuleNotFoundError:
@@ -137,11 +141,12 @@ def sheets_of(data: bytes, where: str) -> dict[str, bytes]:
 
 
 def _texts_within(sheets: Iterable[Any], where: str) -> Iterator[tuple[str, bytes]]:
-    """Yield the title of each sheet with its rows as text. Raises FileError for more cells in all than are read; a cell
-    far out makes all before it."""
+    """Yield title and rows of each sheet as text. Raises FileError above the limit of cells; a distant cell counts
+    with all cells before it.
+    """
     count = 0
     for sheet in sheets:
-        sheet.reset_dimensions()  # what a sheet says of its size may be too much, or leave rows out
+        sheet.reset_dimensions()  # the stated size of a sheet may be too large or leave rows out
         rows = []
         for row in sheet.iter_rows(values_only=True):
             count += max(1, len(row))
@@ -149,7 +154,7 @@ def _texts_within(sheets: Iterable[Any], where: str) -> Iterator[tuple[str, byte
                 problem = f"has more than {_MOST_SHEET_CELLS} cells, in the sheet {sheet.title!r} at the latest"
                 raise FileError(where, problem, "save the sheet with the table as CSV")
             texts = ["" if cell is None else re.sub(r"\s+", " ", str(cell)) for cell in row]
-            # A point where a text is a number with a comma: columns are separated by commas.
+            # Replace the decimal comma, since commas separate the columns.
             rows.append([text.replace(",", ".") if _COMMA.fullmatch(text.strip()) else text for text in texts])
         width, written = max(map(len, rows), default=0), io.StringIO()
         writer = csv.writer(written, lineterminator="\n")
@@ -159,7 +164,7 @@ def _texts_within(sheets: Iterable[Any], where: str) -> Iterator[tuple[str, byte
 
 
 def text_of(data: bytes, where: str, layout: Layout | None = None) -> tuple[list[str], Layout]:
-    """The lines of a file, and the encoding that they are in. Raises FileError for what is no text."""
+    """Return the lines of a file and their encoding. Raises FileError if the file is not text."""
     encoding = layout.encoding if layout else "utf-8"
     if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
         encoding = "utf-16"
@@ -177,7 +182,7 @@ def text_of(data: bytes, where: str, layout: Layout | None = None) -> tuple[list
 
 
 def layout_of(lines: Sequence[str], encoding: str, where: str) -> Layout:
-    """Find how the lines of a file are written. Raises FileError where they are no table of numbers."""
+    """Detect the layout of the lines of a file. Raises FileError if they are not a table of numbers."""
     comment = next((mark for line in lines[:1000] for mark in _COMMENTS if line.lstrip().startswith(mark)), "")
     rows = [k for k, line in enumerate(lines) if line.strip() and not (comment and line.lstrip().startswith(comment))]
     sampled = [*rows[:_SAMPLED], *rows[_SAMPLED:][-_SAMPLED:]]
@@ -225,7 +230,9 @@ def layout_of(lines: Sequence[str], encoding: str, where: str) -> Layout:
 def _header(
     lines: Sequence[str], first: int, rows: list[int], comment: str, mark: str, fields: int, numeric: Array
 ) -> tuple[int, int]:
-    """The lines of header and units before the first row of data, from 1; 0 for none. A comment may be the header."""
+    """Return the line numbers of header and units before the first row of data, from 1; 0 for none. The header may
+    be a comment.
+    """
     above = [k for k in rows if k < first][-2:]
     full = [k for k in above if len(_fields(lines[k], mark)) == fields]
     if full and all(_UNIT.fullmatch(cell.strip()) for cell in _fields(lines[full[-1]], mark)):
@@ -251,14 +258,14 @@ def _is_number(cell: str, comma: bool) -> bool:
 
 
 def read_raw(lines: Sequence[str], layout: Layout, where: str) -> RawTable:
-    """Split the lines of a file by its layout. Raises TableFileError with every row of another length."""
+    """Split the lines of a file by the layout. Raises TableFileError for rows of different lengths."""
     mark = SEPARATORS[layout.separator]
     fields = len(_fields("".join(lines[layout.first_line - 1 : layout.first_line]), mark))
 
     def is_comment(line: str) -> bool:
         if not layout.comment or not line.startswith(layout.comment):
             return False
-        first, *others = _fields(line, mark)  # ###, a number too wide for its cell, is the first cell of a row
+        first, *others = _fields(line, mark)  # ### marks a number too wide for its cell and is the first cell of a row
         return bool(first.strip(layout.comment)) or 1 + len(others) != fields
 
     kept = [
@@ -297,7 +304,7 @@ def read_raw(lines: Sequence[str], layout: Layout, where: str) -> RawTable:
 
 
 def _names(lines: Sequence[str], layout: Layout, body: str, mark: str) -> tuple[list[str], list[str]]:
-    """The names of the columns, each once, and their units."""
+    """Return the unique names of the columns, and their units."""
     count = len(_fields(body, mark))
 
     def cells(number: int) -> list[str]:
@@ -317,8 +324,10 @@ def _names(lines: Sequence[str], layout: Layout, body: str, mark: str) -> tuple[
 
 
 def joined(tables: Sequence[RawTable], join: str) -> tuple[RawTable, int]:
-    """One table of several files: row by row (`rows`), or by a column that each of them has; and how many rows are in
-    one of them only. Raises FileError."""
+    """Join several files to a table, row by row (`rows`) or by a common column, and count the unmatched rows.
+
+    Raises FileError.
+    """
     first, *others = tables
     if not others:
         return first, 0
@@ -369,7 +378,9 @@ def _index(table: RawTable, join: str) -> dict[str, int]:
 
 
 def read_files(files: Sequence[tuple[Path, bytes]], layouts: Sequence[Layout], join: str) -> tuple[RawTable, int]:
-    """The one table of the files of a measurement, by the layouts of its map, and the rows that were not joined."""
+    """Return the joined table of the files of a measurement, read with the layouts of the map, and the number of
+    unmatched rows.
+    """
     tables = []
     for (path, data), layout in zip(files, layouts, strict=True):
         if is_workbook(data):

@@ -1,12 +1,11 @@
-"""Reading a table file: bytes to rows, rows to columns, every bad row named.
+"""Reading of table files in the format of docs/tables.md, with errors by row.
 
-The file's own columns stay in their order; known ones become numbers, counts and words, extra ones stay
-the text they are. Rows become columns of Arrow a batch at a time: as objects of Python, a table takes ten times the
-memory, and where that ends, each of millions of small requests for more is refused by the system on its own.
+Columns stay in order. Known columns become numbers, counts and words; extra columns stay text. Rows are converted to
+Arrow in batches: as Python objects, a table takes ten times the memory.
 
-The header says which columns there are, which are missing, and what they may be called instead. Of a file that is no
-table it is said what to do with it: a person gives what a controller or a recorder has written. What a cell alone does
-not show is looked for in whole columns: time that runs back, a second direction, jumps of joints, unknown targets.
+Header checks report missing columns and likely alternatives. Files in other formats get a conversion hint, since users
+give the files of their controllers and recorders. Checks of whole columns find decreasing time, a second direction,
+jumps of joints, and unknown targets.
 """
 
 from __future__ import annotations
@@ -54,19 +53,19 @@ from rigs.schema.vocabulary import CIRCLES, DRIVEN_AXES, Direction, TestName
 from rigs.text import as_argument
 
 _SPEED_FACTOR = 2.0
-"""A joint that moves faster than this many times its rated speed …"""
+"""Factor on the rated speed of a joint above which a step counts as a jump."""
 _ROUNDING_DEG = 2.0
-"""… and by more than this has jumped: times are rounded, and speeds in rig files are nominal. …"""
+"""Minimum size of a jump: times are rounded, and speeds in rig files are nominal."""
 _LARGEST_STEP_DEG = 120.0
-"""… And so has one that moves further than this between neighbouring samples, however slow they are."""
+"""Largest step of a joint between adjacent samples, at any sampling rate."""
 
 
 def check_sequence(
     columns: Columns, lines: np.ndarray, test: TestName, rig: Rig, direction: Direction | None
 ) -> Iterator[TableProblem]:
-    """Mistakes between rows, and beside the rig; cells that are null are left out, they are mistakes already.
+    """Yield mistakes between rows and conflicts with the rig. Null cells are skipped, since they are already reported.
 
-    lines: the number of each row's line (n,).
+    lines: line numbers of the rows (n,).
     """
     columns_of_test = kind_named(test).layout().known
     if "t_s" in columns_of_test and "t_s" in columns:
@@ -84,7 +83,7 @@ def check_sequence(
         for k in np.flatnonzero(target > count):
             fact = f"{target[k]:.0f} is not one of the {count} targets of the rig's hemisphere"
             yield TableProblem(int(lines[k]), "target", fact)
-    # A joint more than the arm has: of touches, and of arms of few axes, whose gripper is easily taken for one.
+    # An extra joint: checked for touches, and for arms with few axes, where a gripper may be mistaken for a joint.
     axes = len(rig.robot.axes)
     further = joint_columns(axes + 1)[-1]
     if further in columns and (SOCKET in columns_of_test or axes < DRIVEN_AXES):
@@ -101,7 +100,7 @@ def check_sequence(
 
 
 def _of_circle(columns: Columns, lines: np.ndarray, rig: Rig, direction: Direction | None) -> Iterator[TableProblem]:
-    """Mistakes in the direction of a circle, and where a joint jumps by more than it can run."""
+    """Yield mistakes in the direction of a circle, and impossible jumps of joints."""
     words = columns["direction"]
     named = pc.unique(words.drop_null()).to_pylist()
     if direction and named == ["acw" if direction == "cw" else "cw"]:
@@ -118,7 +117,7 @@ def _of_circle(columns: Columns, lines: np.ndarray, rig: Rig, direction: Directi
         jump = (np.abs(step) > np.minimum(reachable, _LARGEST_STEP_DEG)) & (gap_s > 0)
         came = -2
         for k in np.flatnonzero(jump).tolist():
-            # A single bad row jumps there and back: it is named, the good one after it is not.
+            # A single bad row jumps there and back: report it, but not the good row after it.
             if came == k - 1 and step[k] * step[k - 1] < 0:
                 came = -2
                 continue
@@ -130,17 +129,17 @@ def _of_circle(columns: Columns, lines: np.ndarray, rig: Rig, direction: Directi
 
 
 _CELL = r"[\s0-9.eE+-]*|" + "|".join(word for words in WORDS.values() for word in words)
-"""A number, or a word of a column of words: the first line of a table without a header."""
+"""A number or a reserved word: a first line of such cells means a missing header."""
 _UNITS = {"deg": "degrees", "mm": "mm", "s": "seconds"}
 
 
 def check_header(
     where: str, names: list[str], test: TestName, direction_given: bool, axes: int = 6, layout: Layout | None = None
 ) -> None:
-    """Whether these columns make a table of a test; layout: of an arm of so many axes without a rail, if none is given.
+    """Check the column names of a table for a test.
 
-    direction_given: a direction column may be missing. Raises FileError for another separator,
-    TableFileError for wrong or missing columns.
+    layout: default for an arm with `axes` axes without a rail. direction_given: the direction column may be missing.
+    Raises FileError for a wrong separator, TableFileError for wrong or missing columns.
     """
     line = ",".join(names) if len(names) <= 2 else ""
     if line.count(";") > 2:
@@ -173,8 +172,8 @@ def check_header(
 
 
 def _missing(name: str, names: list[str], layout: Layout, test: TestName) -> str:
-    # The extra column that may be the missing one: of the same stem (g1_inch for g1_mm), or written alike.
-    # A column that means something in another test is that, and no other one misspelt.
+    # Find an extra column that may be the missing one: with the same stem (g1_inch for g1_mm) or similar spelling.
+    # Column names of other tests are not candidates.
     of_any = {column for kind in kinds() for column in kind.layout().known}
     extras = [extra for extra in names if extra not in of_any]
     of_same_stem = [extra for extra in extras if _stem(extra) == _stem(name)]
@@ -208,11 +207,11 @@ _BEGINNINGS = (
     (b"\xd0\xcf\x11\xe0", "is a workbook of an old Excel", "save the table as CSV"),
     (b"%PDF", "is a PDF", "give the table as CSV"),
 )
-"""What a file begins with that is no text, what it is, and what to do."""
+"""Signatures of unsupported files, with description and remedy."""
 
 
 def refuse_other_formats(where: str, data: bytes) -> None:
-    """Raise FileError for the bytes of a file that is known to be no table."""
+    """Raise FileError for the signature of an unsupported format."""
     for magic, fact, remedy in _BEGINNINGS:
         if data.startswith(magic):
             raise FileError(where, fact, remedy.format(file=as_argument(where)))
@@ -222,7 +221,7 @@ def refuse_other_formats(where: str, data: bytes) -> None:
 
 
 def refuse_comments(where: str, data: bytes, test: TestName) -> None:
-    """Raise FileError for a table that begins with lines of comment; its header may be the last of them."""
+    """Raise FileError for a table that starts with comment lines; the last may be the header."""
     lines = data.decode("utf-8-sig").splitlines()
     count = next((number for number, line in enumerate(lines) if not line.startswith("#")), len(lines))
     names = {name.strip() for name in lines[count - 1].lstrip("# ").split(",")}
@@ -237,14 +236,17 @@ def refuse_comments(where: str, data: bytes, test: TestName) -> None:
 
 MOST_BYTES = 256_000_000
 _MOST_CELLS, _MOST_COLUMNS = 20_000_000, 1000
-"""The largest table, which takes some 0.5 GB while it is read; half an hour at 1 kHz with 9 columns has 16 million."""
+"""Maximum size of a table, which takes some 0.5 GB while it is read. Half an hour at 1 kHz with 9 columns has 16
+million cells.
+"""
 
 
 @dataclass(frozen=True)
 class TableFile:
-    """A table as read. table: the file's columns, known ones as double, int64 or words, extra ones as text.
+    """A table as read.
 
-    direction: of a circle. sha256: of the file's bytes. doubts: what a bag leaves in doubt, in words.
+    table: columns of the file, known ones as double, int64 or words, extra ones as text. direction: of a circle.
+    sha256: hash of the file. doubts: remarks on a bag.
     """
 
     path: Path
@@ -257,11 +259,11 @@ class TableFile:
 def read_file(
     path: Path, test: TestName, rig: Rig, direction: Direction | None = None, joints: JointSource = "measured"
 ) -> TableFile:
-    """Read a table of docs/tables.md: a CSV file, or a bag of ROS 2 from which one is made.
+    """Read a table in the format of docs/tables.md from a CSV file or a ROS 2 bag.
 
-    direction: of a circle whose table has no direction column; the column is then added after t_s. joints: which of two
-    sets of columns are the robot's; the other is kept under a name that says what it is. Raises FileError for a file
-    that cannot be read, TableFileError with every mistake in it.
+    direction: of a circle, if the table lacks the direction column; the column is then added after t_s. joints: the set
+    of joint columns to use; the other set is renamed accordingly. Raises FileError for an unreadable file,
+    TableFileError with all mistakes in it.
     """
     data = read_whole(path)
     has_direction = "direction" in kind_named(test).layout().required
@@ -284,7 +286,7 @@ def parse_csv(
     direction: Direction | None = None,
     joints: JointSource = "measured",
 ) -> pa.Table:
-    """The table in the bytes of a file; `where` names it in errors. See `read_file`."""
+    """Parse the bytes of a table file; `where` is the name in errors. See `read_file`."""
     if direction and "direction" not in kind_named(test).layout().required:
         raise FileError(where, f"is of a {test} test, which has no direction", "leave --direction out")
     _require_text(where, data)
@@ -314,7 +316,7 @@ def parse_csv(
 
 
 def _names(header: list[str], where: str, joints: JointSource) -> list[str]:
-    """The names of the columns. Raises FileError for no header, one of too many, and one without the joints to read."""
+    """Return the column names. Raises FileError if the header is missing or too long, or lacks the selected joints."""
     if not any(header):
         raise FileError(where, "is empty", "give a table with a header line")
     if len(header) > _MOST_COLUMNS:
@@ -322,7 +324,7 @@ def _names(header: list[str], where: str, joints: JointSource) -> list[str]:
     names = [as_it_was(name) for name in header]
     if joints != "commanded":
         return names
-    # The commanded joints are the robot's, and those measured have a name that says so.
+    # Use the commanded joints as those of the robot, and rename the measured joints.
     if missing := [name for name in COMMANDED if name not in names]:
         problem = f"has no {', '.join(missing)}, which --joints commanded reads"
         raise FileError(where, problem, "rename the columns of the commanded joints, or leave --joints out")
@@ -331,7 +333,7 @@ def _names(header: list[str], where: str, joints: JointSource) -> list[str]:
 
 
 def read_whole(path: Path) -> bytes:
-    """The bytes of a table file, bounded. Raises FileError for one that cannot be read or is too large."""
+    """Return the bytes of a table file. Raises FileError if it cannot be read or is too large."""
     try:
         return read_bytes(path, MOST_BYTES)
     except IsADirectoryError:
@@ -347,19 +349,19 @@ def read_whole(path: Path) -> bytes:
 
 
 _HEAD_BYTES = 100_000
-"""Size of the beginning of a file: more than the header of any table, and the signature of a bag."""
+"""Number of bytes at the start of a file that contain any header and the signature of a bag."""
 
 
 def read_head(path: Path) -> bytes:
-    """The first 100 kB of a table file. Raises FileError for one that cannot be read."""
+    """Return the first 100 kB of a table file. Raises FileError if it cannot be read."""
     try:
         return read_from(path, 0, _HEAD_BYTES)[0]
     except (OSError, FileError):
-        return read_whole(path)[:_HEAD_BYTES]  # says why
+        return read_whole(path)[:_HEAD_BYTES]  # raises the error with the reason
 
 
 def header_names(head: bytes) -> set[str]:
-    """Return the column names in the first line of a CSV file, from its first bytes."""
+    """Return the column names in the first line of a CSV file, given its first bytes."""
     line = head.split(b"\n")[0].decode("utf-8-sig", "replace")
     return {name.strip().strip('"') for name in line.split(",")}
 
@@ -377,7 +379,7 @@ def _require_text(where: str, data: bytes) -> None:
 
 
 def _rows(data: bytes, where: str) -> Iterator[Row]:
-    """Rows that hold anything, in order. Raises TableFileError where quotes do not match."""
+    """Yield nonempty rows in order. Raises TableFileError for unbalanced quotes."""
     reader = csv.reader(io.TextIOWrapper(io.BytesIO(data), encoding="utf-8-sig", newline=""), strict=True)
     begin = 1
     try:
@@ -391,7 +393,7 @@ def _rows(data: bytes, where: str) -> Iterator[Row]:
 
 
 def _whole_rows(rows: Iterator[Row], names: list[str], where: str, problems: Problems) -> Iterator[Row]:
-    """Rows with a field for each name; the others are problems. Raises FileError for more rows than a table has."""
+    """Yield rows with a field for each name; other rows become problems. Raises FileError above the limit of rows."""
     most_rows = _MOST_CELLS // len(names)
     count = 0
     for line, fields in rows:

@@ -1,6 +1,6 @@
-"""The map of a table as its instrument wrote it: which column is what, in which unit, and how turns are written.
+"""The map of a table in the format of an instrument: meaning and unit of columns, and form of orientations.
 
-A map is a YAML file that a person reads, changes and gives again; a run keeps the one that it was imported by.
+A map is a YAML file that the operator reads, edits and passes to an import. A run stores the map it was imported with.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from rigs.yaml_text import flow, read_yaml
 
 _MOST_BYTES = 100_000
 MAPPED: TestName = "pose"
-"""The test whose tables are read as their instrument wrote them, by a map that is proposed."""
+"""The test whose tables may have the format of an instrument and are read with a proposed map."""
 OPEN = "?"
-"""What stands in a proposed map where a person has to decide."""
+"""Placeholder in a proposed map for a decision by the operator."""
 Name = Annotated[str, StringConstraints(min_length=1, max_length=200)]
 Names = Annotated[tuple[Name, ...], Field(min_length=1, max_length=16)]
 Separator = Literal["comma", "semicolon", "tab", "bar", "blanks"]
@@ -35,14 +35,13 @@ TO_UNIT: dict[str, dict[str, float]] = {
     "mm": {str(unit): factor for unit, factor in TO_MM.items()},
     "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
 }
-"""Factors to the unit that the name of a column of docs/tables.md ends with."""
+"""Conversion factors to the unit suffixes of the columns of docs/tables.md."""
 TurnForm = Annotated[str, StringConstraints(pattern=r"^(quaternion|rotation vector|matrix|(moving|fixed) [xyz]{3})$")]
 TURN_COLUMNS = {"quaternion": 4, "rotation vector": 3, "matrix": 9}
 
 
 class Layout(Part):
-    """How a text file is written. Lines count from 1; 0 stands for none. sheet: of a workbook; topic: of the poses in a
-    bag."""
+    """Layout of a text file. Lines count from 1; 0 means none. sheet: of a workbook; topic: of the poses in a bag."""
 
     encoding: Literal["utf-8", "utf-16", "cp1252"] = "utf-8"
     separator: Separator = "comma"
@@ -56,8 +55,9 @@ class Layout(Part):
 
 
 class Angles(Part):
-    """Columns of angles, in the order of the axes. reversed: numbers of axes, from 1, that count the other way than
-    those of the rig file."""
+    """Columns of angles in the order of the axes. reversed: numbers of axes, from 1, with a sense opposite to the
+    rig file.
+    """
 
     columns: Names
     unit: AngleUnit
@@ -65,8 +65,7 @@ class Angles(Part):
 
 
 class Lengths(Part):
-    """Columns x, y and z of a place or a distance. mirror: the axis that counts the other way, of an instrument whose
-    frame is left-handed."""
+    """Columns x, y and z of a place or a distance. mirror: reversed axis of an instrument with a left-handed frame."""
 
     columns: Annotated[tuple[Name, ...], Field(min_length=3, max_length=3)]
     unit: LengthUnit
@@ -74,14 +73,15 @@ class Lengths(Part):
 
 
 class Residual(Lengths):
-    """What was measured beside a target: `place` then holds the target."""
+    """Measured residual at a target; `place` then contains the target."""
 
     meaning: Literal["target - measured", "measured - target"]
 
 
 class Turn(Part):
-    """How the tool was turned. Columns: a quaternion x, y, z, w; a matrix row by row; angles in the order of their
-    axes."""
+    """Orientation of the tool. Columns: a quaternion x, y, z, w; a matrix by rows; or angles in the order of their
+    axes.
+    """
 
     columns: Names
     form: TurnForm
@@ -103,21 +103,20 @@ class Turn(Part):
 
 
 class Column(Part):
-    """A column of the file for one of docs/tables.md, and its unit where that differs."""
+    """A column of the file that supplies a column of docs/tables.md, and the unit if different."""
 
     column: Name
     unit: Literal["deg", "rad", "mm", "m", "cm", "um", "in", "s", "ms", "us", "ns", "min"] | None = None
 
 
 class TableMap(Part):
-    """What the columns of one measurement mean.
+    """Meaning of the columns of a measurement.
 
-    files: how each of its files is written, in the order in which they are given. join: how several files belong
-    together, `rows` or a column that each of them has. joints, commanded, place, residual, turn: of poses; sees:
-    whether the instrument says where the tool is, or, as a camera on the tool, where the tool sees what stands in the
-    cell; stops: that rows without joints are stops of the ISO 9283 cube, each known by its place. columns: of the other
-    tests, by the names of docs/tables.md; constants: words that hold for all rows, as the socket. only_commanded: the
-    joints are commands, and no measured ones are known. assumed: what is not confirmed.
+    files: layouts of the files in order. join: how to join several files, `rows` or a common column. joints, commanded,
+    place, residual, turn: columns of poses. sees: whether the instrument observes the tool or, like a camera on the
+    tool, observes the cell from the tool. stops: rows are stops of the ISO 9283 cube, identified by place. columns: for
+    other tests, by the names of docs/tables.md. constants: words for all rows, such as the socket. only_commanded:
+    measured joints are unknown. assumed: unconfirmed assumptions.
     """
 
     files: Annotated[tuple[Layout, ...], Field(min_length=1, max_length=8)]
@@ -135,13 +134,13 @@ class TableMap(Part):
     assumed: tuple[Name, ...] = ()
 
     def used(self) -> list[str]:
-        """Return the columns of the file that are read, in order."""
+        """Return the columns read from the file, in order."""
         parts = (self.joints, self.commanded, self.place, self.residual, self.turn)
         return [*(name for part in parts if part for name in part.columns), *(c.column for c in self.columns.values())]
 
 
 def load_map(path: Path) -> TableMap:
-    """Read a map. Raises FileError with every mistake and its line; an open question is one."""
+    """Read a map. Raises FileError with every mistake and the line number; an open question counts as a mistake."""
     try:
         text = read_bytes(path, _MOST_BYTES).decode("utf-8")
     except OSError as error:
@@ -152,7 +151,7 @@ def load_map(path: Path) -> TableMap:
 
 
 def parse_map(text: str, where: str) -> TableMap:
-    """Read the text of a map; `where` names it in errors. Raises FileError."""
+    """Parse the text of a map; `where` is the name in errors. Raises FileError."""
     root, data = read_yaml(text, where)
     for number, line in enumerate(text.splitlines(), start=1):
         key, _, value = line.partition(":")
@@ -166,8 +165,9 @@ def parse_map(text: str, where: str) -> TableMap:
 
 
 def map_text(table_map: TableMap, open_keys: dict[str, list[str]] | None = None) -> str:
-    """Return a map as YAML. open_keys: places such as `residual.meaning` that a person has to fill in, with what may
-    stand there in words."""
+    """Return a map as YAML. open_keys: keys for the operator to fill in, such as `residual.meaning`, with the
+    options as text.
+    """
     data = table_map.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
     data["files"] = [
         layout.model_dump(mode="json", exclude_defaults=True) or {"separator": "comma"} for layout in table_map.files
@@ -188,7 +188,7 @@ def map_text(table_map: TableMap, open_keys: dict[str, list[str]] | None = None)
 
 
 def value_text(value: Part | None) -> str:
-    """Return the value of a key of a map as it stands there, in one line."""
+    """Return the value of a map key as a line of YAML."""
     return "null" if value is None else flow(value.model_dump(mode="json", exclude_none=True))
 
 

@@ -1,7 +1,7 @@
-"""The map of touches as a person wrote them down: joints under any of their usual names, and one socket for all rows
-where no column names it.
+"""Column maps for tables of touches written by hand, with joints under common names and possibly a single socket for
+all rows.
 
-A person with one punch mark has no column for it, and types `J1 … J6` from the pendant.
+Operators with a single punch mark omit the socket column, and type `J1 … J6` from the pendant.
 """
 
 from __future__ import annotations
@@ -21,20 +21,21 @@ from rigs.rig import Rig
 from rigs.schema.vocabulary import FEWEST_AXES, TestName
 
 _FULL_TURN = 2 * np.pi
-"""Joints that all stay within a turn in radians are in radians: in degrees they would hardly have moved."""
+"""Largest joint angle in radians for detection of the unit: in degrees, joints would hardly have moved."""
 
 
 def needs_touch_map(path: Path, test: TestName, socket: str) -> bool:
-    """Return whether a table of touches has other columns than those of docs/tables.md, or its socket is given."""
+    """Return whether a table of touches has columns different from docs/tables.md, or the socket is given."""
     if SOCKET not in kind_named(test).layout().required:
         return False
     return bool(socket) or not {SOCKET, *joint_columns(FEWEST_AXES)} <= header_names(read_head(path))
 
 
 def propose_touch_map(path: Path, rig: Rig, test: TestName, socket: str) -> TableMap:
-    """Return the map of a table of touches. socket: of all rows; empty if a column has it, or the rig file one socket.
+    """Return the map of a table of touches.
 
-    Raises FileError if the file has no joints of the arm, or no socket is known.
+    socket: of all rows; empty if a column contains it or the rig file has only one. Raises FileError if the joints of
+    the arm or the socket are missing.
     """
     where = str(path)
     lines, text_layout = text_of(read_whole(path), where)
@@ -50,7 +51,7 @@ def propose_touch_map(path: Path, rig: Rig, test: TestName, socket: str) -> Tabl
 
 
 def _joints(raw: RawTable, rig: Rig, optional: set[str]) -> Angles:
-    """Return the columns of joints and their unit."""
+    """Return the joint columns and their unit."""
     groups = [
         group
         for group in groups_of(raw, [axis.name for axis in rig.robot.axes]).joints
@@ -67,7 +68,7 @@ def _joints(raw: RawTable, rig: Rig, optional: set[str]) -> Angles:
 
 
 def _only(rig: Rig, where: str) -> str:
-    """Return the one socket of a rig file. Raises FileError if there are several, or none."""
+    """Return the socket of a rig file if it is unique. Raises FileError otherwise."""
     sockets = rig.tests.touch.sockets if rig.tests.touch else ()
     if len(sockets) == 1:
         return sockets[0]

@@ -1,1 +1,3 @@
-"""What moved between a reference and new readings: causes, odds, sizes, and the touch that separates them best."""
+"""Detection of movements between a reference and new readings: causes, odds, sizes, and the most informative next
+touch.
+"""

@@ -1,4 +1,4 @@
-"""Movements among the runs of a diagnosis, in words, and the runs without what they spoil."""
+"""Movements among the runs of a diagnosis, and removal of the affected rows."""
 
 from __future__ import annotations
 
@@ -17,12 +17,14 @@ from analysis.runs.loading import Measured
 from rigs.rig import Rig
 
 _FRAMES = ("base", "instrument", "socket", "target")
-"""What moves a set-up and not the arm: between two runs each then has a set-up of its own."""
+"""Causes that move a set-up but not the arm. The runs before and after then get separate set-ups."""
 
 
 def without_moved(rig: Rig, runs: Sequence[Measured]) -> tuple[list[Measured], list[Movement], list[str]]:
-    """Return runs of places without the rows that a movement spoils, the movements, and a message for each run that was
-    shortened or left out."""
+    """Remove the rows of runs of places that a movement affects.
+
+    Return the remaining runs, the movements, and a message for each shortened or removed run.
+    """
     kept, movements, doubts = list(runs), list[Movement](), list[str]()
     groups: dict[tuple[str, str], list[int]] = {}
     for k, run in enumerate(runs):
@@ -45,7 +47,7 @@ def without_moved(rig: Rig, runs: Sequence[Measured]) -> tuple[list[Measured], l
 
 
 def _of_group(rig: Rig, runs: Sequence[Measured]) -> tuple[Movement | None, list[Mask]]:
-    """Return the movement among runs of one placement, and which rows of each run a diagnosis may use."""
+    """Return the movement among runs of a placement, and masks of the rows that a diagnosis may use."""
     whole = [np.ones(len(run.table.q), dtype=bool) for run in runs]
     parts = [(k, piece) for k, run in enumerate(runs) for piece in observed(rig, [run])]
     begins = np.cumsum([0, *(len(run.table.q) for run in runs)])
@@ -93,6 +95,6 @@ def _movement(runs: Sequence[Measured], where: int, row: int, step: Step, piece:
 
 
 def _shortened(table: Any, keep: Mask) -> Any:
-    """Return a table with the rows of a mask (n,), which keep their numbers in the file."""
+    """Return the rows of a table selected by a mask (n,), with their row numbers in the file."""
     columns = {name: value[keep] for name, value in vars(table).items() if isinstance(value, np.ndarray)}
     return replace(table, **columns | {"row": table.rows[keep]})

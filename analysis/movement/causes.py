@@ -1,7 +1,7 @@
-"""Causes of a change between two sets of readings, with their prior odds and prior sizes.
+"""Causes of a change between two sets of readings, with prior odds and prior sizes.
 
-The prior odds are chosen: no field statistics are published. Four readings in sockets weigh millions to one, so that
-the odds matter only for causes that the readings hardly show.
+The prior odds are chosen, since field statistics are not published. Four readings in sockets have a weight of millions
+to 1. The prior odds therefore matter only for causes that the readings hardly show.
 """
 
 from __future__ import annotations
@@ -19,23 +19,26 @@ PRIOR: dict[What, float] = {
     "nothing": 0.90, "base": 0.02, "instrument": 0.003, "socket": 0.013, "target": 0.003, "tool": 0.02, "zero": 0.034,
     "pair": 0.0007, "other": 0.0063,
 }  # fmt: skip
-"""Prior probability of each kind of cause, shared by its members. Chosen: most checks find nothing."""
+"""Prior probability of each kind of cause, shared by the members. Chosen: most checks find no movement."""
 LEVELS = np.array([0.3, 1.0, 3.0, 10.0])
-"""Multiples of the typical size whose mixture, in equal parts, is the prior of a size. Chosen: steps of about three
-cover 0.1 to 20 mm, and no size in between is less likely than by a factor of two."""
+"""Multiples of the typical size whose mixture, in equal parts, is the prior of a size. Chosen: factors of about
+three cover 0.1 to 20 mm, and the density in between varies by less than a factor of two.
+"""
 SHIFT_MM = 0.7
-"""Typical size of a shift along one axis. Chosen: a crash or a changed tool moves frames by some tenths of a
-millimetre to some millimetres, and what is much larger is seen without an instrument."""
+"""Typical size of a shift along an axis. Chosen: a crash or a tool change moves frames by some tenths of a
+millimetre to some millimetres. Much larger movements are visible to the eye.
+"""
 TURN_RAD = SHIFT_MM / 500
-"""Typical rotation of a base: the shift at half a metre, about the width of a pedestal or a plate."""
+"""Typical rotation of a base: the typical shift at half a metre, about the width of a pedestal or a plate."""
 ZERO_RAD = float(np.radians(0.1))
-"""Typical error of a joint's zero after a crash: belts and clutches slip by some hundredths to tenths of a degree."""
+"""Typical error of a joint zero after a crash: belts and clutches slip by some hundredths to tenths of a degree."""
 
 
 @dataclass(frozen=True)
 class Cause:
-    """One thing that may have moved. `name` is that of a socket, target or instrument, `axis` that of a zero (from 1),
-    and `members` are the two causes of a pair."""
+    """A possible cause. `name`: of the socket, target or instrument. `axis`: of the zero, from 1. `members`: the
+    causes of a pair.
+    """
 
     what: What
     axis: int | None = None
@@ -44,7 +47,7 @@ class Cause:
 
     @property
     def scale(self) -> Array:
-        """Typical sizes (m,) of its parameters: mm for shifts, rad for rotations and zeros."""
+        """Typical sizes (m,) of the parameters: mm for shifts, rad for rotations and zeros."""
         if self.what in ("base", "instrument"):
             return np.array([SHIFT_MM] * 3 + [TURN_RAD] * 3)
         if self.what == "zero":
@@ -58,7 +61,7 @@ NOTHING, OTHER = Cause("nothing"), Cause("other")
 
 
 def prior_of(causes: list[Cause]) -> dict[Cause, float]:
-    """Return the prior probability of each cause; the members of one kind share that of the kind."""
+    """Return the prior probability of each cause; causes of the same kind share the probability of the kind."""
     counts = {what: sum(cause.what == what for cause in causes) for what in PRIOR}
     raw = {cause: PRIOR[cause.what] / counts[cause.what] for cause in causes}
     total = sum(raw.values())

@@ -1,8 +1,8 @@
-"""A movement among runs that should share a set-up: between which runs, or from which row on.
+"""Detection of a movement among runs with a common set-up: between two runs, or from some row on.
 
-All readings of one placement are taken in order. A step of each cause is tried from each reading on, by its evidence
-beside the constants of the arm and the set-ups, which are fitted to all readings at the same time. The likeliest step
-is then judged as `rig moved` judges it: the readings before it are the reference.
+The readings of a placement are taken in time order. For each cause and each reading, the evidence of a step from that
+reading on is computed together with the arm constants and the set-ups. The likeliest step is then examined like the new
+readings of `rig moved`, with the readings before it as reference.
 """
 
 from __future__ import annotations
@@ -22,30 +22,34 @@ from analysis.movement.result import CauseOdds, moved_of
 from analysis.robot.kinematics.arm import Array, Integers
 
 _FEWEST = 3
-"""Readings after a movement, fewer of which are a wild reading or two."""
+"""Minimum number of readings after a movement; fewer may be one or two outliers."""
 _FEWEST_BEFORE = 10
-"""Readings before a movement, from which arm and set-ups are known well enough."""
+"""Minimum number of readings before a movement, which determine arm and set-ups well enough."""
 _MOST_AFTER = 20
-"""Readings after a movement by which it is judged, evenly chosen."""
+"""Maximum number of readings after a movement, evenly selected, used to examine it."""
 _LOG_ODDS = 12.0
-"""Smallest gain of log evidence of a step that is examined. Chosen: a hundred readings and ten causes have a thousand
-steps, and an unexpected step has to be certain."""
+"""Minimum gain of log evidence for a step to be examined. Chosen: a hundred readings and ten causes give a thousand
+possible steps, and an unexpected step has to be certain.
+"""
 _TIMES_SCATTER = 3.0
-"""Smallest effect on a reading, in multiples of the scatter: what is smaller, as drift with the temperature, has causes
-of its own in a diagnosis."""
+"""Minimum effect on a reading in multiples of the scatter. Smaller changes, such as drift with temperature, are
+covered by other effects of a diagnosis.
+"""
 
 
 @dataclass(frozen=True)
 class Step:
-    """A change from one reading on: the index of the first reading after it, in order, with what moved."""
+    """A change from a given reading on: index of the first reading after it in time order, and the cause."""
 
     first: int
     found: CauseOdds
 
 
 def find_step(runs: Sequence[ObservedRun], order: Integers) -> Step | None:
-    """Return the movement among runs of places that should share their set-ups; None if nothing moved. `order` (m,) is
-    the position in time of each reading of all runs, one after the other."""
+    """Return the movement among runs of places with common set-ups; None if no movement is found.
+
+    order (m,): position in time of each reading, in the sequence of the runs.
+    """
     if len(order) < _FEWEST_BEFORE + _FEWEST:
         return None
     first = _likeliest(runs, order)
@@ -75,7 +79,7 @@ def _thinned(runs: Sequence[ObservedRun]) -> list[ObservedRun]:
 
 
 def _likeliest(runs: Sequence[ObservedRun], order: Integers) -> int | None:
-    """Return the position of the first reading after the likeliest step; None if no step gains enough."""
+    """Return the position of the first reading after the likeliest step; None if no step gains enough evidence."""
     kept, positions = selected(runs), _selected_positions(runs, order)
     place = workplace(runs[0].model, kept, fit_setups(kept), np.zeros(constants_count(runs[0].model.arm)))
     readings = linearise(kept, place)
@@ -100,8 +104,10 @@ def _selected_positions(runs: Sequence[ObservedRun], order: Integers) -> Integer
 def _gains(
     readings: LinearReadings, conditioned: Conditioned, columns: dict[Cause, Array], time: Integers
 ) -> dict[int, float]:
-    """Return for each position the largest gain of log evidence of a step of a cause from there on. The scatter is the
-    smallest that the readings allow beside a step: that of all of them contains the step."""
+    """Return the largest gain of log evidence over all causes for a step at each position.
+
+    The scatter is varied downwards, because the estimate from all readings contains the step.
+    """
     likeliest = conditioned.likeliest
     positions = np.unique(time)[_FEWEST_BEFORE : 1 - _FEWEST]
     unit = readings.sd_mm[:, None]
@@ -117,8 +123,10 @@ def _gains(
 
 
 def _gain(y: Array, turned: Array, variance: Array) -> float:
-    """Return the gain of log evidence, over scatters and sizes, of columns (n, m) beside readings (n,), both in the
-    directions in which the noise has these variances (n,)."""
+    """Return the gain of log evidence of columns (n, m) for readings (n,), marginalised over scatters and sizes.
+
+    Both are given in the principal directions of the noise, with variances (n,).
+    """
     white, seen = turned / np.sqrt(variance)[:, None], y / np.sqrt(variance)
     inner, projected = white.T @ white, white.T @ seen
     count, left = len(y), float(seen @ seen)

@@ -1,9 +1,9 @@
-"""Evidence of causes about the posterior of a reference, all linear and Gaussian.
+"""Evidence of causes given the posterior of a reference, in a linear Gaussian model.
 
-The reference conditions the constants of the arm, its set-ups and what no constant explains. Their remaining
-covariance is correlated noise of the new readings. The scatter, the size of the arm's errors and that of the
-unexplained part are marginalised on a grid, weighted by the evidence of the reference. A wild reading is a hypothesis
-of its own, so that one bad touch neither makes nor hides a cause.
+The reference conditions the arm constants, the set-ups and the unexplained part. The remaining covariance is correlated
+noise of the new readings. Scatter, size of the arm errors and size of the unexplained part are marginalised on a grid,
+weighted by the evidence of the reference. An outlier is a separate hypothesis, so that a bad touch neither creates nor
+hides a cause.
 """
 
 from __future__ import annotations
@@ -18,37 +18,40 @@ from analysis.movement.causes import LEVELS, NOTHING, OTHER, Cause, prior_of
 from analysis.robot.kinematics.arm import Array, Integers, Mask
 
 _ARM_LEVELS = np.array([0.2, 0.5, 1.0, 2.0, 5.0, 25.0])
-"""Multiples of the prior widths of an arm's constants: a calibrated arm to one that misses by centimetres."""
+"""Multiples of the prior widths of arm constants, from a calibrated arm to an error of centimetres."""
 _UNEXPLAINED_MM = np.array([0.0, 0.05, 0.2, 0.8])
-"""Sizes of the part that no constant explains; calibrated arms leave 0.03 to 0.5 mm (UR10, Panda, iiwa)."""
+"""Sizes of the unexplained part; calibrated arms have 0.03 to 0.5 mm (UR10, Panda, iiwa)."""
 _UNEXPLAINED_SHARES = np.array([0.7, 0.1, 0.1, 0.1])
-"""Prior probabilities of these. Chosen: a reference without repeats cannot separate scatter from a part that returns at
-the same posture, and scatter is the cautious reading."""
+"""Prior probabilities of these sizes. Chosen: a reference without repeats cannot separate scatter from a part that
+depends on the posture, and scatter is the cautious assumption.
+"""
 _SCATTERS = np.geomspace(0.03, 10.0, 25)
 """Multiples of the assumed scatter of a kind of reading."""
 _SCATTER_PRIOR = -0.5 * (np.log(_SCATTERS / 0.7) / np.log(2.0)) ** 2
-"""Log prior of these: what is assumed holds a part of what models leave, and cells differ by a factor of two."""
+"""Log prior of these multiples: the assumed scatter includes a part of the model error, and cells differ by a factor
+of two.
+"""
 _NEAR_RAD = (0.6, 1.5)
-"""Lengths over which the unexplained part changes with the joints, in equal parts. Chosen: a gear's once-a-turn error
-and gravity's torque change over about a radian."""
+"""Correlation lengths of the unexplained part in joint space, in equal parts. Chosen: the once-per-turn error of a
+gear and the gravity torque change over about a radian.
+"""
 _NEGLIGIBLE = 1e-3
-"""Weight, relative to the largest, below which a point of the grid is left out."""
+"""Weight relative to the largest below which a grid point is dropped."""
 _WILD = 0.01
-"""Prior probability that one of the new readings is wild: a ball not seated, a tracker that was disturbed. Chosen."""
+"""Prior probability of an outlier in the new readings: a ball not seated, a disturbed tracker. Chosen."""
 _OTHER_LEVELS = np.array([3.0, 10.0, 30.0, 100.0, 300.0])
-"""Multiples of the scatter of what neither causes nor noise explain."""
+"""Multiples of the scatter for changes explained by neither causes nor noise."""
 _PAIR_LEVELS = LEVELS[:3]
-"""Levels of each member of a pair."""
+"""Size levels of each member of a pair."""
 
 
 @dataclass(frozen=True)
 class LinearReadings:
-    """Readings about a linearisation, in mm, with what shifts them.
+    """Linearised readings in mm, with derivatives.
 
-    `residual` (n,): measured minus predicted; `arm` (n, a), `setup` (n, s): change of the prediction for one prior
-    standard deviation of each constant of the arm and each term of a set-up; `angles` (n, axes) rad; `channel` (n,):
-    readings of one channel share the unexplained part; `row` (n,): the reading of which each entry is a coordinate;
-    `sd_mm` (n,): assumed scatter.
+    residual (n,): measured minus predicted. arm (n, a), setup (n, s): change of the prediction for a prior standard
+    deviation of each arm constant and each set-up term. angles (n, axes) rad. channel (n,): readings of the same
+    channel share the unexplained part. row (n,): index of the reading of each coordinate. sd_mm (n,): assumed scatter.
     """
 
     residual: Array
@@ -71,8 +74,11 @@ class LinearReadings:
 
 @dataclass(frozen=True)
 class Shift:
-    """What a cause does to new readings: columns (n, m) for one mm or rad of each parameter, and the offset (n,) by
-    which the change is not linear about the point of the derivatives."""
+    """Effect of a cause on new readings.
+
+    columns (n, m): change for 1 mm or 1 rad of each parameter. offset (n,): correction if the derivatives were taken at
+    a large change.
+    """
 
     columns: Array
     offset: Array
@@ -88,7 +94,7 @@ def _nearness(first: LinearReadings, second: LinearReadings) -> Array:
 
 @dataclass(frozen=True)
 class Scenario:
-    """One point of the grid: its weight, multiple of the scatter, and what it needs to predict other readings."""
+    """A grid point: weight, multiple of the scatter, and the decomposition needed to predict other readings."""
 
     weight: float
     scatter: float
@@ -100,25 +106,27 @@ class Scenario:
 
 @dataclass(frozen=True)
 class Conditioned:
-    """A reference and the scenarios by which it predicts new readings."""
+    """A reference with the scenarios that predict new readings."""
 
     reference: LinearReadings
     scenarios: tuple[Scenario, ...]
 
     @property
     def likeliest(self) -> Scenario:
-        """The scenario of the largest weight."""
+        """The scenario with the largest weight."""
         return max(self.scenarios, key=lambda scenario: scenario.weight)
 
     @property
     def scatter_mm(self) -> float:
-        """Standard deviation of a coordinate: the mean over scenarios, of the most frequent kind of reading."""
+        """Standard deviation in mm of a coordinate of the commonest kind of reading: the mean over scenarios."""
         mean = sum(s.weight * s.scatter for s in self.scenarios)
         return float(mean * np.median(self.reference.sd_mm))
 
     def predict(self, new: LinearReadings, day: Array) -> list[Prediction]:
-        """Return what each scenario predicts of new readings in units of their assumed scatter; `day` (n, d) mm: what
-        one standard deviation of each change from day to day adds."""
+        """Predict new readings in every scenario, in units of their assumed scatter.
+
+        day (n, d) mm: contribution of a standard deviation of each change from day to day.
+        """
         unit = new.sd_mm[:, None]
         predictions, near = [], {id(other): _nearness(other, new) for other in (self.reference, new)}
         day_cov = (day / unit) @ (day / unit).T
@@ -140,12 +148,11 @@ class Conditioned:
 def regional_scatter(
     conditioned: Conditioned, columns: Mapping[Cause, Array], folds: Sequence[Integers]
 ) -> dict[Cause, Array]:
-    """Return the standard deviations (m,) in mm and rad by which each parameter of a cause differs between regions of
-    the reference without a movement.
+    """Return the standard deviations (m,) in mm and rad of each cause parameter between regions of the reference.
 
-    Each fold (n,) numbers the region of every reading. The parameters of each region are predicted from all other
-    regions in the likeliest scenario; the scatter beyond their uncertainty is that of random effects by moments
-    (DerSimonian and Laird 1986), and counts from two standard errors on.
+    Each fold (n,) numbers the regions of the readings. The parameters of each region are predicted from all other
+    regions in the likeliest scenario. The scatter beyond their uncertainty is estimated by the method of moments for
+    random effects (DerSimonian and Laird 1986) and counts from two standard errors on.
     """
     s = conditioned.likeliest
     reference = conditioned.reference
@@ -171,8 +178,7 @@ def regional_scatter(
 
 @dataclass(frozen=True)
 class Prediction:
-    """New readings minus what a scenario predicts (n,), and their covariance (n, n), in units of the assumed
-    scatter."""
+    """New readings minus the prediction of a scenario (n,), and covariance (n, n), in units of the assumed scatter."""
 
     weight: float
     scatter: float
@@ -181,7 +187,7 @@ class Prediction:
 
     @cached_property
     def chol(self) -> Array:
-        """The lower Cholesky factor (n, n) of the whitened covariance."""
+        """Lower Cholesky factor (n, n) of the whitened covariance."""
         return np.asarray(np.linalg.cholesky(self.cov), dtype=float)
 
     def whitened(self, columns: Array) -> Array:
@@ -192,12 +198,12 @@ class Prediction:
 
 
 def likeliest(predictions: Sequence[Prediction]) -> Prediction:
-    """Return the prediction of the largest weight."""
+    """Return the prediction with the largest weight."""
     return max(predictions, key=lambda prediction: prediction.weight)
 
 
 def condition(reference: LinearReadings) -> Conditioned:
-    """Return the scenarios of a reference, each weighted by its evidence."""
+    """Return the scenarios of a reference, weighted by their evidence."""
     unit = reference.sd_mm
     y, arm, setup = (getattr(reference, name).T / unit for name in ("residual", "arm", "setup"))
     of_arm, of_setup = arm.T @ arm, setup.T @ setup
@@ -219,13 +225,14 @@ def condition(reference: LinearReadings) -> Conditioned:
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# The evidence of each cause.
+# Evidence of each cause.
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """The log evidence of a cause, with mean (m,) and covariance (m, m) of its parameters in mm and rad, and the levels
-    of its prior that count, each with its share."""
+    """Log evidence of a cause, mean (m,) and covariance (m, m) of the parameters in mm and rad, and posterior share
+    of each prior level.
+    """
 
     log_evidence: float
     mean: Array
@@ -235,8 +242,9 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Posterior:
-    """Probabilities of causes, likeliest first, with the estimate of each; `misfit`: the chi-square of the likeliest
-    per reading, in its scenario; `wild`: the reading (its row) that is probably wild, or None."""
+    """Probabilities of causes, likeliest first, with estimates. `wild`: row of the reading that is probably an
+    outlier, or None.
+    """
 
     probability: Mapping[Cause, float]
     estimates: Mapping[Cause, Estimate]
@@ -246,8 +254,11 @@ class Posterior:
 def posterior(
     predictions: Sequence[Prediction], shifts: Mapping[Cause, Shift], sd_mm: Array, row: Integers
 ) -> Posterior:
-    """Return the posterior of nothing, of the causes whose shifts of the readings (n,) mm are given, and of something
-    else. Pairs are tried if no single cause fits."""
+    """Return the posterior of no movement, of the given causes with their shifts of the readings (n,) mm, and of an
+    unknown change.
+
+    Pairs of causes are tried if no single cause fits.
+    """
     single = [NOTHING, *shifts, OTHER]
     columns = {cause: Shift(shift.columns / sd_mm[:, None], shift.offset / sd_mm) for cause, shift in shifts.items()}
     none = Shift(np.empty((len(row), 0)), np.zeros(len(row)))
@@ -285,7 +296,7 @@ def _normalised(
 
 
 def _base_logs(predictions: Sequence[Prediction], offset: Array) -> tuple[Array, list[Array]]:
-    """Return the log weight times density (g,) of nothing in each scenario, and its whitened excess."""
+    """Return the log of weight times density (g,) for no movement in each scenario, and the whitened excess."""
     excess = [p.whitened(p.excess + offset) for p in predictions]
     logs = [
         np.log(p.weight) - 0.5 * float(e @ e) - float(np.log(np.diag(p.chol)).sum())
@@ -295,7 +306,7 @@ def _base_logs(predictions: Sequence[Prediction], offset: Array) -> tuple[Array,
 
 
 def _estimate(predictions: Sequence[Prediction], shift: Shift, scale: Array, levels: Array) -> Estimate:
-    """Return the estimate of a cause; `levels` (l,) or (l, m) multiply its typical sizes (m,)."""
+    """Return the estimate of a cause; `levels` (l,) or (l, m) multiply the typical sizes (m,)."""
     logs, excess = _base_logs(predictions, shift.offset)
     if not len(scale):
         return Estimate(_log_sum(logs), np.empty(0), np.empty((0, 0)), np.ones(1))
@@ -326,7 +337,7 @@ def _log_sum(logs: Array) -> float:
 
 
 def _estimate_other(predictions: Sequence[Prediction]) -> Estimate:
-    """Return the evidence of a misfit that no cause explains: more scatter, of unknown size."""
+    """Return the evidence of an unknown change, modelled as larger scatter of unknown size."""
     logs = []
     for p in predictions:
         values, vectors = np.linalg.eigh(p.cov)
@@ -339,8 +350,9 @@ def _estimate_other(predictions: Sequence[Prediction]) -> Estimate:
 def _with_wild(
     predictions: Sequence[Prediction], shift: Shift, cause: Cause, alone: Estimate, row: Integers
 ) -> tuple[float, int]:
-    """Return the log evidence of a cause with one wild reading, and which it is. The levels of the cause are those that
-    the readings alone prefer."""
+    """Return the log evidence of a cause with an outlier, and the row of the outlier. The size level is that of the
+    estimate without an outlier.
+    """
     level = float(LEVELS[int(np.argmax(alone.level))])
     numbers = np.unique(row)
     logs = []
@@ -357,7 +369,7 @@ def _with_wild(
 
 
 _WILD_UNITS = 10.0
-"""Typical size of a wild reading in units of the scatter."""
+"""Typical size of an outlier in units of the scatter."""
 _WILD_LEVELS = np.array([0.5, 3.0, 30.0])
 
 
@@ -371,7 +383,7 @@ def _fits(
     estimates: Mapping[Cause, Estimate],
     cause: Cause,
 ) -> bool:
-    """Return whether the chi-square of a cause is within its 99.9 % bound."""
+    """Return whether the chi-square of a cause is below the 99.9 % bound."""
     from scipy.special import chdtri  # noqa: PLC0415 - slow to import
 
     p = likeliest(predictions)

@@ -1,4 +1,4 @@
-"""What moved: a reference that is studied once, and new readings that are compared with it."""
+"""Inference of movements: analysis of a reference, and comparison of new readings with it."""
 
 from __future__ import annotations
 
@@ -37,35 +37,39 @@ from analysis.robot.kinematics.arm import Array, Mask
 NAMED = 20 / 21
 """Probability from which a cause is named: odds of 20 to 1."""
 _REGIONS = 4
-"""Regions of joint space, and quarters of each run, between which the reference is compared with itself. Chosen: new
-readings are mostly of a part of the reference."""
+"""Number of regions in joint space, and of parts of each run, used to compare the reference with itself. Chosen: new
+readings mostly cover a part of the reference.
+"""
 _FEWEST_OF_REGIONS = 20
-"""Readings from which regions have enough of them."""
+"""Minimum number of readings for a comparison of regions."""
 _ROUNDS = 3
-"""Largest number of linearisations of the reference. Chosen: an arm that misses by 10 mm needs two."""
+"""Maximum number of linearisations of the reference. Chosen: an arm with an error of 10 mm needs two."""
 _STRAIGHT_MM = 0.3
-"""Change of a reading above which the derivatives are computed again, about it. Chosen: a rotation that moves a point
-a metre away by 5 mm bends its way by 0.01 mm."""
+"""Change of a reading above which the derivatives are recomputed. Chosen: a rotation that moves a point at a metre
+by 5 mm deviates from the linear path by 0.01 mm.
+"""
 _WILD_SDS = 8.0
-"""Robust standard deviations from which a reading of the reference is left out."""
+"""Robust standard deviations from which a reading of the reference is an outlier."""
 _LARGE_MM = 2.0
-"""Movement of the new readings above which the derivatives of a cause are computed at its estimate."""
+"""Movement of the new readings above which the derivatives of a cause are recomputed at the estimate."""
 
 
 MOST_MM = 30.0
-"""Largest distance of new readings from the reference that counts as a movement. Chosen: what is farther away is seen
-without an instrument, and is mostly another placement or another socket with the same name."""
+"""Largest distance between new readings and the reference that counts as a movement. Chosen: larger movements are
+visible to the eye and mostly mean a different placement or a socket with the same name.
+"""
 
 
 def square_to_name(prior_odds: float) -> float:
-    """Return the square in standard deviations of a shift from which a cause with these prior odds over nothing is
-    named."""
+    """Return the squared shift, in standard deviations, from which a cause with given prior odds against no movement
+    is named.
+    """
     return float(2 * np.log(NAMED / (1 - NAMED) / prior_odds))
 
 
 @dataclass(frozen=True)
 class Reference:
-    """Runs before a possible movement, and the posterior of arm and set-ups that they give."""
+    """Runs before a possible movement, with the posterior of arm and set-ups."""
 
     runs: tuple[ObservedRun, ...]
     place: Workplace
@@ -75,19 +79,19 @@ class Reference:
 
     @property
     def causes(self) -> list[Cause]:
-        """What may have moved."""
+        """The possible causes of a movement."""
         return causes_of(self.runs)
 
     @property
     def scatter_mm(self) -> float:
-        """Standard deviation in mm of a coordinate of a reading, of which a part may return at the same posture."""
+        """Standard deviation in mm of a coordinate of a reading, including the part that recurs in the same posture."""
         scenarios = self.conditioned.scenarios
         own = self.conditioned.scatter_mm
         return float(np.sqrt(own**2 + sum(s.weight * s.unexplained_mm**2 for s in scenarios)))
 
 
 def study(runs: Sequence[ObservedRun]) -> Reference:
-    """Return the reference of runs of one arm, each about the same model, with touches split by socket."""
+    """Analyse the reference runs of an arm with a common model, touches split by socket."""
     runs = selected(runs)
     nominal, wild = runs[0].model, 0
     model, constants = nominal, np.zeros(constants_count(nominal.arm))
@@ -98,7 +102,7 @@ def study(runs: Sequence[ObservedRun]) -> Reference:
         conditioned = condition(readings)
         left, estimate = _explained(conditioned)
         keep = _near(left, readings)
-        if not keep.all() and turn < _ROUNDS - 1:  # after the last round the runs stay those that were conditioned
+        if not keep.all() and turn < _ROUNDS - 1:  # after the last round, keep the conditioned runs
             wild += int(np.count_nonzero(~keep))
             runs = parts(runs, keep)
             continue
@@ -112,7 +116,7 @@ def study(runs: Sequence[ObservedRun]) -> Reference:
 
 
 def _regional(runs: Sequence[ObservedRun], place: Workplace, conditioned: Conditioned) -> dict[Cause, Array]:
-    """Return how much the causes of the arm's frame and zeros scatter between regions of the reference."""
+    """Return the scatter of base, tool and zeros between regions of the reference."""
     angles, row = conditioned.reference.angles, conditioned.reference.row
     first = np.unique(row, return_index=True)[1]
     if len(first) < _FEWEST_OF_REGIONS:
@@ -125,8 +129,7 @@ def _regional(runs: Sequence[ObservedRun], place: Workplace, conditioned: Condit
 
 
 def _explained(conditioned: Conditioned) -> tuple[Array, Array]:
-    """Return the residuals (n,) mm beside the posterior of the likeliest scenario, and its constants (a,) in prior
-    standard deviations."""
+    """Return the residuals (n,) mm in the likeliest scenario, and the constants (a,) in prior standard deviations."""
     s = conditioned.likeliest
     readings = conditioned.reference
     known = s.vectors @ ((s.vectors.T @ (readings.residual / readings.sd_mm)) / (s.values + s.scatter**2))
@@ -135,7 +138,7 @@ def _explained(conditioned: Conditioned) -> tuple[Array, Array]:
 
 
 def _near(left: Array, readings: LinearReadings) -> Mask:
-    """Return a mask (m,) of the rows whose residuals are not wild."""
+    """Return a mask (m,) of the rows that are not outliers."""
     rows = np.zeros(int(readings.row.max()) + 1)
     np.maximum.at(rows, readings.row, np.abs(left) / readings.sd_mm)
     return np.asarray(rows < _WILD_SDS * 1.4826 * np.median(np.abs(left) / readings.sd_mm) + 1e-6)
@@ -143,7 +146,7 @@ def _near(left: Array, readings: LinearReadings) -> Mask:
 
 @dataclass(frozen=True)
 class Compared:
-    """New readings beside a reference: the runs, the predictions, what each cause does, and the posterior."""
+    """New readings compared with a reference: runs, predictions, effects of the causes, and posterior."""
 
     runs: tuple[ObservedRun, ...]
     readings: LinearReadings
@@ -153,8 +156,9 @@ class Compared:
 
     @property
     def named(self) -> Cause | None:
-        """The cause with odds of 20 to 1 or more; None if there is none. What the readings could not show does not
-        count against nothing."""
+        """The cause with odds of at least 20 to 1; None if there is none. Causes that the readings cannot show are
+        added to "nothing".
+        """
         cause, probability = next(iter(self.posterior.probability.items()))
         if cause == NOTHING:
             probability += sum(self.posterior.probability[unseen] for unseen in self.unseen)
@@ -162,12 +166,12 @@ class Compared:
 
     @property
     def distance_mm(self) -> float:
-        """Median distance in mm of a coordinate of the new readings from what the reference predicts."""
+        """Median distance in mm between coordinates of the new readings and the prediction."""
         return float(np.median(np.abs(likeliest(self.predictions).excess) * self.readings.sd_mm))
 
     @property
     def unseen(self) -> list[Cause]:
-        """The zeros that would not be named at their typical size, and that the readings do not favour."""
+        """Zeros that would not be named at their typical size and that the readings do not favour."""
         prediction = likeliest(self.predictions)
         probability, prior = self.posterior.probability, prior_of(list(self.posterior.probability))
         found = []
@@ -181,7 +185,7 @@ class Compared:
 
 
 def compare(reference: Reference, new: Sequence[ObservedRun]) -> Compared:
-    """Return the odds of each cause from new readings of set-ups that the reference holds."""
+    """Return the odds of each cause from new readings in set-ups of the reference."""
     runs = [replace(run, model=reference.place.model) for run in selected(new)]
     readings = linearise(runs, reference.place)
     shifts = {cause: shift_of(runs, reference.place, cause) for cause in reference.causes}

@@ -1,4 +1,6 @@
-"""Readings linearised about the arm and the set-ups of a reference: constants, set-ups and causes as columns."""
+"""Linearisation of readings about the arm and the set-ups of a reference, with columns for constants, set-ups and
+causes.
+"""
 
 from __future__ import annotations
 
@@ -20,28 +22,33 @@ from analysis.runs.noise.cell_noise import BALL_MM, JOINT_DEG, SLOW_MM
 _ZERO, _LENGTH_MM, _TWIST = float(np.radians(0.05)), 0.2, float(np.radians(0.02))
 _CURVE = float(np.radians(0.012))
 _DEFLECTION = float(np.radians(3e-4))
-"""Prior standard deviations of zeros, lengths, twists, the sines of a joint's error over its angle (rad) and of the
-deflection under gravity (rad/Nm). Chosen: identified industrial arms (UR10, KR240), and strain-wave gears, whose
-angle is accurate to about an arc minute; their common multiple is estimated."""
+"""Prior standard deviations of zeros, lengths, twists, sine terms of the joint error over the angle (rad), and
+deflection under gravity (rad/Nm). Chosen: identified industrial arms (UR10, KR240), and strain-wave gears with an
+accuracy of about an arc minute. A common factor is estimated.
+"""
 _FIELDS = (("offset", _ZERO), ("a", _LENGTH_MM), ("d", _LENGTH_MM), ("alpha", _TWIST), ("beta", _TWIST))
 _STEP = 1e-3
-"""Step of a derivative, as a share of the prior standard deviation."""
+"""Step of a finite difference as a share of the prior standard deviation."""
 _ORDERS = (1, 2, 3, 4, 5, 6)
-"""Orders of the sines of a joint's error over its angle; their width falls with the order."""
+"""Orders of the sine terms of the joint error over the angle; the prior width decreases with the order."""
 _PLACE_MM, _BALL_MM = 30.0, 5.0
-"""Prior standard deviations of the terms of a set-up about the fitted ones: wide, so that they decide nothing."""
+"""Prior standard deviations of the set-up terms about the fitted values: wide enough to have no influence."""
 _GAUGE_ZERO_MM = 1.0
-"""Prior standard deviation by which a gauge's zero differs on another day: gauges are mounted and zeroed again."""
+"""Prior standard deviation of the change of a gauge zero between days, since gauges are remounted and zeroed again."""
 _MOST_READINGS = 150
-"""Readings of a reference that are used, evenly chosen: more cost time and hardly change what is known."""
+"""Maximum number of readings of a reference, evenly selected: more take time and add little."""
 _CIRCLE_ROWS = 48
-"""Readings of a circle that are used. Chosen: the causes change slowly along it, and neighbours share their noise."""
+"""Number of readings of a circle. Chosen: the effect of a cause varies slowly along a circle, and neighbours share
+their noise.
+"""
 
 
 @dataclass(frozen=True)
 class Workplace:
-    """The arm, set-ups by name and the centre of the work (3,) mm about which readings are linearised; `constants` (a,)
-    are those of its arm, in prior standard deviations about the arm of the rig file."""
+    """Arm, set-ups by name, and centre of the work (3,) mm at which readings are linearised.
+
+    constants (a,): constants of the arm relative to the rig file, in prior standard deviations.
+    """
 
     model: Model
     setups: Mapping[str, SetUp]
@@ -51,7 +58,7 @@ class Workplace:
 
 
 def selected(runs: Sequence[ObservedRun]) -> list[ObservedRun]:
-    """Return runs with as many readings as an inference uses, evenly chosen."""
+    """Return runs reduced to the number of readings used for inference, evenly selected."""
     total = sum(len(run.rows) for run in runs if run.table.kind.of_places)
     chosen = []
     for run in runs:
@@ -64,13 +71,13 @@ def selected(runs: Sequence[ObservedRun]) -> list[ObservedRun]:
 
 
 def _without_rest(run: ObservedRun) -> ObservedRun:
-    """Return a run whose path is simulated only at the readings used."""
+    """Return a run whose path is simulated at the selected readings only."""
     path = replace(run.path, rows=run.samples, alone=True)
     return replace(run, path=path, rows=np.arange(len(run.rows)), sampling=None)
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# Predictions of a run with another arm or another set-up.
+# Predictions of a run with a changed arm or set-up.
 
 
 def _with_arm(run: ObservedRun, arm: Arm, setup: SetUp) -> Array:
@@ -83,13 +90,13 @@ def angles_of(run: ObservedRun) -> Array:
 
 
 def tool_places(run: ObservedRun, setup: SetUp) -> Array:
-    """Return the places (m, 3) mm of the ball or target in the world at the readings of a run."""
+    """Return the places (m, 3) mm of the ball or target in the world frame at the readings of a run."""
     T = forward(run.model.arm, run.path.q[run.samples])
     return np.asarray(T[:, :3, 3] + T[:, :3, :3] @ setup.T_tool_target[:3, 3])
 
 
 def _motion(centre_mm: Array, change: Array) -> Array:
-    """Return the motion (4, 4) that shifts by (3,) mm and turns by (3,) rad about a centre."""
+    """Return the motion (4, 4) with a shift of (3,) mm and a rotation of (3,) rad about a centre."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import
 
     R = Rotation.from_rotvec(change[3:]).as_matrix()
@@ -97,7 +104,7 @@ def _motion(centre_mm: Array, change: Array) -> Array:
 
 
 def with_cause(arm: Arm, cause: Cause, centre_mm: Array, change: Array) -> Arm:
-    """Return an arm after a base, a tool or a zero moved by a change (m,) mm and rad."""
+    """Return the arm after a movement of base, tool or zero by a change (m,) mm and rad."""
     if cause.what == "base":
         return replace(arm, T_world_base=_motion(centre_mm, change) @ arm.T_world_base)
     if cause.what == "tool":
@@ -108,7 +115,7 @@ def with_cause(arm: Arm, cause: Cause, centre_mm: Array, change: Array) -> Arm:
 
 
 def after(run: ObservedRun, place: Workplace, cause: Cause, change: Array) -> Array:
-    """Return the predicted readings (n,) mm of a run after a cause moved by a change (m,) mm and rad."""
+    """Return the predicted readings (n,) mm of a run after a change (m,) mm and rad of a cause."""
     setup, arm = place.setups[run.setup], run.model.arm
     for member in cause.members or (cause,):
         count = len(member.scale)
@@ -121,7 +128,7 @@ def after(run: ObservedRun, place: Workplace, cause: Cause, change: Array) -> Ar
 
 
 def _concerns(cause: Cause, run: ObservedRun) -> bool:
-    """Return whether a socket, target or instrument is one of a run."""
+    """Return whether a run uses the socket, target or instrument of a cause."""
     if cause.what == "instrument":
         return run.table.kind.of_tracker and placement_of(run.setup) == cause.name
     if cause.what == "target" and run.table.kind.of_tracker:
@@ -130,7 +137,7 @@ def _concerns(cause: Cause, run: ObservedRun) -> bool:
 
 
 def _moved_thing(setup: SetUp, cause: Cause, centre_mm: Array, change: Array) -> SetUp:
-    if cause.what == "socket":  # the place of a socket stands in the frame of touches with the opposite sign
+    if cause.what == "socket":  # the frame of touches contains the negative socket position
         T = setup.T_instrument_world.copy()
         T[:3, 3] -= change
         return replace(setup, T_instrument_world=T)
@@ -145,7 +152,7 @@ def _moved_thing(setup: SetUp, cause: Cause, centre_mm: Array, change: Array) ->
 
 
 def causes_of(runs: Sequence[ObservedRun]) -> list[Cause]:
-    """Return what may have moved in a set-up of reference runs."""
+    """Return the possible causes of a movement in the set-ups of reference runs."""
     axes = runs[0].model.arm.axes
     sockets = sorted({run.setup for run in runs if run.table.kind.of_places and not run.table.kind.of_tracker})
     balls = sorted({run.setup for run in runs if not run.table.kind.of_places})
@@ -163,14 +170,15 @@ def causes_of(runs: Sequence[ObservedRun]) -> list[Cause]:
 
 
 def workplace(model: Model, runs: Sequence[ObservedRun], setups: Mapping[str, SetUp], constants: Array) -> Workplace:
-    """Return the workplace of reference runs with their fitted set-ups and the constants (a,) of the arm, in prior
-    standard deviations."""
+    """Return the workplace of reference runs with fitted set-ups and arm constants (a,) in units of their prior
+    standard deviations.
+    """
     places = np.concatenate([tool_places(run, setups[run.setup]) for run in runs])
     return Workplace(model, setups, places.mean(axis=0), columns_of({run.setup: run.table for run in runs}), constants)
 
 
 def linearise(runs: Sequence[ObservedRun], place: Workplace) -> LinearReadings:
-    """Return the readings of runs about a workplace."""
+    """Return the readings of runs linearised about a workplace."""
     parts, row, count = [], 0, 1 + max(map(max, place.names.values()))
     for run in runs:
         lines = _linear(run, place, count, row)
@@ -206,13 +214,13 @@ def _channel(run: ObservedRun) -> int:
 
 
 def scatter_mm(run: ObservedRun) -> float:
-    """Return the assumed scatter of a reading of a run."""
+    """Return the assumed scatter of a reading of a run in mm."""
     kind = run.table.kind
     return float(kind.assumed_sd_mm) if kind.of_places else SLOW_MM.rms
 
 
 def _slopes(predict: Callable[[Array], Array], base: Array, sizes: Array) -> Array:
-    """Return the change (n, m) of a prediction (n,) for each of some sizes (m,), by finite differences."""
+    """Return the change (n, m) of a prediction (n,) for each of the sizes (m,), by finite differences."""
     steps = _STEP * np.diag(sizes)
     return np.stack([(predict(step) - base) / _STEP for step in steps], axis=1)
 
@@ -222,25 +230,25 @@ def _constant_sds(arm: Arm) -> Array:
 
 
 def _with_constants(arm: Arm, change: Array) -> Arm:
-    """Return an arm with its constants changed by (5 axes,) mm and rad; zeros are those of the reported angles."""
+    """Return an arm with the constants changed by (5 axes,) mm and rad. Zeros refer to the reported angles."""
     parts = dict(zip((name for name, _ in _FIELDS), change.reshape(len(_FIELDS), arm.axes), strict=True))
     parts["offset"] = arm.coupling @ parts["offset"]
     return replace(arm, **{name: getattr(arm, name) + part for name, part in parts.items()})
 
 
 def constants_count(arm: Arm) -> int:
-    """Return the number of constants of an arm; what joints have beside them follows these."""
+    """Return the number of kinematic constants of an arm; columns of joint curves follow them."""
     return len(_FIELDS) * arm.axes
 
 
 def corrected_arm(arm: Arm, times: Array) -> Arm:
-    """Return an arm with its constants changed by (k,) prior standard deviations; those of curves are ignored."""
+    """Return an arm with the constants changed by (k,) prior standard deviations; curve terms are ignored."""
     sds = _constant_sds(arm)
     return _with_constants(arm, sds * times[: len(sds)])
 
 
 def _joint_shapes(run: ObservedRun) -> Array:
-    """Return one prior standard deviation (m, axes, k) of a joint's error over its angle and under gravity, in rad."""
+    """Return a prior standard deviation (m, axes, k) of the joint error over the angle and under gravity, in rad."""
     q = angles_of(run)
     curves = [_CURVE / order * f(order * q) for order in _ORDERS for f in (np.sin, np.cos)]
     torque = pull(run.model.arm, run.model.load, run.path.q[run.samples]).torque
@@ -248,8 +256,10 @@ def _joint_shapes(run: ObservedRun) -> Array:
 
 
 def day_columns(runs: Sequence[ObservedRun], readings: LinearReadings) -> Array:
-    """Return what one standard deviation (n, d) mm of each usual change from day to day adds to new readings: the
-    joints' positions, the place of ball or base, and the zeros of gauges."""
+    """Return the effect (n, d) mm on new readings of a standard deviation of each usual change between days.
+
+    These are joint positions, the place of ball or base, and gauge zeros.
+    """
     axes = readings.angles.shape[1]
     day = readings.arm[:, :axes] / _ZERO * np.radians(JOINT_DEG.middle)
     shift = np.stack([(readings.channel == k) * BALL_MM.middle for k in range(3)], axis=1)
@@ -266,7 +276,7 @@ def day_columns(runs: Sequence[ObservedRun], readings: LinearReadings) -> Array:
 
 
 def shift_of(runs: Sequence[ObservedRun], place: Workplace, cause: Cause, about: Array | None = None) -> Shift:
-    """Return what a cause does to the readings of runs, linearised about a change (m,) mm and rad."""
+    """Return the effect of a cause on the readings of runs, linearised about a change (m,) mm and rad."""
     about = np.zeros(len(cause.scale)) if about is None else about
 
     def predict(change: Array) -> Array:

@@ -1,8 +1,8 @@
-"""The next touch: the posture of the reference that is expected to separate the remaining causes best.
+"""Selection of the next touch: the posture of the reference expected to separate the remaining causes best.
 
-For each posture, each cause predicts a reading with a mean and a covariance. Two causes are separated by one minus
-Bhattacharyya's coefficient of their predictions, which bounds the error of a decision between them; the sum over pairs
-of causes, weighted by their odds, ranks the postures.
+In each posture, each cause predicts a reading with mean and covariance. The separation of two causes is 1 minus the
+Bhattacharyya coefficient of their predictions, which bounds the error of a decision between them. The sum over pairs of
+causes, weighted by their odds, ranks the postures.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from analysis.movement.linearise import day_columns, shift_of
 from analysis.robot.kinematics.arm import Array
 
 _REMAINING = 1e-3
-"""Probability below which a cause no longer counts."""
+"""Probability below which a cause is ignored."""
 
 
 @dataclass(frozen=True)
 class Posture:
-    """A reading of the reference to repeat: its set-up, its row in the file and the joint angles (axes,) rad."""
+    """A reading of the reference to repeat: set-up, row in the file, and joint angles (axes,) rad."""
 
     setup: str
     row: int
@@ -35,8 +35,9 @@ class Posture:
 
 @dataclass(frozen=True)
 class Lever:
-    """A cause that no posture of the reference shows: its largest effect in mm for its typical size, and the scatter
-    that hides it."""
+    """A cause not visible in any posture of the reference: largest effect in mm at the typical size, and the scatter
+    that hides it.
+    """
 
     cause: Cause
     moves_mm: float
@@ -45,7 +46,7 @@ class Lever:
 
 @dataclass(frozen=True)
 class Candidates:
-    """Postures of a reference with the readings that they would give, and what each cause does to these."""
+    """Postures of a reference with predicted readings and the effect of each cause on them."""
 
     runs: tuple[ObservedRun, ...]
     readings: LinearReadings
@@ -54,7 +55,7 @@ class Candidates:
 
 
 def candidates_of(reference: Reference) -> Candidates:
-    """Return the postures of a reference that may be touched again; a circle has none."""
+    """Return the postures of a reference that can be touched again; circles have none."""
     runs = tuple(run for run in reference.runs if run.table.kind.of_places)
     every = reference.conditioned.reference
     of_places = np.concatenate([
@@ -71,13 +72,13 @@ def candidates_of(reference: Reference) -> Candidates:
 
 
 def _table_rows(run: ObservedRun) -> list[int]:
-    """Return the rows of the table that the readings of a run are, by their joint angles."""
+    """Return the table rows of the readings of a run, matched by joint angles."""
     apart = np.abs(run.path.q[run.samples][:, None] - run.table.q[None]).max(axis=2)
     return [int(row) for row in apart.argmin(axis=1)]
 
 
 def next_posture(reference: Reference, candidates: Candidates, compared: Compared | None) -> Posture | None:
-    """Return the posture that is expected to separate the remaining causes best; None without postures."""
+    """Return the posture expected to separate the remaining causes best; None if there are no postures."""
     count = len(candidates.postures)
     if not count:
         return None
@@ -94,7 +95,7 @@ def next_posture(reference: Reference, candidates: Candidates, compared: Compare
         for second in causes[k + 1 :]:
             weight = np.sqrt(probability[first] * probability[second])
             gains += weight * (1 - _overlap(*predicted[first], *predicted[second]))
-    if compared is not None:  # a posture that was just touched says less than another
+    if compared is not None:  # a posture that was just touched adds less information
         seen = np.concatenate([run.path.q[run.samples] for run in compared.runs])
         angles = np.array([posture.angles for posture in candidates.postures])
         gains[np.abs(angles[:, None] - seen[None]).max(axis=2).min(axis=1) < _SAME_RAD] *= 0.5
@@ -119,8 +120,9 @@ def _remaining(reference: Reference, compared: Compared | None) -> dict[Cause, f
 
 
 def _joined(candidates: Candidates, compared: Compared | None) -> tuple[LinearReadings, Array, int]:
-    """Return the readings so far with those of all candidates, their changes from day to day, and how many entries are
-    known."""
+    """Return the readings taken and those of all candidates together, their changes between days, and the number of
+    known entries.
+    """
     new = compared.readings if compared else candidates.readings.rows(np.zeros(len(candidates.readings.sd_mm), bool))
     joint = LinearReadings.together([new, candidates.readings])
     runs = [*(compared.runs if compared else ()), *candidates.runs]
@@ -139,8 +141,9 @@ def _columns(cause: Cause, candidates: Candidates, compared: Compared | None, jo
 def _predicted(
     prediction: Prediction, columns: Array, cause: Cause, compared: Compared | None, known: int, count: int
 ) -> tuple[Array, Array]:
-    """Return mean (c, k) and covariance (c, k, k) of the reading at each candidate under a cause, given those so
-    far."""
+    """Return mean (c, k) and covariance (c, k, k) of the reading at each candidate under a cause, given the readings
+    taken.
+    """
     level = 1.0
     if compared is not None and cause in compared.posterior.estimates and len(cause.scale):
         level = float(LEVELS[int(np.argmax(compared.posterior.estimates[cause].level))])
@@ -158,7 +161,7 @@ def _predicted(
 
 
 def _overlap(first: Array, first_cov: Array, second: Array, second_cov: Array) -> Array:
-    """Return Bhattacharyya's coefficient (c,) of two normal distributions at each candidate."""
+    """Return the Bhattacharyya coefficient (c,) of two normal distributions at each candidate, as a ratio."""
     middle, apart = (first_cov + second_cov) / 2, first - second
     far = np.einsum("ci,ci->c", apart, np.linalg.solve(middle, apart[..., None])[..., 0]) / 8
     logs = [np.linalg.slogdet(cov)[1] for cov in (middle, first_cov, second_cov)]
@@ -166,7 +169,7 @@ def _overlap(first: Array, first_cov: Array, second: Array, second_cov: Array) -
 
 
 def hidden_causes(reference: Reference, candidates: Candidates) -> list[Lever]:
-    """Return the causes that touches in all postures of the reference would not name at their typical size."""
+    """Return the causes that touches in all postures of the reference could not name at their typical size."""
     if not candidates.postures:
         return []
     day = day_columns(candidates.runs, candidates.readings)

@@ -1,4 +1,4 @@
-"""The result of `what moved`: causes with odds, size, direction and effect on the work, and what comes next."""
+"""Result of a movement check: causes with odds, size, direction and effect on the work, and the next posture."""
 
 from __future__ import annotations
 
@@ -25,9 +25,11 @@ _SHOWN = 1e-4
 
 @dataclass(frozen=True)
 class CauseOdds:
-    """One cause with its posterior probability and size. `u` is the standard uncertainty of the length of the shift in
-    mm, or of the zero in degrees; `u_rotation_deg` that of the rotation. `point_mm` is what the cause does to a point
-    in the middle of the work. A pair has its two members in `together`."""
+    """A cause with posterior probability and size.
+
+    u: standard uncertainty of the length of the shift in mm, or of the zero in degrees. u_rotation_deg: of the
+    rotation. point_mm: displacement of a point in the middle of the work. together: the members of a pair.
+    """
 
     cause: Cause
     posterior: float
@@ -46,11 +48,11 @@ class CauseOdds:
 
     @property
     def name(self) -> str:
-        """The name of the socket, target or instrument, as a person gave it."""
+        """The name of the socket, target or instrument as the user entered it."""
         return short_name(self.cause)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the cause as JSON has it."""
+        """Return the cause in plain types for JSON."""
         found: dict[str, Any] = {"what": self.what, "axis": self.cause.axis, "name": self.name or None}
         for key in ("posterior", "translation_mm", "rotation_deg", "size_deg", "u", "u_rotation_deg", "point_mm"):
             value = getattr(self, key)
@@ -62,9 +64,11 @@ class CauseOdds:
 
 @dataclass(frozen=True)
 class Moved:
-    """What moved between a reference and new readings. `cannot_separate` lists the causes between which the readings
-    do not decide; `next_posture` is the posture to touch next, None if a cause is named or no posture helps; `hidden`
-    are causes that no posture of the reference shows."""
+    """Movement between a reference and new readings.
+
+    cannot_separate: causes between which the readings do not decide. next_posture: posture to touch next, None if a
+    cause is named or no posture helps. hidden: causes not visible in any posture of the reference.
+    """
 
     causes: tuple[CauseOdds, ...]
     named: CauseOdds | None
@@ -78,11 +82,11 @@ class Moved:
     wild_row: int | None
     of_tracker: bool
     zero_bounds_deg: tuple[float, ...] = ()
-    """Largest error of the zero of each axis that the new readings leave possible, if it alone moved: |size| + 2 u."""
+    """Largest error of each zero compatible with the new readings if only that zero moved: |size| + 2 u."""
     doubts: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the result as JSON has it."""
+        """Return the result in plain types for JSON."""
         step = self.next_posture
         return {
             "causes": [cause.to_dict() for cause in self.causes],
@@ -105,15 +109,18 @@ class Moved:
 
 
 def short_name(cause: Cause) -> str:
-    """Return the name of a socket, target or instrument without that of its test."""
+    """Return the name of a socket, target or instrument after removal of the test name."""
     name = cause.name.rpartition("socket ")[2] if cause.what == "socket" else cause.name
     return name.partition(FRAME)[0]
 
 
 def what_moved(reference_runs: list[ObservedRun], new: list[ObservedRun], *, plan: bool = False) -> Moved:
-    """Return what moved between reference runs and new ones, each of one arm about one model, with touches split by
-    socket. With `plan`, or if nothing is named, the result holds the next posture. Raises FileError if the new readings
-    share no set-up with the reference."""
+    """Infer the movement between reference runs and new runs of an arm, with a common model and touches split by
+    socket.
+
+    The result contains the next posture if `plan` is set or no cause is named. Raises FileError if the new readings
+    share no set-up with the reference.
+    """
     reference = study(reference_runs)
     known = {run.setup for run in reference.runs}
     shared = [run for run in new if run.setup in known]
@@ -153,7 +160,7 @@ def moved_of(
 
 
 def _zero_bounds(compared: Compared | None) -> tuple[float, ...]:
-    """Return the largest error in degrees of each zero that the readings leave possible."""
+    """Return the largest error in degrees of each zero that is compatible with the readings."""
     estimates = compared.posterior.estimates.items() if compared else ()
     return tuple(
         float(np.degrees(abs(estimate.mean[0]) + 2 * np.sqrt(estimate.cov[0, 0])))
@@ -169,7 +176,7 @@ def _next(
     rivals: tuple[CauseOdds, ...],
     hidden: tuple[Lever, ...],
 ) -> Posture | None:
-    """Return the next posture; None if only causes are left that no posture shows."""
+    """Return the next posture; None if only causes remain that no posture shows."""
     invisible = {lever.cause for lever in hidden}
     if rivals and all(rival.cause in invisible or rival.cause == NOTHING for rival in rivals):
         return None
@@ -221,7 +228,7 @@ def _vector(values: Array) -> Vector:
 
 
 def _at_point(reference: Reference, cause: Cause, change: Array) -> Array:
-    """Return by how much (3,) mm the ball or target misses in the posture nearest to the middle of the work."""
+    """Return the displacement (3,) mm of the ball or target in the posture nearest to the middle of the work."""
     place = reference.place
     best: tuple[float, ObservedRun, int] | None = None
     for run in reference.runs:

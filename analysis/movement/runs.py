@@ -1,4 +1,4 @@
-"""What moved, from runs as they were read."""
+"""Inference of movements from measured runs."""
 
 from __future__ import annotations
 
@@ -14,15 +14,20 @@ from rigs.rig import Rig
 
 
 def observed(rig: Rig, runs: Sequence[Measured]) -> list[ObservedRun]:
-    """Return runs with joint angles as the inference sees them, about the model of a rig, with touches split by socket.
-    Raises FileError for a run of another robot."""
+    """Return observations of the runs with joint angles, with the model of a rig and touches split by socket.
+
+    Raises FileError for a run of a different robot.
+    """
     with_joints = [run for run in runs if not run.table.kind.without_joints]
     return [part for run in observe_runs(rig, with_joints) for part in by_socket(run)]
 
 
 def what_moved_in(rig: Rig, reference: Sequence[Measured], new: Sequence[Measured], *, plan: bool = False) -> Moved:
-    """Return what moved between reference runs and new ones. A placement that all new runs name otherwise counts as
-    that of the reference. Raises FileError if there is no reference with joint angles."""
+    """Infer the movement between reference runs and new runs.
+
+    If all new runs have a different placement name, it is treated as that of the reference. Raises FileError if the
+    reference has no joint angles.
+    """
     before, after = observed(rig, reference), observed(rig, new)
     if not before:
         raise FileError("reference", "has no joint angles", "give runs of touches, poses or circles")

@@ -1,1 +1,1 @@
-"""How people and scripts see results: tables, JSON, pictures, reports."""
+"""Presentation of results for people and scripts: tables, JSON, pictures, reports."""

@@ -1,7 +1,7 @@
-"""Acts in sentences: what to do, what it takes the error to and where that was found, and what speaks against it.
+"""Recommended acts in sentences: the act, the expected error, and the arguments against it.
 
-The acts are values (`analysis.diagnosis.judge.acts`); nothing is decided here. Screen, page, session and history say
-them with these words.
+The acts are values (`analysis.diagnosis.judge.acts`); this module makes no decisions. Screen, page, session and history
+share these sentences.
 """
 
 from __future__ import annotations
@@ -24,25 +24,28 @@ from rigs.schema.vocabulary import WITHOUT_GAUGES
 
 @dataclass(frozen=True)
 class ActWords:
-    """The sentences of the acts of a diagnosis in a language."""
+    """Sentences for the acts of a diagnosis in a given language."""
 
     diagnosis: Diagnosis
     texts: Texts = field(default_factory=partial(texts_of, "en"))
     is_judged_elsewhere: bool = False
-    """Whether runs at another place have judged the model, though they are among those used by now."""
+    """Whether the model was validated on runs at a different place before they joined the runs used."""
 
     @property
     def next(self) -> str:
-        """The first act, what it removes, and what speaks against it; empty where there is none."""
+        """The first act with the expected gain and the arguments against it; empty if nothing is recommended."""
         act = self.diagnosis.next_act
         return self.sentence(act) if act else ""
 
     def sentence(self, act: Act, *, corrected: bool = False) -> str:
-        """An act in full: what to do, what that removes, and what speaks against it; once the robot is `corrected`,
-        without what becomes of the correction, which is then said of all acts together."""
+        """Return an act as a sentence, with the expected gain and the arguments against it.
+
+        corrected: the robot already drives with the correction. The sentence then omits the effect of the act on the
+        correction, which the caller states once for all acts.
+        """
         against, acts = self.against(act), self.diagnosis.acts
         before = acts[: acts.index(act)] if act in acts else acts
-        # Whether it changes the arm that a correction before it in the list is made for
+        # The act changes the arm for which an earlier act in the list makes a correction.
         is_instead = act.kind in ("remaster", "enter", "repair", "mount") and any(
             earlier.kind == "load" for earlier in before
         )
@@ -51,7 +54,7 @@ class ActWords:
         return f"{sentence.removesuffix('.')} ({against})." if against else sentence
 
     def what(self, act: Act) -> str:
-        """What to do, as a sentence."""
+        """Return the instruction of an act as a sentence."""
         texts = self.texts
         if act.kind == "none":
             return texts(f"act_none_{act.why}", parts=self.parts(act))
@@ -80,8 +83,10 @@ class ActWords:
         )
 
     def removes(self, act: Act) -> str:
-        """What the error falls to, ± its standard uncertainty, and where, or that it was not computed; empty for acts
-        that remove nothing."""
+        """Return the expected error after an act, ± the standard uncertainty, and the place of that estimate.
+
+        The sentence says so if the error was not computed. Empty for acts that remove no error.
+        """
         if act.kind == "approach" and act.removes_um is None:
             return self.texts("act_not_computed")
         if act.kind in ("none", "measure", "approach") or (act.effect is None and act.kind != "load"):
@@ -92,7 +97,7 @@ class ActWords:
         key = "hardly" if abs(change) < LEAST_SHARE else "may_change" if change > 0 else "grows"
         sentences = []
         if act.effect is not None and act.with_before_um is None:
-            # What the effect cancels in part shows whole once the effect is taken away.
+            # Parts that this effect cancels become visible in full once it is removed.
             words, label = AnswerWords(self.diagnosis, self.texts), label_of(act.effect)
             lines = [line for k in act.parts for line in self.diagnosis.budget[k].shown_together]
             others = [line for line in lines if line.label != label]
@@ -110,7 +115,7 @@ class ActWords:
         return " ".join(sentences)
 
     def against(self, act: Act) -> str:
-        """What speaks against it, in a few words; empty where nothing does."""
+        """Return the arguments against an act as short phrases; empty if none apply."""
         texts, phrases = self.texts, []
         rivals = [
             rival.effect for named in self.diagnosis.effects if named.effect == act.effect for rival in named.rivals
@@ -118,7 +123,7 @@ class ActWords:
         nouns = {name_of(effect): self.noun(effect) for effect in rivals}
         for remark in act.against:
             if act.kind == "measure" and act.test is None and remark.why == "no_place":
-                continue  # its own words say that
+                continue  # the instruction already mentions it
             if remark.why == "not_judged_elsewhere" and self.is_judged_elsewhere:
                 continue
             if remark.why == "doubt" and remark.doubt:
@@ -130,11 +135,11 @@ class ActWords:
         return "; ".join(phrases)
 
     def noun(self, effect: Effect) -> str:
-        """An effect as a person says it within a sentence."""
+        """Return the noun phrase for an effect within a sentence."""
         return AnswerWords(self.diagnosis, self.texts).noun(effect)
 
     def parts(self, act: Act) -> str:
-        """The parts of the error that an act serves."""
+        """Return the parts of the error that an act reduces, separated by commas."""
         words = AnswerWords(self.diagnosis, self.texts)
         return ", ".join(words.part_name(self.diagnosis.budget[k]) for k in act.parts)
 
@@ -162,19 +167,21 @@ class ActWords:
         )  # fmt: skip
 
     def _of_places(self, key: str) -> str:
-        """The sentence of a key; where only poses or touches were measured, that for people without ball and gauges."""
+        """Return the key of a text, or the variant for runs without ball and gauges if only poses or touches were
+        measured.
+        """
         tests = {name.split()[0].strip(",;") for name in self.diagnosis.setups}
         return f"{key}_places" if tests and tests <= set(WITHOUT_GAUGES) else key
 
 
 def acts_in_words(diagnosis: Diagnosis, texts: Texts) -> list[str]:
-    """Every act of a diagnosis as a sentence, the first one first."""
+    """Return the acts of a diagnosis as sentences in order of priority."""
     words = ActWords(diagnosis, texts)
     return [words.sentence(act) for act in without_idle_mounts(diagnosis.acts)]
 
 
 def without_idle_mounts(acts: Sequence[Act]) -> tuple[Act, ...]:
-    """Return the acts, except a new mounting with hardly any gain, unless nothing else is to be done."""
+    """Return the acts except remounting with negligible gain. Such acts stay if the list would be empty otherwise."""
     idle = [
         act
         for act in acts
@@ -187,8 +194,10 @@ def without_idle_mounts(acts: Sequence[Act]) -> tuple[Act, ...]:
 
 
 def command(act: Act) -> str:
-    """The command of an act as a person types it, of a model that is not written yet that which writes it; empty where
-    none does it."""
+    """Return the command line of an act, or an empty text if no command performs it.
+
+    If the calibrated model is not written yet, return the command that writes it.
+    """
     if any(word.startswith(FOUND) for word in act.command):
         return "rig diagnose RUN… -o found"
     return " ".join(["rig", *act.command]) if act.command else ""

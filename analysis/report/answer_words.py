@@ -1,7 +1,7 @@
-"""The answer of a diagnosis in sentences: condition, accuracy, what to do next, and the parts of the error.
+"""The answer of a diagnosis in sentences: condition, accuracy, next step, and parts of the error.
 
-Which sentence is said is decided here, once; the words come from the texts of a language. Screen and picture say it in
-English, the page in its own language.
+This module alone selects the sentences; the wording comes from the texts of a language. Screen and picture use English,
+the page the selected language.
 """
 
 from __future__ import annotations
@@ -41,18 +41,21 @@ from rigs.effects import Effect
 from rigs.schema.effect import name_of, size_field, whole_order
 
 SMALL_SHARE = 0.001
-"""Share of the error below which parts that are not unusual are counted together."""
+"""Share of the error below which ordinary parts are counted together."""
 _WIDELY = 2.0
-"""Times usual from which an effect of usual size that is sure is said beside what makes more. Chosen: one of twenty
-arms without a fault shows as much of it."""
+"""Multiple of the usual size from which a certain, harmless effect is mentioned next to the larger parts. Chosen: 5
+% of healthy arms reach it.
+"""
 _MOST_NAMED = 3
 _ALMOST_ALL = 0.95
-"""Share of the error from which a part is called almost all of it. Chosen."""
+"""Share of the error from which the text calls a part almost all of it. Chosen."""
 
 
 def large_parts(diagnosis: Diagnosis) -> list[BudgetPart]:
-    """What makes more than a third of the error and is no fault, so that the condition does not say it: what is sure,
-    also where it may be one of a few, and groups of which the members are said."""
+    """Return the parts above a third of the error except faults, which the condition already covers.
+
+    The list contains certain effects, effects with a few rivals, and groups with named members.
+    """
     faults = [part_of(diagnosis, named) for named in diagnosis.standing]
     return [
         part
@@ -65,7 +68,9 @@ def large_parts(diagnosis: Diagnosis) -> list[BudgetPart]:
 
 
 def sure_parts(diagnosis: Diagnosis) -> list[BudgetPart]:
-    """Single effects that are sure, and larger than most arms show, though they are no fault and make less."""
+    """Return the certain single effects that are larger than on most arms but neither faults nor large parts of the
+    error.
+    """
     large = large_parts(diagnosis)
     return [
         part
@@ -79,43 +84,49 @@ def sure_parts(diagnosis: Diagnosis) -> list[BudgetPart]:
 
 
 def shown_parts(diagnosis: Diagnosis) -> tuple[list[BudgetPart], list[BudgetPart]]:
-    """The parts of the error that have a line of their own, and the small ones that are counted together."""
+    """Return the parts of the error with separate lines, and the small parts that are counted together."""
     small = [part for part in diagnosis.budget if part.share < SMALL_SHARE and part.rank != "unusual"]
     return [part for part in diagnosis.budget if part not in small], small
 
 
 def _has_model(diagnosis: Diagnosis) -> bool:
-    """Whether the rig file holds effects or a calibration, which the robot drives without."""
+    """Return whether the rig file contains effects or a calibration. The robot drives without the model."""
     return diagnosis.rig.calibrated is not None or bool(diagnosis.rig.effects)
 
 
 def is_complete(diagnosis: Diagnosis) -> bool:
-    """Whether nothing is missing in a model that was calibrated, or holds effects, before: scatter is all but less than
-    a tenth of what is left, from which a part has an act."""
+    """Return whether the model of the rig file is complete.
+
+    It is complete if it contains effects or a calibration and scatter makes up more than nine tenths of the remaining
+    error. Smaller shares are not worth an act.
+    """
     scatter = sum(part.share for part in diagnosis.budget if part.kind == "scatter")
     no_fault = diagnosis.condition in ("uncalibrated", "nothing_unusual")
     return _has_model(diagnosis) and no_fault and scatter > 1 - LEAST_SHARE
 
 
 def fields_of(effect: Effect) -> dict[str, Any]:
-    """The parameters of an effect as a sentence says them, each in its own unit: the order of a gear as its teeth."""
+    """Return the parameters of an effect as a sentence shows them, in their usual units: a gear order as a number of
+    teeth.
+    """
     fields = effect.model_dump()
     return fields | ({"order": whole_order(fields["order"])} if "order" in fields else {})
 
 
 @dataclass(frozen=True)
 class AnswerWords:
-    """The sentences of a diagnosis in a language."""
+    """Sentences for a diagnosis in a given language."""
 
     diagnosis: Diagnosis
     texts: Texts = field(default_factory=partial(texts_of, "en"))
     judged_elsewhere: tuple[float, float] | None = None
-    """Error in µm without and with the model at another place that judged it before its runs joined those used."""
+    """Error in µm before and with the model, on runs at a different place before they joined the runs used."""
 
     @property
     def headline(self) -> str:
-        """What is wrong, in a sentence: what makes most of the error before what makes less, what is sure before what
-        is open, and then what these runs do not show."""
+        """The findings in a few sentences: large parts of the error before small ones, certain causes before open
+        ones, then the limits of these runs.
+        """
         diagnosis = self.diagnosis
         if diagnosis.condition == "out_of_range":
             return self._out_of_range()
@@ -137,7 +148,7 @@ class AnswerWords:
 
     @property
     def accuracy(self) -> str:
-        """The error now, and what the calibration leaves of it where it had no part, or on the runs used."""
+        """The present error, and the error after calibration on unseen runs or, if there are none, on the runs used."""
         accuracy = self.diagnosis.accuracy
         model = "error_corrected" if _has_model(self.diagnosis) else "error_now"
         now = self.texts(model, now=micrometres(accuracy.now_um), largest=micrometres(accuracy.now_largest_um))
@@ -155,7 +166,9 @@ class AnswerWords:
 
     @property
     def judged(self) -> str:
-        """How the error stands against limits: of the arm as it drives, since no run was driven with corrections."""
+        """The verdict of the error against the limits. It applies to the uncorrected arm, since no run was driven
+        with corrections.
+        """
         accuracy = self.diagnosis.accuracy
         if accuracy.standing is None or accuracy.limit is None:
             return self.texts("accuracy_not_judged")
@@ -164,11 +177,11 @@ class AnswerWords:
         return self.texts(which, standing=self.texts(f"standing_{accuracy.standing}"), by=by)
 
     def part_name(self, part: BudgetPart) -> str:
-        """A part of the budget as a person says it, with what cancels some of it."""
+        """Return the name of a budget part, with the parts that cancel some of it."""
         return self._with_cancelled(part, self.short_name(part))
 
     def alone(self, parts: Sequence[BudgetPart]) -> list[str]:
-        """What parts of which some cancel others do, each alone, with its rms in µm."""
+        """Return a phrase with the individual rms in µm for each of several parts that partly cancel."""
         return [self.texts("alone", part=self.short_name(part), um=within(part.um, part.u_um)) for part in parts]
 
     def _with_cancelled(self, part: BudgetPart, words: str) -> str:
@@ -176,7 +189,7 @@ class AnswerWords:
         return self.texts("with_cancelled", part=words, others=others) if others else words
 
     def short_name(self, part: BudgetPart) -> str:
-        """A part of the budget as a person says it, where there is no room for what cancels some of it."""
+        """Return the name of a budget part without the parts that cancel some of it, for narrow places."""
         if part.index is not None:
             return self.noun(self.diagnosis.effects[part.index].effect)
         if part.kind == "effect":
@@ -185,22 +198,22 @@ class AnswerWords:
         return self.texts(f"part_{part.kind}", joint=joint)
 
     def size_of(self, part: BudgetPart) -> str:
-        """The size of a part that is an effect, ± its standard uncertainty; empty for others."""
+        """Return the size of an effect ± standard uncertainty; empty for other parts."""
         return size(self.diagnosis.effects[part.index]) if part.index is not None else ""
 
     def rank_of(self, part: BudgetPart) -> str:
-        """The class of a part; empty where it has none."""
+        """Return the class of a part; empty if it has none."""
         return self.texts(f"rank_{part.rank}") if part.rank else ""
 
     def times_usual(self, part: BudgetPart) -> str:
-        """How many times as much as usual a part does; empty where that has no meaning."""
+        """Return the part as a multiple of the usual size; empty if no finite multiple exists."""
         times = part.times_usual
         if times is None or not math.isfinite(times):
             return ""
         return self.texts("times_usual", times=f"{times:.1f}" if times >= 0.05 else "< 0.1")
 
     def noun(self, effect: Effect) -> str:
-        """An effect as a person says it within a sentence."""
+        """Return the noun phrase for an effect within a sentence."""
         words = self.texts.nouns.get(name_of(effect), self.texts.nouns.get(effect.effect))
         if words is None:
             return plain(self.diagnosis.rig, effect)
@@ -209,7 +222,7 @@ class AnswerWords:
         return words.format(**fields_of(effect) | {"joint": joint})
 
     def _condition(self) -> str:
-        """What these runs do not show, or that nothing was found; empty where faults say it all."""
+        """Return the limits of these runs, or that the search found nothing; empty if the faults say it all."""
         diagnosis, texts = self.diagnosis, self.texts
         values = {"um": micrometres(diagnosis.remainder.um), "share": percent(diagnosis.remainder.share)}
         if diagnosis.condition in ("named", "ambiguous"):
@@ -228,13 +241,16 @@ class AnswerWords:
             which, values = "scatter", {"um": _length(scatter_um)}
         if which == "outside_library" and diagnosis.remainder.at_new_places:
             which = "outside_library_there"
-        # What the rig file names already, so that nothing found means nothing more; empty where it names nothing
+        # Effects already in the rig file, since "nothing found" then means nothing further; empty if the rig file names
+        # none.
         nouns = list(dict.fromkeys(map(self.noun, self.diagnosis.rig.effects)))
         already_held = self.texts("already_held", effects=self._listed(nouns)) if nouns else ""
         return " ".join(filter(None, [texts(f"says_{which}", **values), self._follows(), already_held]))
 
     def _follows(self) -> str:
-        """What the unexplained part follows, if it was looked for and there is an unknown cause."""
+        """Return the quantity that the unexplained error follows; empty unless the cause is unknown and a search was
+        made.
+        """
         unexplained = self.diagnosis.unexplained
         if unexplained is None or not unexplained.follows or self.diagnosis.condition != "outside_library":
             return ""
@@ -245,7 +261,7 @@ class AnswerWords:
         return self.texts("says_follows", subject=subject, share=percent(followed.share))
 
     def _out_of_range(self) -> str:
-        """The parameter that is out of range, its estimate and the limit."""
+        """Return the sentence about the parameter out of range, with estimate and limit."""
         (named,) = self.diagnosis.effects
         effect = named.effect
         limit = min((abs(limit) for limit in size_limits(effect) if limit), default=math.inf)
@@ -254,7 +270,7 @@ class AnswerWords:
         return self.texts("says_out_of_range", parameter=nouns, size=size(named), limit=f"{limit:.4g} {unit}".rstrip())
 
     def _usual_or_fault(self, named: Named) -> str:
-        """An effect of usual size and the faults that may be meant instead, each with its odds."""
+        """Return an effect of usual size and the faults that could replace it, each with the odds."""
         faults = self.texts("or").join(
             f"{self.noun(rival.effect)} ({sure(rival.posterior)})" for rival in fault_rivals(named)
         )
@@ -263,7 +279,7 @@ class AnswerWords:
         )
 
     def _faults(self) -> tuple[list[str], list[str]]:
-        """The faults as a part of a sentence, and those that have rivals where others are sure as another."""
+        """Return the sentences for certain faults, and separately those for open faults if certain ones exist."""
         certain = [named for named in self.diagnosis.standing if named.posterior >= CERTAIN_ODDS]
         open_ones = [named for named in self.diagnosis.standing if named not in certain]
         which = "says_open" if certain else "says_ambiguous"
@@ -303,7 +319,7 @@ class AnswerWords:
         return "; ".join([*phrases[:_MOST_NAMED], *ending])
 
     def _with_rivals(self, named: Named) -> str:
-        """A fault and those of its rivals that cannot be dismissed."""
+        """Return a fault and the rivals that cannot be dismissed, joined by "or"."""
         effects = (named.effect, *(rival.effect for rival in likely_rivals(named)))
         return self.texts("or").join(map(self.noun, effects))
 
@@ -316,12 +332,12 @@ class AnswerWords:
 
 
 def _length(um: float) -> str:
-    """A length in mm from a tenth on, below that in µm."""
+    """Return a length in mm from 0.1 mm upwards, and in µm below."""
     return f"{1e-3 * um:.2f} mm" if um >= 100 else micrometres(um)
 
 
 def part_of(diagnosis: Diagnosis, named: Named) -> BudgetPart | None:
-    """The part of the budget that an effect makes."""
+    """Return the budget part of an effect; None if the budget does not list it."""
     return next(
         (part for part in diagnosis.budget if part.index is not None and diagnosis.effects[part.index] is named), None
     )

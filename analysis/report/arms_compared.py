@@ -1,4 +1,4 @@
-"""Two arms compared on the screen: distance of their tools, and the one that fits runs."""
+"""Comparison of two arms on the screen: distance of the tools, and the arm that fits the runs."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from analysis.report.plain_console import right
 from rigs.text import plain
 
 _SHOWN = 5e-5
-"""Degrees or mm below which a difference of constants is not shown: less than the last digit."""
+"""Threshold in degrees or mm for showing a difference between constants; it is below the last digit shown."""
 
 
 def arms_apart_tables(apart: ArmsApart) -> RenderableType:
-    """The distance in a line, then the constants and the plays that differ, axis by axis."""
+    """Return the distance as a sentence and a table of the different constants and plays by axis."""
     seen = apart.to_dict()
     first, second = map(plain, apart.names)
     u = "" if seen["u_rms_mm"] is None else f", known to {seen['u_rms_mm']:.3f} mm (u)"
@@ -40,7 +40,7 @@ def arms_apart_tables(apart: ArmsApart) -> RenderableType:
 
 
 def fitting_arm_table(fitting: FittingArm) -> RenderableType:
-    """Which arm fits the runs and by how much, in a line, and what each leaves."""
+    """Return a sentence about the better arm, and a table of the residuals of both arms."""
     better = fitting.better
     head = "These runs do not distinguish the two arms."
     if better is not None:

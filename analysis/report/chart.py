@@ -1,7 +1,7 @@
-"""What a picture of the page shows, free of how it is drawn.
+"""Contents of a chart, independent of the renderer.
 
-`live_chart` makes the interactive picture of it and `still_chart` the one for paper and for browsers without scripts,
-so that both show the same.
+`live_chart` renders the interactive version, `still_chart` the version for paper and for browsers with scripts
+disabled. Both show the same contents.
 """
 
 from __future__ import annotations
@@ -16,19 +16,22 @@ from analysis.report.texts import Texts
 from analysis.robot.kinematics.arm import Array
 
 Role = Literal["acw", "cw", "measured", "model", "after", "quiet", "fifth", "sixth"]
-"""What a line stands for; it decides colour, dash and symbol alike, since no meaning hangs on colour alone."""
+"""Meaning of a line. It determines colour, dash and symbol together, so no meaning depends on colour only."""
 Frame = Literal["straight", "polar", "targets", "plane"]
-"""Along the circle angle, around the circle, target by target, or on a plane of one scale in both directions."""
+"""Horizontal axis: circle angle, circle angle in polar form, target number, or a plane with equal scales."""
 _HOLE = 2.6
-"""Radius of the circle of no deviation in a polar picture, in largest deviations, as in roundness diagrams."""
+"""Radius of the zero circle in a polar chart, in units of the largest deviation, as in roundness diagrams."""
 _SAME_DEG = 8.0
-"""Marks nearer than this on the circle have no room for a name each."""
+"""Distance of marks on the circle below which they share a label."""
 
 
 @dataclass(frozen=True)
 class Look:
-    """How a role looks: colours on light and on dark paper, dashes, and the symbol of points. The colour-blind see
-    orange, blue and green as three (Okabe and Ito), and in black and white the dashes differ."""
+    """Appearance of a role: colours on light and dark paper, dashes, and symbol of points.
+
+    Orange, blue and green are distinguishable with colour blindness (Okabe and Ito); the dashes differ in black and
+    white.
+    """
 
     light: str
     dark: str
@@ -51,8 +54,11 @@ LOOKS: dict[Role, Look] = {
 
 @dataclass(frozen=True)
 class Line:
-    """Values y (n,) at x (n,), as a line or as points; half (n,): half of the range that a bar shows, where there is
-    one; steps (steps, n): the values at each step of a chart that is stepped through, of which y is the last."""
+    """Values y (n,) at x (n,), drawn as a line or as points.
+
+    half (n,): half length of the error bars, if any. steps (steps, n): values at each step of an animated chart; y is
+    the last.
+    """
 
     name: str
     role: Role
@@ -65,7 +71,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Mark:
-    """A place on the circle, in degrees, with the word that stands there."""
+    """A labelled place on the circle, in degrees."""
 
     at_deg: float
     text: str
@@ -73,8 +79,11 @@ class Mark:
 
 @dataclass(frozen=True)
 class Chart:
-    """Lines in one frame. y_label has the unit, and `unit` is what stands behind a number; marks and shaded stretches
-    (from, to) are in degrees of the circle; ticks: names of the places x of targets."""
+    """Lines of a chart in a common frame.
+
+    y_label includes the unit, and `unit` follows each number. marks and shaded ranges (from, to) are in degrees of the
+    circle. ticks: names at the positions x of the targets.
+    """
 
     title: str
     caption: str
@@ -87,23 +96,23 @@ class Chart:
     shaded: tuple[tuple[float, float], ...] = ()
     ticks: tuple[tuple[float, str], ...] = ()
     panels: tuple[str, ...] = ()
-    """Names of the steps, for the one picture of which paper shows each step."""
+    """Names of the steps; paper shows a panel for each. Only the first chart of a diagnosis has them."""
     span: tuple[float, float] | None = None
-    """From where to where the scale of paper goes, where several pictures share it."""
+    """Range of the vertical axis on paper, if several charts share it."""
 
     @property
     def steps(self) -> int:
-        """How many steps there are to go through; 0 where the picture has none."""
+        """Number of steps; 0 for a static chart."""
         return max((len(line.steps) for line in self.lines if line.steps is not None), default=0)
 
     def at_step(self, step: int) -> Chart:
-        """The picture at a step."""
+        """Return the chart at a given step."""
         lines = [line if line.steps is None else replace(line, y=line.steps[step], steps=None) for line in self.lines]
         return replace(self, lines=tuple(lines))
 
     @property
     def reach(self) -> tuple[float, float]:
-        """From where to where the values of all steps go, with some room."""
+        """Range of the values of all steps, with a margin."""
         every = [line.y if line.steps is None else line.steps for line in self.lines]
         low, high = min(float(values.min()) for values in every), max(float(values.max()) for values in every)
         room = 0.06 * max(high - low, 1e-9)
@@ -111,25 +120,27 @@ class Chart:
 
     @property
     def largest(self) -> float:
-        """Largest size of any value; the scale of a polar picture."""
+        """Largest absolute value; the scale of a polar chart."""
         return max(1e-9, *(float(np.abs(line.y).max()) for line in self.lines))
 
     @property
     def largest_shown(self) -> str:
-        """The largest size in two digits, and never as a power of ten where it is readable without one."""
+        """The largest absolute value with two significant digits, in plain notation if readable."""
         return f"{float(f'{self.largest:.2g}'):g}"
 
     @property
     def hole(self) -> float:
-        """Radius at which a polar picture has its circle of no deviation."""
+        """Radius of the zero circle in a polar chart."""
         return _HOLE * self.largest
 
 
 @dataclass(frozen=True)
 class SphereChart:
-    """A measured surface about its least-squares sphere: directions (n, m, 3) of a grid on the hemisphere, its
-    deviation_mm (n, m) from the sphere, and the targets' directions (t, 3) with their deviation_mm (t,). Deviations are
-    drawn magnified, so that the largest is a fifth of the radius."""
+    """A measured surface around the least-squares sphere, with magnified deviations.
+
+    grid: directions (n, m, 3) on the hemisphere with grid_deviation_mm (n, m) from the sphere. targets: directions (t,
+    3) with deviation_mm (t,). The largest deviation is drawn as a fifth of the radius.
+    """
 
     title: str
     caption: str
@@ -140,17 +151,17 @@ class SphereChart:
     deviation_mm: Array
     names: tuple[str, ...]
     words: tuple[str, str, str]
-    """What the sphere, the surface and the targets are called."""
+    """Names of the sphere, the surface and the targets."""
     frame: Literal["sphere"] = "sphere"
 
     @property
     def magnified(self) -> float:
-        """How many times larger than the sphere a deviation is drawn."""
+        """Magnification of the deviations."""
         largest = max(float(np.abs(self.deviation_mm).max()), float(np.abs(self.grid_deviation_mm).max()), 1e-9)
         return 0.2 * self.radius_mm / largest
 
     def drawn(self, direction: Array, deviation_mm: Array) -> Array:
-        """Where points (..., 3) mm are drawn, that lie in a direction (..., 3) with a deviation (...)."""
+        """Return the drawn positions (..., 3) mm of points in a direction (..., 3) with a deviation (...) mm."""
         place: Array = direction * (self.radius_mm + self.magnified * deviation_mm)[..., None]
         return place
 
@@ -159,7 +170,9 @@ Picture = Chart | SphereChart
 
 
 def marks_of(turns: Sequence[tuple[float, int]], texts: Texts) -> tuple[Mark, ...]:
-    """A mark where each axis (angle in degrees, number) turns back; of near ones the first bears the numbers of all."""
+    """Return a mark for each reversal, given as angle in degrees and axis number. Close marks share the label of the
+    first.
+    """
     groups: list[list[tuple[float, int]]] = []
     for turn in sorted(turns):
         if groups and turn[0] - groups[-1][0][0] < _SAME_DEG:
@@ -175,7 +188,7 @@ def marks_of(turns: Sequence[tuple[float, int]], texts: Texts) -> tuple[Mark, ..
 
 
 def stretches(places: Sequence[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
-    """Stretches (from, to) in degrees, one that passes 360° as two."""
+    """Return ranges (from, to) in degrees, with ranges across 360° split in two."""
     parts: list[tuple[float, float]] = []
     for low, high in places:
         parts += [(low, high)] if low <= high else [(low, 360.0), (0.0, high)]

@@ -1,4 +1,4 @@
-"""Tables, JSON and pictures of measurement beside simulation."""
+"""Tables, JSON and pictures of measured and simulated runs."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 def as_tables(compared: Compared) -> RenderableType:
-    """A table for each run: each figure measured, simulated, and the difference; then doubts and the set-ups."""
+    """Return a table for each run with measured, simulated and difference of each figure, then remarks and set-ups."""
     doubts = [Text(doubt, style="yellow") for doubt in compared.doubts]
     poses = [
         Text(
@@ -51,7 +51,8 @@ def as_tables(compared: Compared) -> RenderableType:
         table.add_row("unexplained, rms of the readings", "", f"{comparison.rms_um:.2f} µm", "")
         tables.append(whole(table))
     where: list[RenderableType] = []
-    if compared.disagreement is not None:  # the model of all runs with them, and what is left as its effects are added
+    # the model of all runs with the fitted set-ups, and the residual after each of the effects
+    if compared.disagreement is not None:
         where = [Text("\nWhere model and readings disagree", style="bold"), *places_table(compared.disagreement.where)]
         if stairs := stairs_of_model(compared.disagreement):
             where += [Text("\nHow the gap shrinks", style="bold"), stairs_table(stairs)]
@@ -64,8 +65,10 @@ def as_tables(compared: Compared) -> RenderableType:
 
 
 def save_pictures(compared: Compared, directory: Path) -> list[Path]:
-    """Measured over simulated and their difference, a picture for each run, and one of where all of them disagree and
-    how the gap shrinks. Raises FileError."""
+    """Save a picture of each run, and a summary of the disagreement of all runs at each step of the staircase.
+
+    Raises FileError.
+    """
     from analysis.runs.written_files import write_views  # noqa: PLC0415 - slow to import
 
     named = distinctly_named([comparison.result for comparison in compared.runs])
@@ -79,7 +82,7 @@ def save_pictures(compared: Compared, directory: Path) -> list[Path]:
 
 
 def _figure(comparison: Comparison) -> Figure:
-    """Measured and simulated, and below them their difference."""
+    """Draw measured and simulated values, and below the difference."""
     chart = compared_chart([comparison], [], texts_of("en"))
     measured, simulated = chart.lines
     difference = replace(measured, name="difference", role="quiet", y=measured.y - simulated.y)

@@ -1,4 +1,4 @@
-"""The state of a daemon as a person sees it: for `rig status` once, for `rig live` ten times a second."""
+"""The state of a daemon on the screen, once for `rig status` and ten times per second for `rig live`."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _OLD_S = 2.0
 
 
 def screen(state: dict[str, Any]) -> RenderableType:
-    """Gauges, angle, joints, rates, faults and recording state of a `status` answer."""
+    """Return gauges, angle, joints, rates, faults and recording state of a `status` answer."""
     text = Text(f"{state['rig']}  ", style="bold")
     if state["recording"]:
         direction = f" {state['direction']}" if state["direction"] else ""
@@ -33,7 +33,7 @@ def screen(state: dict[str, Any]) -> RenderableType:
         elif state.get("beginning"):
             text.append(f"; {state['beginning']} begins", "yellow")
     lines = [text]
-    if (automatic := state["automatic"]) is not None:  # what it waits for, and why it did not start
+    if (automatic := state["automatic"]) is not None:  # the conditions it waits for, and the reason if it did not start
         lines.append(Text(f"automatic, waits for {'; '.join(automatic['waits_for'])}", "dim"))
         if automatic["why_not"]:
             lines[-1].append(f"\nnot started: {automatic['why_not']}", "yellow")
@@ -57,7 +57,7 @@ def _gauges(state: dict[str, Any]) -> Table:
     if "signal" in values:
         table.add_row("signal", _number(values["signal"], ages["signal"], "8.0f", ""))
     if shown := {name: values[name] for name in CONDITION if name in values}:
-        # The condition of the robot in words, a stop and what slows it down in red
+        # The condition of the robot in words; a stop and a reduced speed are red.
         parts = [Text(words, "bold red" if disturbs else "bold") for words, disturbs in condition_words(shown)]
         age_s = max(ages[name] for name in shown)
         parts += [Text(f"{age_s:.0f} s old", "yellow dim")] if age_s > _OLD_S else []
@@ -67,7 +67,7 @@ def _gauges(state: dict[str, Any]) -> Table:
 
 
 def _number(value: float, age_s: float, form: str, unit: str) -> Text:
-    """Old values are dim and say their age: a frozen number must not look alive."""
+    """Return a number, dimmed and followed by the age if old: a frozen value must not look alive."""
     if age_s > _OLD_S:
         return Text(f"{value:{form}} {unit} ({age_s:.0f} s old)", style="yellow dim")
     return Text(f"{value:{form}} {unit}".rstrip(), style="bold")

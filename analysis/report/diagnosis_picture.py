@@ -1,4 +1,4 @@
-"""The picture of a diagnosis: circles, hemispheres, how the gap shrinks part by part, what cannot be distinguished."""
+"""The picture of a diagnosis: circles, hemispheres, the staircase of the gap, and indistinguishable causes."""
 
 from __future__ import annotations
 
@@ -27,17 +27,20 @@ from analysis.runs.noise.readings import rms
 _WIDTH = 11.0
 _MOST_GROUPS = 5
 _COLUMNS, _TEXT_COLUMNS = 92, 165
-"""Letters a line holds, of the title and of the text below."""
+"""Characters per line of the title and of the text below."""
 _NAME_COLUMNS = 40
-"""Letters in a line of a step's name."""
+"""Characters per line of a step name."""
 _INKS = {"used": "#1f5fa8", "held_out": "#1c1c1c", "unseen": "#d95f02"}
 _SYMBOLS = {"held_out": "s", "unseen": "D"}
 _GREY = "#777777"
 
 
 def picture(diagnosis: Diagnosis, *, in_session: bool = False) -> Figure:
-    """Everything on one sheet, as high as it needs. in_session: the session makes the correction itself, of its own
-    programs, and says what that is expected to leave: no second figure stands here."""
+    """Draw the diagnosis on one sheet, as high as necessary.
+
+    in_session: leave out the recommendation to load corrected programs. The session itself corrects the programs and
+    states the expected error.
+    """
     parts, quiet = _parts(diagnosis, stairs_of(diagnosis), diagnosis.train.noise_floor_um)
     answer, acts = AnswerWords(diagnosis), ActWords(diagnosis)
     is_next = acts.next and not (in_session and diagnosis.acts[0].kind == "load")
@@ -53,7 +56,9 @@ def picture(diagnosis: Diagnosis, *, in_session: bool = False) -> Figure:
 
 
 def disagreement_picture(disagreement: Disagreement) -> Figure:
-    """Where the model of a rig file and readings disagree, and how the gap shrinks with its effects."""
+    """Draw the disagreement between the model of a rig file and the readings, and the staircase of the model's
+    effects.
+    """
     parts, quiet = _parts(disagreement, stairs_of_model(disagreement), disagreement.floor_um)
     words = _not_shown(quiet)
     parts.append((0.2 + 0.17 * len(words), lambda sheet: _draw_words(sheet, words)))
@@ -61,10 +66,10 @@ def disagreement_picture(disagreement: Disagreement) -> Figure:
 
 
 def _parts(residuals: Diagnosis | Disagreement, stairs: Stairs | None, floor_um: float) -> tuple[list[Part], int]:
-    """The circles, the targets and the stairs; and how many circles and tests at targets are left out."""
+    """Return the circles, the targets and the staircase, and the number of omitted circles and target tests."""
     texts = texts_of("en")
     charts, quiet = strand_charts(residuals, texts)
-    charts[1:] = [replace(chart, caption="") for chart in charts[1:]]  # which is the same for all
+    charts[1:] = [replace(chart, caption="") for chart in charts[1:]]  # same caption for all
     parts, maps = [part_of(chart, _closes(chart)) for chart in charts], maps_of(residuals)
     for target_map, steps_um in maps[:MOST_MAPS]:
         if np.isfinite(target_map.polar_deg).all():
@@ -78,14 +83,14 @@ def _parts(residuals: Diagnosis | Disagreement, stairs: Stairs | None, floor_um:
 
 
 def _closes(chart: Chart) -> str:
-    """What is left at first, and with all parts where the picture has steps."""
+    """Return the rms of the first residual and, if the chart has steps, of the last."""
     first, last = chart.lines[0], chart.lines[-1]
     after = f" → {rms(last.y):.1f}" if chart.steps else ""
     return f": residual {rms(first.y):.1f}{after} µm rms"
 
 
 def _draw_map(target_map: Map, steps_um: Array, sheet: SubFigure) -> None:
-    """Residuals on the hemisphere at first and with all parts, in one scale of colours."""
+    """Draw the residuals on the hemisphere before and after all parts, with a common colour scale."""
     every = [("before", steps_um[0]), *([("after", steps_um[-1])] if len(steps_um) > 1 else [])]
     part = sheet if len(every) > 1 else sheet.subfigures(1, 3, width_ratios=(1, 2.2, 1), squeeze=False)[0, 1]
     panels = part.subplots(1, len(every), squeeze=False)[0]
@@ -107,7 +112,7 @@ def _draw_words(sheet: SubFigure, lines: list[str]) -> None:
 
 
 def _draw_stairs(stairs: Stairs, floor_um: float, sheet: SubFigure) -> None:
-    """A bar for what each step leaves on the runs used, and a mark for each other place."""
+    """Draw a bar for the residual of each step on the runs used, and a mark for each other place."""
     axes: Axes = sheet.subplots()
     place = np.arange(len(stairs.steps))[::-1]
     texts = texts_of("en")
@@ -126,7 +131,7 @@ def _draw_stairs(stairs: Stairs, floor_um: float, sheet: SubFigure) -> None:
         axes.annotate(
             " · ".join(map(left_words, step.left)), at, (5, 0), textcoords="offset points", va="center", fontsize=8
         )
-    # A part that many others cancel has a name of three lines, which would leave its bars no room.
+    # The name of a part with many cancelling parts takes three lines, which would squeeze the bars.
     names = [textwrap.wrap(step.name, _NAME_COLUMNS, max_lines=2, placeholder=" …") for step in stairs.steps]
     axes.set_yticks(place, list(map("\n".join, names)), fontsize=8)
     if np.isfinite(floor_um):

@@ -1,5 +1,4 @@
-"""What a diagnosis leaves in its directory: the answer, the picture, and the rig file with what was missing and where
-that came from."""
+"""Output files of a diagnosis: the answer, the picture, and the rig file with added effects and their provenance."""
 
 from __future__ import annotations
 
@@ -26,9 +25,9 @@ from rigs.text import as_argument
 
 
 def with_origin(effect: Effect, runs: Sequence[str], sd: Mapping[str, float], gap_um: tuple[float, float]) -> Effect:
-    """An effect that says when and from which runs it was found, how sure, and which gap (before, after) it closed.
+    """Return an effect with provenance: date, runs, standard uncertainties, and the gap (before, after) it closed.
 
-    Numbers are cut to nine digits, uncertainties to three, gaps to the nanometre: a person reads this file.
+    Values are rounded to nine digits, uncertainties to three and gaps to the nanometre, because people read this file.
     """
     before, after = gap_um
     origin = Found(
@@ -43,7 +42,7 @@ def with_origin(effect: Effect, runs: Sequence[str], sd: Mapping[str, float], ga
 
 
 def beside(effect: Effect, **additions: object) -> Effect:
-    """An effect whose origin says more: `rivals`, `together`, `correlation` or `joints_deg` of `Found`."""
+    """Return an effect with additional provenance: `rivals`, `together`, `correlation` or `joints_deg` of `Found`."""
     origin = effect.found
     return effect if origin is None else effect.model_copy(update={"found": origin.model_copy(update=additions)})
 
@@ -51,8 +50,11 @@ def beside(effect: Effect, **additions: object) -> Effect:
 def extended_files(
     text: str, effects: Sequence[Effect], output: Path, calibrated: CalibratedModel | None
 ) -> dict[str, Writer]:
-    """The files of a rig file's text with effects added by name, and before it that of its calibrated model, as
-    NAME.calibration.json. Raises RigFileError where an effect is beyond its bounds."""
+    """Return the files of an extended rig file: first the calibrated model as NAME.calibration.json, then the rig file.
+
+    text: the original rig file, to which the effects are added by name. Raises RigFileError if an effect is out of
+    bounds.
+    """
     files, named = {}, None
     if calibrated:
         path, content = calibration_path(output), calibrated.content
@@ -63,24 +65,29 @@ def extended_files(
 def write_extended(
     text: str, effects: Sequence[Effect], output: Path, calibrated: CalibratedModel | None = None
 ) -> list[Path]:
-    """Write these files, both or none, and return their paths, the rig file's last. Raises FileError where one exists
-    or cannot be written, RigFileError where an effect is beyond its bounds."""
+    """Write the files of `extended_files`, either all or none, and return the paths, that of the rig file last.
+
+    Raises FileError if a file exists or cannot be written, RigFileError if an effect is out of bounds.
+    """
     return write_all_new(output.parent, extended_files(text, effects, output, calibrated))
 
 
 def hold_new(output: Path) -> None:
-    """Raise FileError where a rig file or its calibration exists already, before anything is computed."""
+    """Raise FileError if a rig file or the calibration already exists. Call it before any computation."""
     for path in (output, calibration_path(output)):
         refuse_existing(path)
 
 
 def calibration_path(output: Path) -> Path:
-    """The calibration that lies beside a rig file."""
+    """Return the path of the calibration file next to a rig file."""
     return output.with_name(f"{output.stem}.calibration.json")
 
 
 def calibration_file(name: str, content: bytes) -> CalibrationFile:
-    """Return what a rig file says of a calibration file. Raises FileError for a name that a rig file cannot have."""
+    """Return the reference of a rig file to a calibration file.
+
+    Raises FileError for a name that a rig file cannot contain.
+    """
     try:
         return CalibrationFile(file=name, sha256=hashlib.sha256(content).hexdigest())
     except ValidationError:
@@ -89,7 +96,7 @@ def calibration_file(name: str, content: bytes) -> CalibrationFile:
 
 
 def hold_empty(directory: Path) -> None:
-    """Raises FileError unless a directory is empty or does not exist."""
+    """Raise FileError unless a directory is empty or absent."""
     try:
         if directory.exists() and (not directory.is_dir() or any(directory.iterdir())):
             raise FileError(
@@ -100,10 +107,10 @@ def hold_empty(directory: Path) -> None:
 
 
 def write(diagnosis: Diagnosis, text: str, directory: Path, *, in_session: bool = False) -> list[Path]:
-    """The files of a diagnosis in an empty directory; their paths, the rig file's last.
+    """Write the files of a diagnosis to an empty directory and return the paths, that of the rig file last.
 
-    text: of the rig file begun with. It is written with the faults added, of rivals the likeliest, and with the
-    calibrated model beside it, unless the runs can show nothing. in_session: as of `picture`. Raises FileError.
+    text: the initial rig file. The written rig file adds the faults (of rivals the likeliest) and refers to the
+    calibrated model next to it, unless the runs are inconclusive. in_session: see `picture`. Raises FileError.
     """
     from analysis.report.diagnosis_picture import picture  # noqa: PLC0415 - slow to import, needed here only
     from analysis.runs.written_files import holding, write_all_new  # noqa: PLC0415 - slow to import
@@ -120,8 +127,11 @@ def write(diagnosis: Diagnosis, text: str, directory: Path, *, in_session: bool 
 
 
 def write_model(diagnosis: Diagnosis, text: str, output: Path) -> list[Path]:
-    """The calibrated model as a rig file, the text with the faults added, of rivals the likeliest, and its calibration
-    beside it; their paths, the rig file's last. Raises FileError if one exists or a parameter is out of range."""
+    """Write the calibrated model as a rig file and a calibration file, and return the paths, that of the rig file last.
+
+    text: the initial rig file, to which the faults (of rivals the likeliest) are added. Raises FileError if a file
+    exists or a parameter is out of range.
+    """
     if diagnosis.condition == "out_of_range":
         (named,) = diagnosis.effects
         problem = f"is not written: {name_of(named.effect)} is further off than rig corrects"
@@ -130,7 +140,7 @@ def write_model(diagnosis: Diagnosis, text: str, output: Path) -> list[Path]:
 
 
 def _origins(diagnosis: Diagnosis) -> list[Effect]:
-    """The faults, each with where it came from."""
+    """Return the written faults with their provenance."""
     return [
         beside(
             with_origin(named.effect, diagnosis.runs, named.sd, (named.gap_without_um, diagnosis.train.after_um)),

@@ -1,4 +1,4 @@
-"""A diagnosis on the screen, in the order in which a person thinks; 80 columns are enough for it."""
+"""A diagnosis on the screen, in the order of a reader's questions, for 80 columns."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _MOST_PLACES = 6
 
 
 def places_table(where: Sequence[Place]) -> list[RenderableType]:
-    """The worst places, each with the axis that turns back there."""
+    """Return a table of the worst places, each with the axis that reverses there."""
     if not where:
         return [Text("nowhere by more than the noise")]
     table = bare_table("test", "part", "where", right("axis"), "how it differs", right("µm rms"), right("sigma"))
@@ -66,11 +66,11 @@ _COLOUR: dict[Condition, str] = {
 }
 _MOST_GROUPS = 6
 _MOST_NAMES = 40
-"""Names of what cannot be seen here, before the rest is only counted."""
+"""Number of undetectable effects listed by name; the rest is counted."""
 
 
 def as_screen(diagnosis: Diagnosis) -> RenderableType:
-    """The two verdicts, the budget, the faults, the gap, remedies, next test, places and remarks."""
+    """Return verdicts, budget, faults, gaps, acts, indistinguishable effects, places and remarks."""
     words = AnswerWords(diagnosis)
     parts = [Text(words.headline, style=_COLOUR[diagnosis.condition])]
     acts = ActWords(diagnosis)
@@ -104,7 +104,7 @@ def as_screen(diagnosis: Diagnosis) -> RenderableType:
 
 
 def _budget(diagnosis: Diagnosis) -> list[RenderableType]:
-    """Every part of the error; those below a thousandth of it are counted together."""
+    """Return the table of the error budget. Parts below a thousandth of the error are counted together."""
     if not diagnosis.budget:
         return []
     table = bare_table("part", *map(right, ("µm rms", "share", "× usual")), "class")
@@ -114,7 +114,7 @@ def _budget(diagnosis: Diagnosis) -> list[RenderableType]:
         times = f"{part.times_usual:.1f}" if part.times_usual is not None else ""
         style = "bold" if part.rank == "unusual" else ""
         table.add_row(name, beside_u(part.um, part.u_um), percent(part.share), times, words.rank_of(part), style=style)
-        for line in part.shown_together:  # where some cancel others, which that line has together
+        for line in part.shown_together:  # individual sizes of parts that partly cancel and share the line above
             table.add_row(f"  {words.short_name(line)}, alone", beside_u(line.um, line.u_um), "", "", "", style="dim")
     if small:
         share = sum(part.share for part in small)
@@ -124,7 +124,7 @@ def _budget(diagnosis: Diagnosis) -> list[RenderableType]:
 
 
 def _faults(diagnosis: Diagnosis) -> list[RenderableType]:
-    # The fitted effects that the diagnosis does not stand by for another reason than their usual size
+    # Fitted effects that are doubted for a reason other than their usual size
     by_reason: dict[Doubt, list[str]] = {}
     for named in diagnosis.effects:
         if named.doubt is not None and named.doubt != "usual":

@@ -1,4 +1,4 @@
-"""Parts of a diagnosis in plain words: effects, sizes, odds, places. What they answer together is in answer_words."""
+"""Phrases of a diagnosis: effects, sizes, odds, places. Module answer_words combines them into an answer."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from rigs.schema.vocabulary import CIRCLES, WITHOUT_GAUGES
 
 _WHOLE_LAP_DEG = 350.0
 LEAST_ODDS = 0.01
-"""Odds below which a cause is "< 1 %", and not said among the likeliest."""
+"""Odds below which a cause is shown as "< 1 %" and not listed among the likeliest."""
 _BY_FAR = 1 / 3
-"""Share of its standard uncertainty below which a figure says nothing beyond that uncertainty."""
+"""Ratio to the standard uncertainty below which a figure is shown as an upper bound."""
 
 
 def plain(rig: Rig, effect: Effect) -> str:
-    """An effect as a person says it: `play of axis 1 (Theta)`."""
+    """Return the plain name of an effect: `play of axis 1 (Theta)`."""
     axis = getattr(effect, "axis", None)
     return effect.plain("" if axis is None else rig.robot.axis_words(axis))
 
 
 def with_uncertainty(effect: Effect, field: str, sd: Mapping[str, float], times: float = 1.0) -> str:
-    """A parameter ± `times` its standard uncertainty, to sensible digits; alone where no uncertainty is known."""
+    """Return a parameter ± `times` the standard uncertainty in sensible digits; no ± if the uncertainty is unknown."""
     quantity = quantity_of(effect, field, sd)
     if not 0 < quantity.u < math.inf:
         return f"{quantity.value:.4g} {quantity.sign}".rstrip()
@@ -37,12 +37,12 @@ def with_uncertainty(effect: Effect, field: str, sd: Mapping[str, float], times:
 
 
 def size(named: Named | Rival | Member, times: float = 1.0) -> str:
-    """The size of a named effect, a rival or a member of a group, ± `times` its standard uncertainty."""
+    """Return the size of a named effect, a rival or a group member ± `times` the standard uncertainty."""
     return with_uncertainty(named.effect, size_field(named.effect), named.sd, times)
 
 
 def beside_size(named: Named) -> list[str]:
-    """The parameters that say how it looks: those fitted, and those that each such effect has (the order of a gear)."""
+    """Return the shape parameters of an effect: the fitted ones, and the required ones, such as the order of a gear."""
     fields = type(named.effect).model_fields
     return [
         field
@@ -52,12 +52,12 @@ def beside_size(named: Named) -> list[str]:
 
 
 def rival_names(named: Named) -> list[str]:
-    """The names of the rivals of a name that cannot be dismissed."""
+    """Return the names of the rivals that cannot be dismissed."""
     return [name_of(rival.effect) for rival in likely_rivals(named)]
 
 
 def sure(posterior: float) -> str:
-    """A share of the evidence in percent, never more than is known."""
+    """Return a posterior probability in percent, bounded at "> 99.9 %" and "< 1 %"."""
     if posterior > 0.999:
         return "> 99.9 %"
     if posterior < LEAST_ODDS:
@@ -66,20 +66,20 @@ def sure(posterior: float) -> str:
 
 
 def percent(share: float) -> str:
-    """A share in percent, as many digits as a reader needs."""
+    """Return a share in percent with as many digits as a reader needs."""
     value = 100 * share
     return f"{value:.0f} %" if abs(value) >= 0.95 else f"{value:z.1f} %"
 
 
 def micrometres(um: float) -> str:
-    """A size in µm as a person can use it: two digits below ten, whole numbers above."""
+    """Return a size in µm: two digits below ten, whole numbers above."""
     if not math.isfinite(um):
         return "–"
     return f"{um:.0f} µm" if um >= 9.95 else f"{um:.1f} µm"
 
 
 def beside_u(um: float, u_um: float) -> str:
-    """The figure of a column in µm ± its standard uncertainty, to a tenth; "< u" where it is far smaller than that."""
+    """Return a size in µm ± standard uncertainty to a tenth, for a table column; "< u" if much smaller than u."""
     if not math.isfinite(um):
         return "–"
     if um < _BY_FAR * u_um:
@@ -88,7 +88,7 @@ def beside_u(um: float, u_um: float) -> str:
 
 
 def within(um: float, u_um: float) -> str:
-    """A size in µm ± its standard uncertainty; one that is smaller than that by far as less than it."""
+    """Return a size in µm ± standard uncertainty; "< u" if much smaller than u."""
     if not math.isfinite(um):
         return "–"
     if um < _BY_FAR * u_um:
@@ -97,12 +97,12 @@ def within(um: float, u_um: float) -> str:
 
 
 def runs_of(place: Place | Curve | ResidualBand) -> str:
-    """`yaw acw`, `radial`."""
+    """Return test and direction: `yaw acw`, `radial`."""
     return f"{place.test} {place.direction}" if place.direction else place.test
 
 
 def stretch(place: Place) -> str:
-    """Where on the circle, or at which targets: `231–243°`, `targets 3–7`."""
+    """Return the range on the circle or the targets of a place: `231–243°`, `targets 3–7`."""
     low, high = place.from_deg, place.to_deg
     if place.test not in CIRCLES:
         row = "row" if place.test in WITHOUT_GAUGES else "target"
@@ -112,12 +112,14 @@ def stretch(place: Place) -> str:
 
 
 def closed(gap: Gap) -> float:
-    """Share of the gap's energy that the names and a healthy arm's share of everything remove; nan without a gap."""
+    """Return the share of the gap's energy explained by the named effects and the healthy model; nan for a gap of
+    zero.
+    """
     return 1 - (gap.calibrated_um / gap.before_um) ** 2 if gap.before_um > 0 else math.nan
 
 
 def shortened(names: Iterable[str]) -> str:
-    """Names of effects, those of one kind together, as an effect and all the seats that it has."""
+    """Return the names of effects, grouped by kind: each kind once with all seats."""
     seats: dict[str, list[str]] = {}
     for name in names:
         kind, _, seat = name.partition(" ")
@@ -126,11 +128,13 @@ def shortened(names: Iterable[str]) -> str:
 
 
 _FOUND = 0.02
-"""Share from which something counts as found: the strength is chosen by what is left out, which flatters a little."""
+"""Share from which a subject counts as found. The fit is tuned on the validation places, and the shares are slightly
+optimistic.
+"""
 
 
 def remains_lines(remains: Remains, texts: Texts) -> list[str]:
-    """Return what stays at places left out, and what it goes with or does not."""
+    """Return the residual at validation places, and the subjects that explain it or not."""
     shares = {texts(f"remains_{looked.subject}"): looked.share for looked in remains.looked if looked.share is not None}
     shown = [f"{subject} {percent(share)}" for subject, share in shares.items() if share >= _FOUND]
     none = [subject for subject, share in shares.items() if share < _FOUND]
@@ -141,8 +145,7 @@ def remains_lines(remains: Remains, texts: Texts) -> list[str]:
 
 
 def remains_rows(remains: Remains, texts: Texts) -> list[tuple[str, str]]:
-    """Return a row for each thing that it was held against: what, and the share that it explains, or why it has
-    none."""
+    """Return a row for each tested subject with the explained share, or the reason for a missing share."""
 
     def words(share: float | None) -> str:
         if share is None:

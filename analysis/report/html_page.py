@@ -1,7 +1,7 @@
-"""One page as a file: its name, templates whose text is plain and escaped, and a write that keeps the old page until
-the new one is whole; as HTML, or as a PDF by WeasyPrint, an extra of the package, with the still pictures.
+"""Writing of a page as HTML or PDF.
 
-WeasyPrint makes what a browser prints; it runs no script and here loads nothing but what the page holds itself.
+Templates escape all values as plain text, and an old page stays until the new one is complete. WeasyPrint, an optional
+dependency, makes the PDF with the still pictures. It runs no scripts and loads no external resources.
 """
 
 from __future__ import annotations
@@ -23,21 +23,24 @@ if TYPE_CHECKING:
 
 
 def is_page(file: Path) -> bool:
-    """Whether a name is that of a page."""
+    """Return whether a file name is that of an HTML page."""
     return file.suffix.lower() in (".html", ".htm")
 
 
 def hold_page(file: Path) -> None:
-    """Raises UseError unless a file can be a page: its name says so, since browsers go by the name. Raises FileError
-    where it is there and is no page of rig."""
+    """Raise UseError unless the suffix is that of an HTML page, since browsers go by the suffix.
+
+    Raises FileError if the file exists and was not written by rig.
+    """
     if not is_page(file):
         raise UseError(str(file), "is not the name of a page", "give --output FILE.html")
     refuse_foreign(file)
 
 
 def environment() -> Environment:
-    """Return the templates of this package; what they show of a value is plain text, escaped, unless it is HTML
-    already."""
+    """Return the template environment of this package. Values are inserted as plain, escaped text unless they are
+    HTML.
+    """
     from jinja2 import Environment, PackageLoader, StrictUndefined  # noqa: PLC0415 - slow, needed here only
 
     def plain(value: object) -> object:
@@ -50,8 +53,7 @@ def environment() -> Environment:
 
 
 def write_html(html: str, file: Path) -> None:
-    """Write a page, in place of one that is there. Raises FileError where that is no page of rig, and where it cannot
-    be written."""
+    """Write a page, replacing an existing page. Raises FileError if that is not a page of rig or cannot be written."""
     refuse_foreign(file)
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
@@ -66,25 +68,31 @@ _STYLE = """
 figure.polar { display: inline-block; width: 49%; }
 .verdict { break-inside: auto !important; }
 """
-"""WeasyPrint puts the second column of a grid beyond the edge of the paper, and moves a verdict that does not fit below
-the head of a report to a page of its own."""
+"""Print style for WeasyPrint, which otherwise puts the second column of a grid beyond the paper and moves a verdict
+that does not fit below the heading to a new page.
+"""
 
 
 def is_pdf(file: Path) -> bool:
-    """Return whether a name is that of a PDF."""
+    """Return whether a file name is that of a PDF."""
     return file.suffix.lower() == ".pdf"
 
 
 def hold_pdf(file: Path) -> None:
-    """Raise CellError where no PDF can be written, with what to do, and FileError where one is there that rig did not
-    make; before the minutes that a diagnosis takes."""
+    """Check that a PDF can be written, before a diagnosis of several minutes.
+
+    Raises CellError with the remedy if WeasyPrint or Pango is missing, and FileError if the file exists and was not
+    written by rig.
+    """
     refuse_foreign(file)
     _weasyprint(file)
 
 
 def write_pdf(html: str, file: Path) -> None:
-    """Write a page as a PDF, in place of a file that is there. Raises CellError without WeasyPrint, and FileError where
-    the file cannot be written."""
+    """Write a page as a PDF, replacing an existing file.
+
+    Raises CellError if WeasyPrint is missing, and FileError if the file cannot be written.
+    """
     weasyprint = _weasyprint(file)
     fetcher = weasyprint.urls.URLFetcher(allowed_protocols={"data"})
     style = weasyprint.CSS(string=_STYLE, url_fetcher=fetcher)
@@ -104,7 +112,7 @@ def _weasyprint(file: Path) -> ModuleType:
         raise CellError(
             str(file), f"needs {error.name}, which is missing", f"{to_install('weasyprint')}, {browser}"
         ) from None
-    except OSError:  # its library for text is no Python package
+    except OSError:  # the text library Pango is not a Python package
         raise CellError(str(file), "needs the library Pango, which is missing", f"{_PANGO}, {browser}") from None
     module: ModuleType = weasyprint
     return module

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def arms_table(arms: Sequence[Arm]) -> RenderableType:
-    """Return a row for each arm: its name, what it is, and what is known of it."""
+    """Return a row for each arm: name, model, repeatability, and availability of masses."""
     name, model = Column("name", no_wrap=True), Column("arm", overflow="fold")
     table = Table(name, model, right("repeatability"), "masses", header_style="bold")
     for arm in arms:
@@ -33,7 +33,7 @@ def arms_table(arms: Sequence[Arm]) -> RenderableType:
 
 
 def arm_object(arm: Arm) -> dict[str, Any]:
-    """Return an arm as an object of JSON."""
+    """Return an arm as a JSON object."""
     return {
         "name": arm.name,
         "maker": arm.maker,
@@ -47,7 +47,7 @@ def arm_object(arm: Arm) -> dict[str, Any]:
 
 
 def arm_section(arm: Arm) -> str:
-    """Return the robot section of an arm, under comments that say where its numbers come from."""
+    """Return the robot section of an arm, with the sources of the numbers as comments."""
     repeatability = f", repeatability {arm.repeatability_mm:g} mm" if arm.repeatability_mm else ""
     head = [f"{arm.maker} {arm.model}{repeatability}", *([arm.note] if arm.note else []), f"frames: {arm.frames}"]
     head += [f"{key}: {words}" for key, words in arm.sources.model_dump(exclude_defaults=True).items()]
@@ -58,7 +58,7 @@ _STYLE = {"confirmed": "green", "weak": "yellow", "unconfirmed": "red"}
 
 
 def interfaces_table(interfaces: Sequence[Interface]) -> RenderableType:
-    """A table, and under it how many are how sure."""
+    """Return a table of the interfaces and the count of each standing."""
     table = Table(
         Column("interface, line", no_wrap=True),
         Column("instruments", ratio=1, overflow="fold"),
@@ -81,7 +81,7 @@ def interfaces_table(interfaces: Sequence[Interface]) -> RenderableType:
 
 
 def versions_table(versions: Sequence[Version]) -> RenderableType:
-    """A line for each version, the newest first."""
+    """Return a row for each calibration, newest first."""
     if not versions:
         return Text("No calibration of this robot is here: rig diagnose RUN… -o DIRECTORY makes one.")
     numbers = map(right, ("runs", "before µm", "calibrated µm", "left out µm", "to correct by"))
@@ -97,7 +97,7 @@ def versions_table(versions: Sequence[Version]) -> RenderableType:
 
 
 def version_object(version: Version) -> dict[str, Any]:
-    """A version in plain types."""
+    """Return a calibration in plain types."""
     model = version.calibrated
     return {
         "path": str(version.path),
@@ -117,7 +117,7 @@ _MINUTE_S, _HOUR_S, _DAY_S = 60.0, 3600.0, 86400.0
 
 
 def run_row(run: RunInfo, now_s: float) -> dict[str, Any]:
-    """What is worth knowing of a run; None where its manifest or marks cannot be read."""
+    """Return the listed properties of a run; values are None if the manifest or the marks cannot be read."""
     manifest, marks = run.manifest, run.marks
     return {
         "run": str(run.path),
@@ -136,7 +136,7 @@ def run_row(run: RunInfo, now_s: float) -> dict[str, Any]:
 
 
 def runs_table(rows: Sequence[dict[str, Any]]) -> Table:
-    """A line a run, and what all of them take."""
+    """Return a row for each run, and the total size."""
     runs = Column("run", counted(len(rows), "run"))
     size = right("size", footer=_size(sum(listed_row["bytes"] for listed_row in rows)))
     table = Table(
@@ -163,7 +163,7 @@ def _size(count: int) -> str:
 
 def _age(seconds: float) -> str:
     if seconds < -_MINUTE_S:
-        return "in the future"  # the clock was set back since
+        return "in the future"  # the clock was set back
     seconds = max(seconds, 0.0)
     if seconds >= _DAY_S:
         return f"{seconds / _DAY_S:.0f} d"

@@ -1,6 +1,6 @@
-"""A picture of the page as plotly draws it: the data and the layout in plain types, colours by role.
+"""Charts in the plotly format: data and layout in plain types.
 
-Colours are given by their role's name, and the page's script puts in those of the light or the dark paper.
+Colours are given as role names; the script of the page replaces them for light or dark paper.
 """
 
 from __future__ import annotations
@@ -16,19 +16,21 @@ from rigs.text import plain_values
 
 
 def live(picture: Picture) -> dict[str, Any]:
-    """What plotly needs to draw a picture: `data`, `layout`, and `height` in pixels. All text in it is plain."""
+    """Return `data`, `layout` and `height` in pixels for plotly. All text is plain."""
     drawn = _sphere(picture) if isinstance(picture, SphereChart) else _chart(picture)
     plain: dict[str, Any] = plain_values(drawn)
     return plain
 
 
 def colours(*, dark: bool) -> dict[str, str]:
-    """The colour of each role."""
+    """Return the colour of each role."""
     return {role: look.dark if dark else look.light for role, look in LOOKS.items()}
 
 
 def _numbers(values: Array) -> dict[str, Any]:
-    """Numbers as plotly's typed arrays: six digits are more than a screen shows, in a third of the space of text."""
+    """Return numbers as a typed array of plotly: single precision exceeds the screen resolution, at a third of the
+    size of text.
+    """
     exact = np.ascontiguousarray(values, dtype="<f4")
     packed = {"dtype": "f4", "bdata": base64.b64encode(exact.tobytes()).decode()}
     return packed if exact.ndim == 1 else {**packed, "shape": ", ".join(map(str, exact.shape))}
@@ -113,7 +115,7 @@ def _polar(chart: Chart) -> dict[str, Any]:
 
 
 def _sphere(chart: SphereChart) -> dict[str, Any]:
-    """The measured surface with its grid lines about the translucent least-squares sphere, and the targets."""
+    """Return the measured surface with grid lines, the translucent least-squares sphere, and the targets."""
     x, y, z = np.moveaxis(chart.drawn(chart.grid, chart.grid_deviation_mm), -1, 0)
     smooth = np.moveaxis(chart.grid * chart.radius_mm, -1, 0)
     sphere, surface, targets = chart.words

@@ -1,5 +1,6 @@
-"""Pictures of the model: measured beside simulated for each test, and before and after the diagnosis, along the circles
-and at targets."""
+"""Charts of the model: measured and simulated runs, and residuals before and after the diagnosis, along circles and
+at targets.
+"""
 
 from __future__ import annotations
 
@@ -23,11 +24,11 @@ from analysis.runs.noise.readings import rms
 
 MOST_MAPS = 3
 _ARROWS = {"out": "↓", "in": "↑"}
-"""Sides of approach as ISO 230-2 marks them in R↓ and R↑."""
+"""Symbols of the approach sides, as in R↓ and R↑ of ISO 230-2."""
 _IN_PICTURE = {"deg": ("°", 1.0), "mm": ("µm", 1e3)}
-"""Unit and factor in which a compared curve is drawn."""
+"""Unit and conversion factor of a compared curve."""
 _PARTS = {"distance": np.array([0.5, 0.5]), "angle": np.array([-1.0, 1.0])}
-"""What of the two gauges a place is located in."""
+"""Combinations of the two gauges in which disagreement is located."""
 _MOST_ROWS = 6
 _ALONG = {"phi_deg": "circle_angle", "target": "target", "place": "target_and_side"}
 
@@ -35,18 +36,22 @@ _ALONG = {"phi_deg": "circle_angle", "target": "target", "place": "target_and_si
 def simulated_charts(
     simulated: Compared | None, corrected: Compared | None, group: Sequence[Result], texts: Texts
 ) -> list[Chart]:
-    """Measured and simulated error of a group of runs, a picture for each direction; repeated runs as their mean.
-    corrected: the runs beside the model with its effects, where there is one."""
+    """Return a chart of measured and simulated error for each direction, with the mean of repeated runs.
+
+    corrected: the runs compared with the model including the effects; None if no effects exist.
+    """
     before, after = _of_group(simulated, group), _of_group(corrected, group)
     titles = dict.fromkeys(comparison.result.title for comparison in before)
     return [compared_chart(_of_title(before, title), _of_title(after, title), texts) for title in titles]
 
 
 def compared_chart(before: Sequence[Comparison], after: Sequence[Comparison], texts: Texts) -> Chart:
-    """Measured and simulated error of runs of one title, and simulated with effects where there are any."""
+    """Return a chart of measured and simulated error of runs with the same title, and also simulated with effects if
+    available.
+    """
     result, is_angle = before[0].result, before[0].unit == "deg"
     unit, factor = _IN_PICTURE[before[0].unit]
-    # The names of the places of a repeatability run: each target from outside and from inside
+    # Places of a repeatability run: each target from outside and from inside
     targets = result.found.targets if isinstance(result.found, RepeatabilityResult) else ()
     places = [f"{target} {_ARROWS[side]}" for target in targets for side in SIDES]
     x, measured, simulated = _means(before)
@@ -62,7 +67,6 @@ def compared_chart(before: Sequence[Comparison], after: Sequence[Comparison], te
 
 
 def _of_group(compared: Compared | None, group: Sequence[Result]) -> list[Comparison]:
-    """The comparisons of the runs of a group."""
     paths = {result.measured.path for result in group}
     return [comparison for comparison in compared.runs if comparison.result.measured.path in paths] if compared else []
 
@@ -72,7 +76,9 @@ def _of_title(runs: Sequence[Comparison], title: str) -> list[Comparison]:
 
 
 def _means(runs: Sequence[Comparison]) -> tuple[Array, Array, Array]:
-    """Positions (n,), measured and simulated curve (n,): the mean over the runs that have the places of the first."""
+    """Return positions (n,) and mean measured and simulated curves (n,), over the runs with the same positions as
+    the first.
+    """
     alike = [comparison for comparison in runs if np.array_equal(comparison.x, runs[0].x)]
     measured = np.mean([comparison.measured_curve for comparison in alike], axis=0)
     simulated = np.mean([comparison.simulated_curve for comparison in alike], axis=0)
@@ -81,8 +87,11 @@ def _means(runs: Sequence[Comparison]) -> tuple[Array, Array, Array]:
 
 @dataclass(frozen=True)
 class Strand:
-    """One part of a circle's residual: phi_deg (n,) rising, steps_um (steps, n) µm of the models of a staircase, the
-    first as it was begun with and the last calibrated; places: those located in it."""
+    """Angle or distance part of the residual of a circle.
+
+    phi_deg (n,) increases. steps_um (steps, n) µm: residuals of the models of a staircase, from the initial to the
+    calibrated model. places: the located places of this part.
+    """
 
     curve: Curve
     part: str
@@ -92,22 +101,25 @@ class Strand:
 
     @property
     def before_um(self) -> Array:
-        """The residual (n,) µm of the model begun with."""
+        """Residual (n,) µm of the initial model."""
         return np.asarray(self.steps_um[0])
 
     @property
     def after_um(self) -> Array:
-        """The residual (n,) µm of the last model."""
+        """Residual (n,) µm of the last model."""
         return np.asarray(self.steps_um[-1])
 
     @property
     def title(self) -> str:
-        """`yaw acw, angle`."""
+        """Test, direction and part: `yaw acw, angle`."""
         return f"{runs_of(self.curve)}, {self.part}"
 
 
 def strands_of(residuals: Diagnosis | Disagreement) -> tuple[list[Strand], int]:
-    """A strand for each circle, of the part that disagrees more; how many circles are left out: those of least size."""
+    """Return a strand for each circle, of the part with the larger disagreement, and the number of omitted circles.
+
+    Circles beyond the limit are omitted, smallest residuals first.
+    """
     steps = (
         residuals.staircase.curves
         if residuals.staircase
@@ -119,7 +131,7 @@ def strands_of(residuals: Diagnosis | Disagreement) -> tuple[list[Strand], int]:
         order = np.argsort(phi_deg)
         ordered_um = steps_um[:, order]
         places = [place for place in residuals.where if (place.test, place.direction) == (curve.test, curve.direction)]
-        # The part with the worst located place; without one, the part that is larger for its noise
+        # The part with the worst located place; if there is none, the part with the larger residual relative to noise
         worst = max(places, key=lambda place: place.sigma, default=None)
         sizes = {part: _size(ordered_um[0] @ direction, part) for part, direction in _PARTS.items()}
         part = worst.part if worst else max(sizes, key=sizes.__getitem__)
@@ -131,12 +143,14 @@ def strands_of(residuals: Diagnosis | Disagreement) -> tuple[list[Strand], int]:
 
 
 def _size(values: Array, part: str) -> float:
-    """Root mean square in units of the gauges' noise: a difference has more of it than a mean."""
+    """Return the rms in units of the gauge noise, which is larger in a difference than in a mean."""
     return rms(values) / float(np.linalg.norm(_PARTS[part]))
 
 
 def diagnosis_charts(diagnosis: Diagnosis, texts: Texts) -> list[Chart]:
-    """Readings beside the model at each step of the staircase: along the circles, and what is left at targets."""
+    """Return charts of readings and model along circles, and of residuals at targets, for each step of the
+    staircase.
+    """
     stairs = stairs_of(diagnosis, texts)
     charts, _ = strand_charts(diagnosis, texts)
     if stairs and charts:
@@ -145,11 +159,14 @@ def diagnosis_charts(diagnosis: Diagnosis, texts: Texts) -> list[Chart]:
 
 
 def strand_charts(residuals: Diagnosis | Disagreement, texts: Texts) -> tuple[list[Chart], int]:
-    """A picture for each circle: measured, simulated with the parts so far, and what is left; without steps, what is
-    left alone. And how many circles are left out."""
+    """Return a chart for each circle, and the number of omitted circles.
+
+    Each chart shows the measured error, the accumulated parts, and the residual. If the staircase is missing, it shows
+    the residual only.
+    """
     strands, quiet = strands_of(residuals)
     charts, count, drawn = [], Counter(strand.title for strand in strands), Counter[str]()
-    for strand in strands:  # `yaw acw, angle`; several of one title, of circles at several places, with their number
+    for strand in strands:  # `yaw acw, angle`; circles at several places share a title and are numbered
         name = strand.title
         drawn[name] += 1
         if count[name] > 1:
@@ -169,14 +186,14 @@ def strand_charts(residuals: Diagnosis | Disagreement, texts: Texts) -> tuple[li
 
 
 def maps_of(residuals: Diagnosis | Disagreement) -> list[tuple[Map, Array]]:
-    """The residuals at targets, and what the models of the staircase leave there, (steps, n) µm."""
+    """Return the residuals at targets, each with the residuals (steps, n) µm of the models of the staircase."""
     staircase = residuals.staircase
     steps = staircase.maps if staircase else [np.array([target_map.before_um]) for target_map in residuals.maps]
     return list(zip(residuals.maps, steps, strict=True))
 
 
 def target_chart(target_map: Map, steps_um: Array, texts: Texts) -> Chart:
-    """What is left at targets, reading by reading: `steps_um` is (steps, readings)."""
+    """Return a chart of the residuals at targets by reading: `steps_um` is (steps, readings)."""
     x = np.arange(1.0, len(target_map.before_um) + 1)
     lines = [Line(texts("gap_before"), "measured", x, steps_um[0], points=True)]
     if len(steps_um) > 1:

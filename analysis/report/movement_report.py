@@ -1,4 +1,4 @@
-"""What moved, on the screen and as a page."""
+"""Result of a movement check on the screen and as a page."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from analysis.report.plain_console import bare_table, right
 from rigs.schema.part import Vector
 
 _MOST_CAUSES = 8
-"""Causes that are listed; the JSON has all."""
+"""Number of causes listed; the JSON contains all."""
 COLUMNS = ("cause", "probability", "size ± u", "at the middle of the work, x, y, z")
 
 
@@ -35,7 +35,7 @@ def _at(point: Vector) -> str:
 
 
 def as_screen(moved: Moved) -> RenderableType:
-    """Return the first sentence, what to do, the causes and remarks."""
+    """Return the answer, the recommended action, the causes and the remarks."""
     sure = moved.named is not None
     colour = "bold yellow" if not sure or (moved.named and moved.named.what != "nothing") else "bold green"
     parts: list[RenderableType] = [Text(headline(moved), style=colour), Text(what_to_do(moved))]
@@ -49,7 +49,7 @@ def as_screen(moved: Moved) -> RenderableType:
 
 
 def footer(moved: Moved) -> str:
-    """Return what the result is made of."""
+    """Return the numbers of readings, their scatter, and the middle of the work."""
     counts = f"{moved.readings} new readings, {moved.reference_readings} of the reference"
     at = ", ".join(f"{value:.0f}" for value in moved.centre_mm)
     return f"{counts} · scatter {moved.scatter_mm:.3f} mm · middle of the work at {at} mm"

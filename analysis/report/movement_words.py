@@ -1,4 +1,4 @@
-"""What moved, in words: the first sentence, what to do, sizes with their uncertainty, and the next touch."""
+"""Sentences about movements: the answer, the recommended action, sizes with uncertainty, and the next touch."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def odds(probability: float) -> str:
 
 
 def headline(moved: Moved) -> str:
-    """Return the first sentence: what moved, by how much, in which direction and how certain."""
+    """Return the answer: the moved item, the size and direction of the movement, and the odds."""
     named = moved.named
     if not moved.readings:
         return f"No new readings yet: {moved.reference_readings} readings of the reference."
@@ -122,7 +122,7 @@ _DO = {
 
 
 def what_to_do(moved: Moved) -> str:
-    """Return what a person should do."""
+    """Return the recommended action."""
     named = moved.named
     if named is not None:
         causes = [member.cause for member in named.together] or [named.cause]
@@ -151,7 +151,7 @@ def next_words(posture: Posture) -> str:
 
 
 def hidden_words(lever: Lever) -> str:
-    """Return why a cause cannot be seen, and what would show it."""
+    """Return the reason why a cause is not observable, and the remedy."""
     typical = f"{np.degrees(lever.cause.scale[0]):.2f}°" if lever.cause.what == "zero" else "its typical size"
     name = name_of(lever.cause)
     scatter = f"their scatter is {lever.scatter_mm:.2f} mm"
@@ -161,7 +161,7 @@ def hidden_words(lever: Lever) -> str:
 
 
 def remarks(moved: Moved) -> list[str]:
-    """Return what else a person should know."""
+    """Return further remarks for the reader."""
     lines = list(moved.doubts)
     named = moved.named
     if moved.wild_row is not None:

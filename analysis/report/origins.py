@@ -1,4 +1,4 @@
-"""Where the effects of a rig file and the runs of a robot came from, in words."""
+"""Descriptions of the provenance of effects in a rig file and of runs."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _MOST_NAMED = 5
 
 
 def begins_with(effects: Sequence[Effect]) -> str:
-    """How many effects a model begins with, which, and from where: `2 effects, written by hand: …`."""
+    """Return the number of initial effects of a model, their names and provenance: `2 effects, written by hand: …`."""
     origins: dict[str, list[str]] = {}
     for effect in effects:
         origin = (
@@ -27,7 +27,7 @@ def begins_with(effects: Sequence[Effect]) -> str:
 
 
 def in_calibration(model: CalibratedModel) -> list[str]:
-    """What a calibrated model holds, what it was shown to leave, and where it is known."""
+    """Return the terms of a calibrated model, the accuracy on the runs, and the covered joint ranges."""
     runs = _listed([run.name for run in model.runs])
     accuracy = f"it leaves {model.calibrated_um:.0f} of {model.before_um:.0f} µm rms of its runs"
     if model.held_out_um is not None:
@@ -44,7 +44,9 @@ def in_calibration(model: CalibratedModel) -> list[str]:
 
 
 def simulated_runs(simulated: int, runs: int) -> str:
-    """Say that runs measured no robot; empty where all did. simulated: how many of the runs."""
+    """Return a sentence if some of the runs are simulated; empty if all measured a robot. simulated: number of such
+    runs.
+    """
     if not simulated:
         return ""
     if simulated == runs:

@@ -1,4 +1,4 @@
-"""A plan on the screen and as JSON: what shows and from which size on, what looks alike, and what would help."""
+"""A plan on the screen and as JSON: detectable sizes, indistinguishable effects, and useful further tests."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ from rigs.schema.vocabulary import CIRCLES, TestName
 
 _TITLE: dict[str, Any] = {"title_style": "bold", "title_justify": "left"}
 _MOST = 3
-"""Further tests that are listed for one pair."""
+"""Number of further tests listed for a pair."""
 _MOST_PAIRS = 6
-"""Pairs that are listed of names that hang together, the nearest first."""
+"""Number of pairs listed for a group of connected names, nearest first."""
 
 
 def as_table(plan: Plan) -> RenderableType:
-    """What a person asks first: what shows, what looks alike, what does not show, which test to add."""
+    """Return detectable, indistinguishable and undetectable effects, and the most useful further test."""
     tests = ", ".join(plan.tests)
     ways = ", circles in both directions" if set(CIRCLES) & set(plan.tests) else ""
     head = Text(f"{tests}: {plan.runs} run{'s' * (plan.runs > 1)} each{ways}", style="bold")
@@ -67,13 +67,13 @@ def as_table(plan: Plan) -> RenderableType:
 
 
 def noise_in_words(tests: Sequence[TestName]) -> str:
-    """The noise that a plan of these tests assumes."""
+    """Return the assumed noise for a plan of these tests."""
     um = ", ".join(f"{name} {um:.1f} µm" for name, um in assumed_um(tests).items())
     return f"noise assumed, rms of one run: {um}, each joint, from run to run {ASSUMED_JOINT_DEG:.4f}°"
 
 
 def arm_in_words(level: float) -> str:
-    """What a plan assumes of everything else that may be wrong with the arm, among which an effect has to show."""
+    """Return the assumed level of all other errors of the arm, among which an effect has to be detected."""
     if level == 1:
         return (
             "arm assumed: everything else is as wrong as such arms usually are; --level is for an arm whose level a "
@@ -83,12 +83,12 @@ def arm_in_words(level: float) -> str:
 
 
 def _small(sight: Detectability) -> bool:
-    """Whether it shows from the size on at which it is a fault."""
+    """Return whether an effect is detectable as soon as it is a fault."""
     return not sight.hidden and sight.limit <= FAULT * healthy_size(sight.effect)
 
 
 def _axes(plan: Plan) -> Table:
-    """Smallest sizes of the effects of joints, an axis a column; 80 columns are enough for all of their digits."""
+    """Return a table of the smallest detectable sizes of joint effects, a column for each axis, within 80 columns."""
     kinds = _by_seat(plan, joints=True)
     most = max([6, *(int(axis) for by_axis in kinds.values() for axis in by_axis)])
     axes = range(1, most + 1)
@@ -114,7 +114,9 @@ def _title(of: str) -> str:
 
 
 def _by_seat(plan: Plan, *, joints: bool) -> dict[str, dict[str, list[Detectability]]]:
-    """Sights by effect (link constants by field too) and by axis, gauge or none; orders of one gear together."""
+    """Group detectabilities by effect (link constants also by field), then by axis or gauge. Orders of the same gear
+    stay together.
+    """
     sights_by_kind: dict[str, dict[str, list[Detectability]]] = {}
     for sight in plan.detectabilities:
         kind, _, seat = name_of(sight.effect).partition(" ")
@@ -161,7 +163,7 @@ def _alike(plan: Plan) -> RenderableType:
 
 
 def _kind(name: str) -> str:
-    """A name without the order of its gear."""
+    """Return a name without the order of a gear."""
     return name.partition(" order ")[0]
 
 
@@ -180,14 +182,14 @@ def _hidden(plan: Plan) -> RenderableType:
         text = "no test here"
         if test:
             sigmas = [sight.further[0].sigma for sight in sights]
-            ends = dict.fromkeys((f"{min(sigmas):.2g}", f"{max(sigmas):.2g}"))  # one where both are alike
+            ends = dict.fromkeys((f"{min(sigmas):.2g}", f"{max(sigmas):.2g}"))  # a single value if both are equal
             text = f"{test}, {' … '.join(ends)} σ at a healthy size"
         table.add_row("\n".join(names), why, text)
     return whole(table)
 
 
 def as_object(plan: Plan) -> dict[str, Any]:
-    """The same for scripts; sizes in their own units."""
+    """Return the plan as a JSON object with sizes in their usual units."""
     return {
         "tests": list(plan.tests),
         "runs": plan.runs,

@@ -1,4 +1,4 @@
-"""A proposal on the screen, as an object, and as rig files with the proposed circles."""
+"""A proposal on the screen, as a JSON object, and as rig files with the proposed circles."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from rigs.schema.vocabulary import CIRCLES
 
 _MOST_REASONS = 3
 _MOST_NAME = 63
-"""Length of a rig's name, by its schema."""
+"""Maximum length of a rig name, from the schema."""
 _MOST_DIGITS = 2
-"""Digits of the number of a circle."""
+"""Maximum number of digits in a circle number."""
 
 
 def as_table(proposal: Proposal) -> RenderableType:
-    """The proposed circles, what they add, and what stays untestable."""
+    """Return the proposed circles, their benefit, and the effects that stay untestable."""
     head = f"beside {', '.join(proposal.tests)}, {proposal.runs} runs each: circles within {proposal.minutes:g} min"
     parts: list[RenderableType] = [Text(head, style="bold"), Text(noise_in_words(CIRCLES))]
     reasons = ", ".join(f"{count} {reason}" for reason, count in list(proposal.refused.items())[:_MOST_REASONS])
@@ -56,7 +56,9 @@ def as_table(proposal: Proposal) -> RenderableType:
 
 
 def _testable(proposal: Proposal, circle: ProposedCircle) -> list[str]:
-    """Names that a circle makes testable, as far as the judgement with all circles, which fits shapes, agrees."""
+    """Return the names that a circle makes testable. The full judgement of all circles, which fits shapes, has to
+    agree.
+    """
     return [name for name in circle.testable if name not in proposal.after.undetectable]
 
 
@@ -66,7 +68,7 @@ def _separated(proposal: Proposal, circle: ProposedCircle) -> list[tuple[str, st
 
 
 def as_object(proposal: Proposal, written: list[Path]) -> dict[str, Any]:
-    """The same for scripts."""
+    """Return the proposal as a JSON object."""
     return {
         "tests": list(proposal.tests),
         "runs": proposal.runs,
@@ -106,21 +108,25 @@ def _circle(rig: Rig) -> dict[str, Any]:
 
 
 def hold_free(rig: Rig, directory: Path) -> None:
-    """Raise FileError where a directory holds proposed circles of a rig already: a proposal takes minutes."""
+    """Raise FileError if a directory already contains proposed circles of a rig. Call it first: a proposal takes
+    minutes.
+    """
     for path in sorted(directory.glob(f"{_stem(rig, '')}*.yaml")):
         refuse_existing(path)
 
 
 def write(proposal: Proposal, text: str, directory: Path) -> list[Path]:
-    """Write a rig file for each proposed circle: the given text with the circle's values. Raises FileError where one is
-    there already."""
+    """Write a rig file for each proposed circle: the given text with the values of the circle.
+
+    Raises FileError if a file exists.
+    """
     from analysis.runs.written_files import holding, write_all_new  # noqa: PLC0415 - slow to import
 
     files = {}
     for number, circle in enumerate(proposal.circles, start=1):
         rig = circle.candidate.rig.model_copy(update={"name": _stem(proposal.rig, str(number))})
         name = f"{rig.name}.yaml"
-        # The values in which a rig with a proposed circle differs from the rig that it comes from
+        # The values that differ between the proposed and the original rig
         before, after = _circle(proposal.rig), _circle(rig)
         changes: dict[Keys, Value] = {("name",): rig.name}
         changes |= {("tests", "circle", key): value for key, value in after.items() if value != before[key]}
@@ -132,6 +138,6 @@ def write(proposal: Proposal, text: str, directory: Path) -> list[Path]:
 
 
 def _stem(rig: Rig, number: str) -> str:
-    """Return the name of a rig with a proposed circle; without its number, what all of them begin with."""
+    """Return the name of a rig with a proposed circle, or with an empty number the common prefix."""
     room = _MOST_NAME - len("-circle-") - _MOST_DIGITS
     return f"{rig.name[:room]}-circle-{number}"

@@ -1,5 +1,6 @@
-"""Pictures of evaluated runs: the circles, acw and cw over each other; the hemisphere about its least-squares sphere;
-repeatability; poses; and the cube and the paths of ISO 9283 on their inclined plane, deviations enlarged."""
+"""Charts of evaluated runs: circles in both directions, hemisphere and least-squares sphere, repeatability, poses,
+and the cube and paths of ISO 9283 on their inclined plane with magnified deviations.
+"""
 
 from __future__ import annotations
 
@@ -23,20 +24,20 @@ from rigs.schema.vocabulary import DRIVEN_AXES
 _FRAMES: tuple[Frame, ...] = ("straight", "polar")
 _DIRECTIONS: tuple[Role, ...] = ("acw", "cw")
 _EACH_DEG = 2.0
-"""A joint's curve turns slowly: a point each so many degrees draws it."""
+"""Spacing of the points of a joint curve, which is smooth."""
 _JOINT_ROLES: tuple[Role, ...] = ("acw", "cw", "after", "quiet", "fifth", "sixth")
 _GRID = (13, 37)
-"""Nodes of the drawn surface in polar angle and azimuth: each 7.5° and 10° of a hemisphere."""
+"""Nodes of the drawn surface in polar angle and azimuth: every 7.5° and 10° of a hemisphere."""
 _NEAR = 4
-"""Targets that a node of the surface is interpolated from."""
+"""Number of targets used to interpolate a node of the surface."""
 _SHARE = 0.12
-"""The largest deviation is drawn as this share of the cube's side."""
+"""Size of the largest drawn deviation as a share of the cube's side."""
 _STATIONS = 80
-"""Stations of each path that are drawn, at the most."""
+"""Maximum number of drawn stations of each path."""
 
 
 def circle_charts(group: Sequence[Result], texts: Texts) -> list[Chart]:
-    """The error of the angle and of the distance, along the circle and around it."""
+    """Return charts of the angle and the distance error, along and around the circle."""
     test = group[0].test
     marks = marks_of([(reversal.phi_deg, reversal.joint) for reversal in group[0].reversals], texts)
     charts = []
@@ -45,7 +46,7 @@ def circle_charts(group: Sequence[Result], texts: Texts) -> list[Chart]:
             lines = []
             for role in _DIRECTIONS:
                 of_role = [result.curve for result in group if result.measured.run.manifest.direction == role]
-                if curves := [curve for curve in of_role if isinstance(curve, CircleCurve)]:  # their mean is drawn
+                if curves := [curve for curve in of_role if isinstance(curve, CircleCurve)]:  # draw the mean
                     many = f" ({texts('mean_of_runs', count=len(curves))})" if len(curves) > 1 else ""
                     values = [curve.error_deg if part == "angle" else 1e3 * curve.deviation_mm for curve in curves]
                     lines.append(Line(f"{role}{many}", role, np.degrees(PHI), np.mean(values, axis=0)))
@@ -57,7 +58,7 @@ def circle_charts(group: Sequence[Result], texts: Texts) -> list[Chart]:
 
 
 def joint_chart(group: Sequence[Result], texts: Texts) -> Chart:
-    """Each joint's angle over the circle, less its mean, from the first run's own feedback."""
+    """Return a chart of each joint angle over the circle minus the mean, from the feedback of the first run."""
     marks = marks_of([(reversal.phi_deg, reversal.joint) for reversal in group[0].reversals], texts)
     circle = next(result.found for result in group if isinstance(result.found, CircleResult))
     robot = group[0].measured.rig.robot
@@ -68,7 +69,7 @@ def joint_chart(group: Sequence[Result], texts: Texts) -> Chart:
     lines, squares = [], []
     for axis, role in enumerate(_JOINT_ROLES):
         whole_turn = abs(q[:, axis].max() - q[:, axis].min()) > 300.0
-        if not whole_turn:  # a joint that goes round with the circle would hide the others
+        if not whole_turn:  # a joint that makes a full turn would dwarf the others
             curve = np.interp(at_deg, phi_deg, q[:, axis])
             lines.append(Line(texts.axis(robot, axis + 1), role, at_deg, curve - curve.mean()))
             at = [reversal.phi_deg for reversal in group[0].reversals if reversal.joint == axis + 1]
@@ -85,7 +86,7 @@ def joint_chart(group: Sequence[Result], texts: Texts) -> Chart:
 
 
 def target_charts(result: Result, texts: Texts) -> list[Picture]:
-    """The pictures of one run."""
+    """Return the charts of a run."""
     match result.curve:
         case RadialCurve() as curve:
             return _hemisphere(result, curve, texts)
@@ -99,14 +100,17 @@ def target_charts(result: Result, texts: Texts) -> list[Picture]:
 
 
 def directions(polar_deg: Array, azimuth_deg: Array) -> Array:
-    """Unit vectors (..., 3) in the hemisphere's frame: z to its middle, x to azimuth 0."""
+    """Return unit vectors (..., 3) in the frame of the hemisphere: z to the middle, x to azimuth 0."""
     polar, azimuth = np.radians(polar_deg), np.radians(azimuth_deg)
     return np.stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)], axis=-1)
 
 
 def interpolated(targets: Array, values_mm: Array, nodes: Array) -> Array:
-    """Values (...,) mm at nodes (..., 3) from those (t,) at targets (t, 3): weighted by the inverse square of the angle
-    between, over the nearest (Shepard 1968), so that the surface passes through every target."""
+    """Interpolate values (t,) mm at targets (t, 3) to nodes (..., 3) by inverse squared angle over the nearest targets
+    (Shepard 1968).
+
+    The resulting surface passes through every target.
+    """
     angle = np.arccos(np.clip(nodes @ targets.T, -1.0, 1.0))
     near = np.argsort(angle, axis=-1)[..., :_NEAR]
     weight = 1.0 / np.maximum(np.take_along_axis(angle, near, axis=-1), 1e-6) ** 2
@@ -115,7 +119,7 @@ def interpolated(targets: Array, values_mm: Array, nodes: Array) -> Array:
 
 
 def _hemisphere(result: Result, curve: RadialCurve, texts: Texts) -> list[Picture]:
-    """The surface about its least-squares sphere, and the deviation of each target."""
+    """Return charts of the surface around the least-squares sphere, and of the deviation of each target."""
     used = curve.used
     targets = directions(curve.polar_deg, curve.azimuth_deg)
     polar, azimuth = np.meshgrid(
@@ -146,7 +150,7 @@ def _hemisphere(result: Result, curve: RadialCurve, texts: Texts) -> list[Pictur
 
 
 def _repeatability(result: Result, curve: RepeatabilityCurve, texts: Texts) -> Chart:
-    """Every reading by target and side of approach, from the middle of its target's readings."""
+    """Return a chart of every reading by target and approach side, relative to the mean of the target."""
     targets, place = np.unique(curve.target, return_inverse=True)
     middle = np.array([curve.reading_mm[place == k].mean() for k in range(len(targets))])
     away_um = 1e3 * (curve.reading_mm - middle[place])
@@ -162,7 +166,9 @@ def _repeatability(result: Result, curve: RepeatabilityCurve, texts: Texts) -> C
 
 
 def _poses(result: Result, curve: PoseCurve, texts: Texts) -> list[Picture]:
-    """The stops of the cube where there are some, every pose, and each axis that was driven alone, by its way."""
+    """Return charts of the cube stops, if any, of every pose, and of each axis that was driven separately in both
+    directions.
+    """
     view, number = _cube_view(result), np.arange(1.0, len(curve.distance_mm) + 1)
     line = Line(texts("measured"), "measured", number, curve.distance_mm, points=True)
     labels = texts("pose"), f"{texts('error_position')} / mm"
@@ -182,7 +188,7 @@ def _poses(result: Result, curve: PoseCurve, texts: Texts) -> list[Picture]:
 
 
 def _plane(view: _PlaneView, title: str, texts: Texts, *, points: bool) -> Chart:
-    """Commands on the cube's plane, and where the tool was, its deviation enlarged."""
+    """Return a chart of commanded and attained positions on the plane of the cube, with magnified deviations."""
     attained = Line(texts("attained"), "cw", view.attained_mm[:, 0], view.attained_mm[:, 1], points=points)
     command = Line(texts("commanded"), "quiet", view.command_mm[:, 0], view.command_mm[:, 1], points=points)
     caption = texts("caption_plane", times=f"{view.times:g}")
@@ -191,10 +197,12 @@ def _plane(view: _PlaneView, title: str, texts: Texts, *, points: bool) -> Chart
 
 
 def _paths(curve: PathCurve, texts: Texts) -> list[Picture]:
-    """The paths and the means of all their cycles on the plane, and how far these are from the command, along each."""
+    """Return a chart of the paths and the means of their cycles on the plane, and a chart of the deviations along
+    each path.
+    """
     names = dict.fromkeys(curve.path.tolist())
     command, off = [], []
-    for name in (path for path in names if path != "small_circle"):  # no larger than what is enlarged
+    for name in (path for path in names if path != "small_circle"):  # limited to the magnified size
         rows = np.flatnonzero(curve.path == name)
         rows = rows[:: max(1, len(rows) // _STATIONS)]
         command += [curve.place_mm[rows, :2], np.full((1, 2), np.nan)]
@@ -215,13 +223,14 @@ def _paths(curve: PathCurve, texts: Texts) -> list[Picture]:
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# ISO 9283: commands on the cube's inclined plane, and deviations from them enlarged.
+# ISO 9283: commands on the inclined plane of the cube, with magnified deviations.
 
 
 @dataclass(frozen=True)
 class _PlaneView:
-    """Places (n, 2) mm on the plane, level and rising: the command, and where the tool was, its deviation enlarged so
-    many times. Gaps between paths are nan."""
+    """Positions (n, 2) mm on the plane, level and rising: command and attained position, with the deviation
+    magnified by `times`. Gaps between paths are nan.
+    """
 
     command_mm: Array
     attained_mm: Array
@@ -229,7 +238,7 @@ class _PlaneView:
 
 
 def _cube_view(result: Result) -> _PlaneView | None:
-    """The stops of the cube in a pose run; None where it has none."""
+    """Return the cube stops of a pose run; None if it has none."""
     table, rig = result.measured.table, result.measured.rig
     if not isinstance(result.found, PoseResult):
         return None

@@ -1,5 +1,6 @@
-"""What scripts read of analysed runs: the JSON object, figures beside the truth that an emulated cell wrote down
-(`truth.json`), and sentences: what uncertainties mean, and acw against cw. Nothing of a screen is imported for it."""
+"""Analysed runs for scripts: the JSON object, the comparison with the known truth of an emulated cell
+(`truth.json`), and sentences about uncertainties and both directions. It imports no screen module.
+"""
 
 from __future__ import annotations
 
@@ -22,11 +23,13 @@ from rigs.files import read_bytes
 
 _LARGEST_OF_NOISE = ("hysteresis_max_deg", "hysteresis_max_mm")
 _BEYOND = 4.0
-"""Standard uncertainties beyond which two eccentricities are not of one ball by chance. Chosen: odds of 10 000 to 1."""
+"""Multiple of the standard uncertainty beyond which two eccentricities contradict each other. Chosen: odds of 10 000
+to 1.
+"""
 
 
 def what_u_is(group: Sequence[Result], repeated: Sequence[Pooled]) -> str:
-    """What the uncertainties of a group mean: of means, and of runs that nothing repeats."""
+    """Return the meaning of the uncertainties of a group, for means and for single runs."""
     if not repeated:
         return ONE_RUN
     runs = " and ".join(f"{len(mean.runs)} runs {mean.title}" for mean in repeated)
@@ -37,8 +40,7 @@ def what_u_is(group: Sequence[Result], repeated: Sequence[Pooled]) -> str:
 
 
 def figure_in_words(name: str, figure: Quantity | BetweenRuns) -> str:
-    """A figure as people read it. Where the largest hysteresis is smaller than u it is noise, and no more than u is
-    known of it."""
+    """Return a figure as text. A largest hysteresis below u is noise and shown as the bound u."""
     value = figure.mean if isinstance(figure, BetweenRuns) else figure
     if name in _LARGEST_OF_NOISE and value.value < value.u < np.inf:
         return f"≤ {value.rounded_u} {value.sign}"
@@ -46,7 +48,7 @@ def figure_in_words(name: str, figure: Quantity | BetweenRuns) -> str:
 
 
 def eccentricities_in_words(group: Sequence[Result]) -> list[str]:
-    """Why the eccentricities by angle and by distance differ, in a line, where they do by more than noise explains."""
+    """Return a sentence if the eccentricities by angle and by distance differ significantly."""
     apart = []
     for result in group:
         angle, distance = (result.figures.get(f"{by}eccentricity_mm") for by in ("", "distance_"))
@@ -66,7 +68,7 @@ def eccentricities_in_words(group: Sequence[Result]) -> list[str]:
 
 
 def pairs_in_words(both: Pairs | None) -> list[str]:
-    """acw against cw in a line, if there is such a pair."""
+    """Return a line that compares acw and cw, if such a pair exists."""
     if both is None or both.lag is None:
         return []
     figures = "; ".join(
@@ -77,7 +79,7 @@ def pairs_in_words(both: Pairs | None) -> list[str]:
 
 
 def lag_in_words(both: Pairs | None, group: Sequence[Result]) -> list[str]:
-    """The lag of the gauges, and which runs are not a pair, one line each."""
+    """Return a line about the lag of the gauges, and a line for each refused pair."""
     if not isinstance(group[0].found, CircleResult):
         return []
     if both is None:
@@ -97,7 +99,7 @@ def lag_in_words(both: Pairs | None, group: Sequence[Result]) -> list[str]:
 
 
 def warmth_in_words(group: Sequence[Result]) -> list[str]:
-    """How warm the joints of each run were, where its robot showed it, one line each."""
+    """Return a line for each run with joint temperatures."""
     lines = []
     for result in group:
         if warmth := result.measured.condition.warmth:
@@ -113,14 +115,17 @@ _MOST_BYTES = 1_000_000
 
 @dataclass(frozen=True)
 class TruthComparison:
-    """One figure of one run: the truth, and how many standard uncertainties the measured one lies from it."""
+    """Comparison of a figure with the truth: the truth, and the deviation in standard uncertainties."""
 
     truth: float
     deviation_u: float
 
 
 def compare(results: Sequence[Result], path: Path) -> list[dict[str, TruthComparison]]:
-    """For each result, its figures by name beside the truth, none for a test that it lacks. Raises FileError."""
+    """Compare the figures of each result with the truth; a result with no known truth has no comparisons.
+
+    Raises FileError.
+    """
     try:
         truth = json.loads(read_bytes(path, _MOST_BYTES))
         comparisons = []
@@ -145,19 +150,21 @@ def compare(results: Sequence[Result], path: Path) -> list[dict[str, TruthCompar
 
 
 def all_agree(comparisons: Sequence[dict[str, TruthComparison]]) -> bool:
-    """Whether every figure lies within two standard uncertainties of the truth."""
+    """Return whether every figure lies within two standard uncertainties of the truth."""
     return all(abs(comparison.deviation_u) <= 2 for by_name in comparisons for comparison in by_name.values())
 
 
 def verdict(comparisons: Sequence[dict[str, TruthComparison]]) -> str:
-    """The number of figures that agree with the truth within two standard uncertainties, in one line."""
+    """Return the number of figures within two standard uncertainties of the truth, as a line of text."""
     every = [comparison for by_name in comparisons for comparison in by_name.values()]
     within = sum(abs(comparison.deviation_u) <= 2 for comparison in every)
     return f"{within} of {len(every)} figures agree with the truth within 2 u"
 
 
 def as_object(results: Sequence[Result], truths: Sequence[dict[str, TruthComparison]] = ()) -> dict[str, Any]:
-    """The same for scripts; angles in degrees, lengths in mm, u the standard uncertainty, null where it is unknown."""
+    """Return results as a JSON object: angles in degrees, lengths in mm, u the standard uncertainty, null if
+    unknown.
+    """
     runs = [result.to_dict() for result in results]
     for run, truth in zip(runs, truths, strict=False):
         run["truth"] = {name: asdict(comparison) for name, comparison in truth.items()}
@@ -187,7 +194,7 @@ def as_object(results: Sequence[Result], truths: Sequence[dict[str, TruthCompari
 
 
 def _pooled_object(runs_mean: Pooled) -> dict[str, Any]:
-    """u of the mean, sd between the runs: what no single run can show."""
+    """Return the mean of runs as a JSON object. u is that of the mean, sd the standard deviation between runs."""
     every = runs_mean.runs or tuple(result for result, _ in runs_mean.left_out)
     return {
         "rig": every[0].measured.rig.name,

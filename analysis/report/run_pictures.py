@@ -1,5 +1,6 @@
-"""Pictures of evaluated runs as files: the circles run by run, after the paper's figures 3 (raw with the fitted sine),
-6, 8, 10 and 11 (orientation error); and all that the page shows of tests at targets."""
+"""Picture files of evaluated runs: circles like figures 3, 6, 8, 10 and 11 of the paper, and the page's charts of
+target tests.
+"""
 
 from __future__ import annotations
 
@@ -30,16 +31,15 @@ _GREY = "#777777"
 _PHI_DEG = np.degrees(PHI)
 _OF_CUBE = ("ap_mm", "rp_mm", "ad_mm", "rd_mm")
 _APART_DEG = 4.0
-"""Between the readings at one target and its middle, so that none hides another."""
+"""Drawn distance of the readings at a target from the centre, to avoid overlaps."""
 
 
 def save_all_pictures(results: Sequence[Result], directory: Path) -> list[Path]:
-    """Write the pictures of all runs, test by test; returns their paths. Raises FileError where nothing can be
-    written."""
+    """Write the pictures of all runs by test, and return the paths. Raises FileError if they cannot be written."""
     from analysis.runs.written_files import write_views  # noqa: PLC0415 - slow to import
 
     figures: dict[str, Callable[[], Figure]] = {}
-    for group in by_test(results):  # of one test on one rig, and named by both
+    for group in by_test(results):  # one test on one rig, both part of the file name
         stem = f"{group[0].measured.rig.name}-{group[0].test}"
         if isinstance(group[0].found, CircleResult):
             for kind, chart, title in (
@@ -61,7 +61,7 @@ def save_all_pictures(results: Sequence[Result], directory: Path) -> list[Path]:
 
 
 def distinctly_named(results: Sequence[Result]) -> list[tuple[str, Result]]:
-    """Results by name; runs of one name, from different directories, are numbered."""
+    """Return results by name. Runs with equal names, from different directories, are numbered."""
     names = [result.name for result in results]
     return [
         (name if names.count(name) == 1 else f"{name}-{place}", result)
@@ -70,7 +70,7 @@ def distinctly_named(results: Sequence[Result]) -> list[tuple[str, Result]]:
 
 
 def circle_figure(results: Sequence[Result], title: str, chart: Callable[[Result, CircleResult], Chart]) -> Figure:
-    """A chart of each circle below each other, all in one scale."""
+    """Draw a chart for each circle below each other, with a common scale."""
     charts = [chart(result, result.found) for result in results if isinstance(result.found, CircleResult)]
     low, high = (float(end(of.reach[k] for of in charts)) for k, end in enumerate((min, max)))
     parts = [part_of(replace(chart, span=(low, high))) for chart in charts]
@@ -78,7 +78,7 @@ def circle_figure(results: Sequence[Result], title: str, chart: Callable[[Result
 
 
 def target_figure(result: Result, pictures: Sequence[Picture], leading: Collection[str]) -> Figure:
-    """The pictures of a test at targets, and the figures that lead there, by their names."""
+    """Draw the charts of a target test, with the leading figures in the title."""
     parts = [
         (3.6, partial(_draw_sphere, picture)) if isinstance(picture, SphereChart) else part_of(picture)
         for picture in pictures
@@ -88,7 +88,7 @@ def target_figure(result: Result, pictures: Sequence[Picture], leading: Collecti
 
 
 def _draw_sphere(chart: SphereChart, sheet: SubFigure) -> None:
-    """A measured surface as a map of the hemisphere."""
+    """Draw a measured surface as a map of the hemisphere."""
     axes = sheet.subplots()
     azimuth_deg = np.degrees(np.arctan2(chart.targets[:, 1], chart.targets[:, 0]))
     dots = draw_hemisphere(axes, np.degrees(np.arccos(chart.targets[:, 2])), azimuth_deg, 1e3 * chart.deviation_mm)
@@ -99,8 +99,10 @@ def _draw_sphere(chart: SphereChart, sheet: SubFigure) -> None:
 def draw_hemisphere(
     axes: Axes, polar_deg: Array, azimuth_deg: Array, values: Array, target: Array | None = None
 ) -> PathCollection:
-    """Values (n,) where targets lie on a hemisphere, seen along its axis, as dots in colours that are blue below 0 and
-    red above; those of one target, by its number (n,), side by side."""
+    """Draw values (n,) at targets on a hemisphere, seen along the axis, as dots from blue (negative) to red (positive).
+
+    target: target numbers (n,); dots of the same target are drawn next to each other.
+    """
     azimuth, turn = np.radians(azimuth_deg), np.linspace(0, 2 * np.pi, 181)
     aside = np.zeros((2, len(values)))
     for number in np.unique(target) if target is not None else ():
@@ -121,7 +123,7 @@ def draw_hemisphere(
 
 
 def raw_chart(result: Result, circle: CircleResult) -> Chart:
-    """Angle over circle angle with its least-squares sine (the paper's figure 3)."""
+    """Return a chart of the angle over the circle angle with the least-squares sine (figure 3 of the paper)."""
     many = counted(circle.laps.count, "lap")
     at_deg, whole = np.tile(_PHI_DEG, len(circle.curve.laps)), np.linspace(0, 2 * np.pi, 361)
     lines = (
@@ -135,8 +137,10 @@ def raw_chart(result: Result, circle: CircleResult) -> Chart:
 
 
 def error_chart(result: Result, circle: CircleResult) -> Chart:
-    """Orientation error, of each lap as well where there are several, with its band and the joints' reversals (the
-    paper's figure 6)."""
+    """Return a chart of the orientation error with the error band and the joint reversals (figure 6 of the paper).
+
+    If there are several laps, each is shown too.
+    """
     each = np.degrees(at_resolution(circle.curve.laps - circle.sine(PHI))) if circle.laps.count > 1 else ()
     laps = tuple(Line("" if k else "each lap", "quiet", _PHI_DEG, lap) for k, lap in enumerate(each))
     mean = Line(

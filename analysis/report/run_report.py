@@ -1,7 +1,4 @@
-"""What people read of analysed runs: tables.
-
-What is said of analysed runs of one test: what their uncertainties mean, and acw against cw.
-"""
+"""Tables of analysed runs, with remarks on uncertainties and directions."""
 
 from __future__ import annotations
 
@@ -30,7 +27,7 @@ from analysis.report.texts import LEADING, in_order, label
 
 @dataclass(frozen=True)
 class _Abreast:
-    """Runs of one test side by side, as many as the screen holds without breaking a number."""
+    """Table of runs of a test in columns, split into several tables if they do not fit on the screen."""
 
     results: Sequence[Result]
     truth_of: dict[int, dict[str, TruthComparison]]
@@ -49,10 +46,11 @@ class _Abreast:
 def as_tables(
     results: Sequence[Result], truths: Sequence[dict[str, TruthComparison]] = (), *, each: bool = False
 ) -> RenderableType:
-    """A rich table for each test, the truth below a figure where it is known, doubts last.
+    """Return a table for each test, with the truth below a figure if known, and doubts at the end.
 
-    A column for each direction, the mean of its runs; for each run where it is asked for or the truth is known, or
-    where nothing was repeated."""
+    A column contains the mean over the runs of a direction. Each run has a column if `each` is set, if the truth is
+    known, or if no run was repeated.
+    """
     truth_of = {id(result): truth for result, truth in zip(results, truths, strict=False)}
     parts: list[RenderableType] = []
     doubts = [(result, doubt) for result in results for doubt in result.doubts]
@@ -81,7 +79,7 @@ def as_tables(
 
 
 def _means(repeated: Sequence[Pooled]) -> Table:
-    """Means over runs, a column for each direction."""
+    """Return a table of means over runs, a column for each direction."""
     rig = repeated[0].runs[0].measured.rig.name
     title = f"{rig} · mean over runs ± standard uncertainty of the mean"
     columns = (right(_over(mean.title, f"{len(mean.runs)} runs")) for mean in repeated)
@@ -96,7 +94,7 @@ def _means(repeated: Sequence[Pooled]) -> Table:
 
 
 def _over(text: str, below: str, style: str = "dim") -> Text:
-    """Return a text with another in its own style below it."""
+    """Return a text with a second text below, in a different style."""
     return Text.assemble(text, "\n", (below, style))
 
 
@@ -115,7 +113,7 @@ def _table(group: Sequence[Result], truth_of: dict[int, dict[str, TruthCompariso
             cells.append(cell)
         table.add_row(label(name), *cells, style="bold" if name in LEADING else "")
     table.add_row("samples", *(str(result.found.samples) for result in group), style="dim")
-    if any(result.measured.u_lag_s for result in group):  # how well the gauges' time is known against the robot's
+    if any(result.measured.u_lag_s for result in group):  # uncertainty of the time of the gauges relative to the robot
         lags = (f"± {result.measured.u_lag_s * 1e3:.1f} ms" for result in group)
         table.add_row("time, gauges to robot", *lags, style="dim")
     return whole(table)

@@ -1,4 +1,4 @@
-"""The staircase of the gap as people see it: the name of each step and what it leaves, in words and on the screen."""
+"""The staircase of the gap, as text and on the screen: name and residual of each step."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from analysis.report.plain_console import bare_table, right
 from analysis.report.texts import Texts, texts_of
 
 _BAR = 16
-"""Letters of the longest bar on the screen."""
+"""Length of the longest bar on the screen, in characters."""
 
 
 @dataclass(frozen=True)
 class Stair:
-    """A step by name, and what it leaves at each place of the stairs."""
+    """A step by name, with the residual at each place."""
 
     name: str
     left: tuple[Left, ...]
@@ -29,19 +29,19 @@ class Stair:
 
 @dataclass(frozen=True)
 class Stairs:
-    """All steps; `places` are the keys of the texts of where something is left, the runs used first."""
+    """All steps. `places` are the text keys of the places, the runs used first."""
 
     places: tuple[str, ...]
     steps: tuple[Stair, ...]
 
     @property
     def largest_um(self) -> float:
-        """The most that a step leaves anywhere."""
+        """Largest residual of any step."""
         return max(1e-9, *(residue.um for step in self.steps for residue in step.left))
 
 
 def stairs_of(diagnosis: Diagnosis, texts: Texts | None = None) -> Stairs | None:
-    """The stairs of a diagnosis; None where it has none."""
+    """Return the staircase of a diagnosis; None if it has none."""
     if diagnosis.staircase is None:
         return None
     texts = texts or texts_of("en")
@@ -55,7 +55,7 @@ def stairs_of(diagnosis: Diagnosis, texts: Texts | None = None) -> Stairs | None
 
 
 def stairs_of_model(disagreement: Disagreement) -> Stairs | None:
-    """The stairs of a rig file's effects and its calibration; None where its model has none."""
+    """Return the staircase of a rig file's effects and calibration; None if the model has none."""
     if disagreement.staircase is None:
         return None
     texts, rig = texts_of("en"), disagreement.rig
@@ -70,14 +70,14 @@ def _named(staircase: Staircase, names: Sequence[str]) -> Stairs:
 
 
 def left_words(residue: Left) -> str:
-    """What is left ± its standard uncertainty, in µm; what is far below that, as less than it."""
+    """Return a residual ± standard uncertainty in µm; "< u" if much smaller than u."""
     if residue.um < residue.u_um / 2:
         return f"< {residue.u_um:.1f}"
     return f"{residue.um:.1f} ± {residue.u_um:.1f}" if residue.u_um > 0 else f"{residue.um:.1f}"
 
 
 def stairs_table(stairs: Stairs) -> Table:
-    """The stairs on the screen, a bar for what is left on the runs used."""
+    """Return the staircase as a table with a bar for the residual on the runs used."""
     texts = texts_of("en")
     places = (right(texts(f"runs_{place}")) for place in stairs.places)
     table = bare_table("µm rms left", *places, Column("", no_wrap=True))

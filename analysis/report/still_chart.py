@@ -1,9 +1,8 @@
-"""A picture on paper: as SVG in the page, which is printed and shown without scripts, and as a part of a PNG.
+"""Charts for paper: as SVG in the page, for printing and for browsers with disabled scripts, and as part of a PNG.
 
-Text stays text in the SVG, so that it is small, sharp on paper and has every letter that the reader's fonts have.
-It is plain (`rigs.text`) and never mathematics: `$\frac{$` in a name is a name. matplotlib takes what stands between
-two dollar signs as a formula and fails on one that it cannot read; nothing in these pictures is one. What its font
-cannot draw it draws as a box, and the warning about it is left out.
+Text remains text in the SVG. It is small, sharp on paper and can use every font of the reader. All text is plain
+(`rigs.text`), and formula parsing is off: matplotlib would read text between two dollar signs as a formula and fail on
+names it cannot parse. Characters missing in the font are drawn as a box, and the warning is suppressed.
 """
 
 from __future__ import annotations
@@ -33,20 +32,20 @@ mpl.rcParams["text.parse_math"] = False
 
 
 def as_png(draw: Callable[[], Figure], dpi: int = 150) -> Callable[[BinaryIO], None]:
-    """What writes a picture to a file, drawn as late as that: some hundred at once would not fit into memory."""
+    """Return a writer that draws a picture only when written: hundreds of figures at once would not fit into memory."""
     return lambda file: draw().savefig(file, format="png", dpi=dpi)
 
 
 Part = tuple[float, Callable[[SubFigure], None]]
-"""A part of a sheet: its height in inches, and what draws it."""
+"""A part of a sheet: height in inches, and drawing function."""
 
 
 class Sheet(Figure):
-    """A figure of this package, laid out without overlaps."""
+    """A figure of this package, with a layout that avoids overlaps."""
 
     @classmethod
     def of_parts(cls, title: Sequence[str], parts: Sequence[Part], width_inch: float) -> Sheet:
-        """Return a sheet with parts below each other under lines of a title, as high as it needs."""
+        """Return a sheet with the parts below each other under the lines of a title, as high as necessary."""
         heights = [height for height, _ in parts]
         sheet = cls(width_inch, sum(heights) + 0.2 + 0.2 * len(title))
         sheet.suptitle("\n".join(title), fontsize=11)
@@ -59,7 +58,7 @@ class Sheet(Figure):
         super().__init__(figsize=(width_inch, height_inch), layout="constrained")
 
     def draw(self, renderer: RendererBase) -> None:
-        """Draw the figure after its text was made plain."""
+        """Draw the figure after making all text plain."""
         for text in self.findobj(Text):
             if isinstance(text, Text) and (shown := plain_lines(text.get_text())) != text.get_text():
                 text.set_text(shown)
@@ -75,16 +74,16 @@ _HEAD = re.compile(r"^.*?(?=<svg)|<metadata>.*?</metadata>|<!--.*?-->", re.DOTAL
 _DECIMALS = re.compile(r"-?\d+\.\d{2,}")
 _FONTS = re.compile(r"font-family: [^;]*sans-serif")
 _HEIGHTS_INCH: dict[Frame, float] = {"straight": 1.8, "targets": 1.8, "plane": 4.2, "polar": 3.6}
-"""Chosen: three straight pictures and a pair around the circle fit on a page of A4."""
+"""Heights of charts. Chosen: three straight charts and a pair of polar charts fit on a page of A4."""
 _MOST_NODES = 360
-"""Nodes of a line on paper: one a degree, where curves are resolved to 4.5° (docs/figures.md)."""
+"""Maximum number of nodes of a line on paper, 1 per degree, while curves resolve 4.5° (docs/figures.md)."""
 _MOST_SYMBOLS = 150
 _WIDEST = 45
-"""Letters of all names that stand in one line below a picture."""
+"""Maximum total length of the names in a legend line, in characters."""
 _PANEL_LETTERS = 62
-"""Letters of a step's name in a line above its panel."""
+"""Maximum line length of a step name above a panel, in characters."""
 _CAPTION_LETTERS = 150
-"""Letters of a caption in a line of a PNG."""
+"""Maximum length of a caption line in a PNG, in characters."""
 _TAG = re.compile(r"<[^>]*>")
 _SPACE = re.compile(r"\s+")
 _STYLE: dict[Any, Any] = {
@@ -96,13 +95,13 @@ _STYLE: dict[Any, Any] = {
 
 
 def still(picture: Picture) -> str:
-    """Return a picture as SVG; two of the same data are the same text."""
+    """Return a chart as SVG; equal data give equal text."""
     with mpl.rc_context(_STYLE):
         sheet = Sheet(*_size_inch(picture))
         _drawn(sheet, picture)
         written = io.StringIO()
         sheet.savefig(written, format="svg", metadata=dict.fromkeys(("Creator", "Date", "Format", "Type")))
-    # The SVG with places to a tenth of a point, 0.04 mm on paper, and without what no reader needs
+    # Shorten the SVG: coordinates to a tenth of a point (0.04 mm on paper), no metadata, no comments
     svg = written.getvalue()
     svg = _HEAD.sub("", svg)
 
@@ -114,7 +113,7 @@ def still(picture: Picture) -> str:
 
 
 def part_of(picture: Picture, note: str = "") -> Part:
-    """Return a picture as a part of a sheet, under its title, with a note behind it, and what its caption says."""
+    """Return a chart as part of a sheet, with title, note and caption above."""
     words = [f"{picture.title}{note}", *textwrap.wrap(picture.caption, _CAPTION_LETTERS)]
 
     def draw(sheet: SubFigure) -> None:
@@ -126,7 +125,7 @@ def part_of(picture: Picture, note: str = "") -> Part:
 
 
 def _size_inch(picture: Picture) -> tuple[float, float]:
-    """Width and height on the paper of a page."""
+    """Return width and height on the page."""
     if isinstance(picture, SphereChart):
         return 5.4, 3.6
     if picture.panels:
@@ -148,7 +147,7 @@ def _drawn(sheet: FigureBase, picture: Picture) -> None:
 
 
 def _panels(sheet: FigureBase, chart: Chart) -> None:
-    """Each step of a picture that is stepped through, in the same scale."""
+    """Draw each step of an animated chart in a panel, with a common scale."""
     rows = -(-len(chart.panels) // 2)
     panels = sheet.subplots(rows, 2, sharex=True, sharey=True, squeeze=False).ravel()
     for step, (name, axes) in enumerate(zip(chart.panels, panels, strict=False)):
@@ -174,7 +173,7 @@ def _legend(sheet: FigureBase, axes: Axes, chart: Chart) -> None:
 
 
 def _lay_out(axes: Axes, chart: Chart, *, shared: bool = False) -> None:
-    """Draw the lines of a picture, its marks and its axes; shared: the labels of axes stand beside all panels."""
+    """Draw the lines, marks and axes of a chart. shared: leave out axis labels, which are common to all panels."""
     for line in chart.lines:
         _draw(axes, line)
     for low, high in chart.shaded:
@@ -211,8 +210,8 @@ def _draw(axes: Axes, line: Line) -> None:
         )
         return
     if len(line.x) > _MOST_SYMBOLS:
-        # Many points as one path of steps of hardly a length (without any, PNG has none), whose round ends are dots: a
-        # fifth of the size of symbols
+        # Draw many points as one path of tiny steps with round ends, at a fifth of the size of symbols. Steps of zero
+        # length would be invisible in a PNG.
         places = np.repeat(np.stack([line.x, line.y], axis=1), 2, axis=0)
         places[1::2, 0] += 1e-6 * max(float(np.ptp(line.x)), 1e-9)
         steps = Path(places, [Path.MOVETO, Path.LINETO] * len(line.x))
@@ -259,7 +258,7 @@ def _sphere(sheet: FigureBase, chart: SphereChart) -> None:
     axes.plot_wireframe(*measured, color=LOOKS["measured"].light, lw=0.8, label=surface)
     at = np.moveaxis(chart.drawn(chart.targets, chart.deviation_mm), -1, 0)
     axes.plot(*at, ls="", marker="o", ms=2.5, color="black", label=targets)
-    axes.set_box_aspect((2.0, 2.0, 1.0), zoom=0.85)  # of a hemisphere
+    axes.set_box_aspect((2.0, 2.0, 1.0), zoom=0.85)  # proportions of a hemisphere
     axes.view_init(elev=28, azim=-45)
     for name in "xyz":
         getattr(axes, f"set_{name}label")(f"{name} / mm")

@@ -1,8 +1,7 @@
-"""The fixed texts in a language: `analysis/templates/texts.LANGUAGE.yaml`, the same keys in each; and what the figures
-are called where people read them, in which order.
+"""The fixed texts of each language, from `analysis/templates/texts.LANGUAGE.yaml`, and labels and order of the figures.
 
-The page has them in its language, screen and picture in English. What the analysis says in words of its own, as doubts
-and remedies, stays English.
+All languages have the same keys. The page uses the selected language; screen and picture use English. Sentences
+composed by the analysis, such as doubts and remedies, stay English.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ import yaml
 from rigs.schema.robot import Robot
 
 LEADING = frozenset({"band_deg", "band_mm", "uni_mm", "bi_mm", "rms_mm", "radius_mm", "line_at_mm"})
-"""Printed bold: what the paper reports."""
+"""Figures printed in bold: the ones the paper reports."""
 
 _LABELS = {
     "band_deg": "error band",
@@ -112,19 +111,20 @@ _LABELS = {
 
 
 def in_order(names: Iterable[str]) -> list[str]:
-    """Names of figures in the order of the labels, each once, so that a line's details stand under it; others last."""
+    """Return distinct figure names in the order of the labels, details below their main line; unknown names last."""
     place = {name: k for k, name in enumerate(_LABELS)}
     return sorted(dict.fromkeys(names), key=lambda name: place.get(name, len(place)))
 
 
 def label(name: str) -> str:
-    """The label of a figure in a table, indented below the line of which it is a detail; its name where none was
-    given."""
+    """Return the label of a figure in a table. Details are indented below their main line; figures without a label
+    keep the name.
+    """
     return _LABELS.get(name, name)
 
 
 def whole_label(name: str, label: Callable[[str], str] = label) -> str:
-    """The label of a figure by itself: a detail after what it is a detail of, as `position error, largest`."""
+    """Return the label of a figure outside a table, a detail after the main line: `position error, largest`."""
     text_of_figure, above = label(name).strip(), ""
     for known_name, text in _LABELS.items():
         above = above if text.startswith(" ") else known_name
@@ -132,7 +132,7 @@ def whole_label(name: str, label: Callable[[str], str] = label) -> str:
             break
     if not label(name).startswith(" "):
         return text_of_figure
-    # The place of the largest is a detail of that; a mean stands beside the rms.
+    # The place of the largest value is a detail of that line; a mean belongs to the rms.
     of = label(above) if name.endswith("_at_deg") else label(above).partition(", ")[0]
     return f"{of}, {text_of_figure}"
 
@@ -143,8 +143,10 @@ LANGUAGES: tuple[Language, ...] = get_args(Language)
 
 @dataclass(frozen=True)
 class Texts:
-    """The words by key, the labels of figures by name, a sentence for each kind of effect, and what an effect is called
-    within a sentence, where this language does not call it as the effect itself does."""
+    """Texts by key, labels of figures by name, a sentence for each kind of effect, and nouns for effects.
+
+    nouns contains only the effects whose standard name this language replaces.
+    """
 
     language: Language
     words: dict[str, str]
@@ -153,32 +155,33 @@ class Texts:
     nouns: dict[str, str]
 
     def __call__(self, key: str, **values: object) -> str:
-        """A text with values in its places."""
+        """Return a text with values inserted."""
         return self.words[key].format(**values)
 
     def test(self, name: str) -> str:
-        """What a test is called; one that another package adds, by its word."""
+        """Return the name of a test; for a test of an external package, the identifier."""
         return self.words.get(f"test_{name}", name)
 
     def not_known(self, share: float) -> str:
-        """The sentence about the share of the work at which no run says how well the arm is known, after a space; empty
-        where there is none."""
+        """Return the sentence about the share of the work with unknown accuracy, after a space; empty for a share of
+        zero.
+        """
         key = "work_unknown_all" if share == 1 else "work_unknown"
         return f" {self(key, share=f'{max(100 * share, 1):.0f} %')}" if share else ""
 
     def axis(self, robot: Robot, axis: int) -> str:
-        """What an axis, counted from 1, is called: `axis 4 (gamma)`."""
+        """Return the name of an axis, counted from 1: `axis 4 (gamma)`."""
         name = robot.own_name(axis)
         return self("axis_of", axis=axis, name=name) if name else self("axis_numbered", axis=axis)
 
     def label(self, name: str) -> str:
-        """The label of a figure, the English one where this language has none."""
+        """Return the label of a figure, in English if this language has none."""
         return self.labels.get(name) or label(name)
 
 
 @cache
 def texts_of(language: Language) -> Texts:
-    """The texts of a language."""
+    """Return the texts of a language."""
     file = resources.files("analysis") / "templates" / f"texts.{language}.yaml"
     read = yaml.safe_load(file.read_text(encoding="utf-8"))
     return Texts(language, read["words"], read["labels"], read["effects"], read["nouns"])

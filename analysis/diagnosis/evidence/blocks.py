@@ -1,10 +1,8 @@
-"""Blocks: repeated runs combined into one, and their simulation.
+"""Blocks: repeated runs combined, and their simulation.
 
-`blocks_of` groups repeated runs. A `Block` is the first of them, with the mean residual of all and the noise of that
-mean per
-entry. A `SimulatedBlock` computes its readings with other effects or a different set-up, and thereby the response to
-one
-effect: a column, in sigmas of the noise.
+`blocks_of` groups repeated runs. A `Block` consists of the first run, the mean residual of all runs, and the noise of
+that mean per entry. A `SimulatedBlock` computes readings with other effects or a different set-up, and thereby the
+response to a single effect: a column, in sigmas of the noise.
 """
 
 from __future__ import annotations
@@ -57,7 +55,9 @@ _One = TypeVar("_One")
 
 
 def recent(kept: dict[_Key, _One], key: _Key, compute: Callable[[], _One], most: int) -> _One:
-    """Return the value cached under a key, or compute it; above `most` values the least recently used is dropped."""
+    """Return the value cached under a key, or compute it. Above `most` values, the least recently used value is
+    dropped.
+    """
     result = kept[key] = kept.pop(key) if key in kept else compute()
     if len(kept) > most:
         del kept[next(iter(kept))]
@@ -65,35 +65,33 @@ def recent(kept: dict[_Key, _One], key: _Key, compute: Callable[[], _One], most:
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# Blocks: repeated runs combined into one set of readings with the noise of their mean.
+# Blocks: repeated runs combined into a set of readings with the noise of their mean.
 #
-# Neighbouring readings on a circle are correlated, so circles are decomposed into orders (cycles per lap) of the sum
-# and the
-# difference of the gauges; `noise` estimates the noise of each order. Readings at targets are used directly.
+# Neighbouring readings on a circle are correlated. Circles are therefore decomposed into orders (cycles per lap) of the
+# sum and the difference of the gauges, and `noise` estimates the noise of each order. Readings at targets are used
+# directly.
 
 BAND_EDGES = (0, 3, 8, 16, 30, 60, 120, ORDERS)
 """Edges of the bands of orders; an unexplained residual may have a separate strength in each band. Chosen: bands of
-about one octave, so that joint motion (below order 8), gears and probe noise are separated."""
+about an octave, so that joint motion (below order 8), gears and probe noise are separated.
+"""
 _SLOW = 8
-"""Orders below this are as slow as the noise of a robot at rest. Chosen: one eighth of a lap lasts several seconds,
-longer than the correlation times of most noise."""
+"""Orders below this are as slow as the noise of a robot at rest. Chosen: an eighth of a lap lasts several seconds,
+longer than the correlation times of most noise.
+"""
 _BORROWED = 2.0
 """Degrees of freedom of the prior for each order of a trend, relative to those of few repeats."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Block(ObservedRun):
-    """Repeated runs of one test and direction as one run: the first of them, whose feedback represents all.
+    """Repeated runs with the same test and direction as a single run: the first run, whose feedback represents all.
 
-    `y_mm` (N,): weighted mean residual; `sd_mm` (N,): its standard deviation without scatter between runs. `scatter_mm`
-    (N, c):
-    response to one standard deviation of the scatter of joints and ball; `stamps_mm` (N, s): of stamps, at a few
-    angles.
-    `apart_mm` (n, N): deviations of the n runs from their mean; `steady_mm` (n, N): without the expected contribution
-    of stamps.
-    `band` (N,): index of entries with a common strength. `count`: number of runs. `measured`: whether the noise comes
-    from
-    repeats.
+    `y_mm` (N,): weighted mean residual; `sd_mm` (N,): standard deviation excluding scatter between runs. `scatter_mm`
+    (N, c): response to a standard deviation of the scatter of joints and ball; `stamps_mm` (N, s): of stamps, at a few
+    angles. `apart_mm` (n, N): deviations of the n runs from their mean; `steady_mm` (n, N): deviations excluding the
+    expected contribution of stamps. `band` (N,): index of entries with a common strength. `count`: number of runs.
+    `measured`: the noise is estimated from repeats.
     """
 
     y_mm: Array
@@ -125,7 +123,7 @@ def blocks_of(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp], effects:
     averaged = float(np.mean([sampling.averaged for sampling, _ in circles])) if circles else 1.0
     noise = circle_noise([raw.of_laps() for _, raw in circles], averaged)
     sds = iter(noise.sd_mm)
-    # Each set-up has a separate residual strength; all sockets share one, because a single ball is seated.
+    # Each set-up has a separate residual strength. All sockets share a strength, because the same ball is seated.
     kinds = [first.setup if first.table.kind.parts(first.table) is None else first.table.test for first, _ in grouped]
     numbers = {name: k for k, name in enumerate(dict.fromkeys(kinds))}
     return [
@@ -140,7 +138,8 @@ def _repeated(
     members: Sequence[ObservedRun], setups: Mapping[str, SetUp], effects: Sequence[Effect]
 ) -> tuple[ObservedRun, Repeated]:
     """Return the first of repeated runs in comparable form, and their residuals (n, N) mm with the response to
-    scatter."""
+    scatter.
+    """
     # Standstills are compared only if every run has them before and after its lap.
     if not all(run.sampling and run.sampling.stands for run in members):
         members = [replace(run, sampling=run.sampling and run.sampling.without_stands()) for run in members]
@@ -173,23 +172,21 @@ def _repeated(
 
 
 def _circle_block(first: ObservedRun, raw: Repeated, sd_mm: Array, noise: CircleNoise, number: int) -> Block:
-    """Return the block of repeated circles, given the noise sd_mm (n, N) of each run; `number`: index of their
-    set-up."""
+    """Return the block of repeated circles, given the noise sd_mm (n, N) of each run. `number`: index of the set-up."""
     sampling = first.sampling
     assert sampling is not None  # noqa: S101 - circles have one
     weight = 1 / (sd_mm[:, BAND_EDGES[4] > ORDER_OF] ** 2).mean(axis=1)
     weight /= weight.sum()
     few = float(np.linalg.norm(weight))
     sd = np.sqrt(weight**2 @ sd_mm**2)
-    # Slow noise of a standstill averages like white noise of the same strength; all readings of a standing gauge are
-    # rounded to the
-    # same step, as are those of repeats with smaller differences.
+    # Slow noise of a standstill averages like white noise of the same strength. All readings of a resting gauge are
+    # rounded to the same step, as are repeats with smaller differences.
     channels = np.split(sd, 2)
     slow = (ORDER_OF[: len(channels[0])] > 0) & (ORDER_OF[: len(channels[0])] < _SLOW)
     power = np.array([np.mean(channel[slow] ** 2) for channel in channels])
     standing = [np.sqrt(power / share + first.step_mm**2 / 12) for share in sampling.stand_share]
     sd = np.concatenate([sd, *standing, _trend_sd(sampling, raw, sd, noise)])
-    # The assumed noise of a run without repeats includes the drift.
+    # The assumed noise of a single run includes the drift.
     repeats = raw if noise.measured else replace(raw, drifting=raw.drifting[:0])
     scatter = noise.scatter(raw.setup)
     columns = few * scatter_columns(raw.response, repeats.drifting, scatter)
@@ -204,7 +201,7 @@ def _circle_block(first: ObservedRun, raw: Repeated, sd_mm: Array, noise: Circle
 
 
 def _target_block(first: ObservedRun, raw: Repeated, noise: CircleNoise, number: int) -> Block:
-    """Return the block of repeated runs at targets; `number`: index of their set-up."""
+    """Return the block of repeated runs at targets. `number`: index of the set-up."""
     table, count = first.table, len(raw.rows)
     sd, measured = target_sd(raw.rows, raw.response, _visit_numbers(first))
     if table.kind.of_places and not measured:
@@ -218,7 +215,7 @@ def _target_block(first: ObservedRun, raw: Repeated, noise: CircleNoise, number:
 
 
 def _visit_numbers(run: ObservedRun) -> Integers:
-    """Return an integer per entry (N,), equal for readings of one place with the same approach."""
+    """Return an integer per entry (N,), equal for readings of the same place and approach."""
     table, keys = run.table, run.visits
     if table.kind.of_places:
         visit, sides = visits(table.q[run.rows], SAME_RAD), table.kind.sides(table)
@@ -228,10 +225,10 @@ def _visit_numbers(run: ObservedRun) -> Integers:
 
 
 def _trend_sd(sampling: Sampling, raw: Repeated, sd_mm: Array, noise: CircleNoise) -> Array:
-    """Return the standard deviation (14,) mm of the trend between laps, empty without a trend.
+    """Return the standard deviation (14,) mm of the trend between laps; empty if there is no trend.
 
-    It is that of one lap, given that (N,) of the mean, plus the excess in repeated runs over the drift of joints and
-    ball. Without measurements this drift is included.
+    It is the standard deviation of a lap, derived from that (N,) of the mean, plus the excess in repeated runs over the
+    drift of joints and ball. If nothing was measured, this drift is included.
     """
     if not len(sampling.trend):
         return np.empty(0)
@@ -242,7 +239,7 @@ def _trend_sd(sampling: Sampling, raw: Repeated, sd_mm: Array, noise: CircleNois
     if not noise.measured or runs < 2:
         return np.asarray(np.sqrt(squares + drifting), dtype=float)
     apart = raw.apart[:, trend]
-    expected = runs * squares + drifting  # of one run
+    expected = runs * squares + drifting  # for a single run
     channel = np.arange(len(ORDER_OF_TREND)) * 2 // len(ORDER_OF_TREND)
     alike = channel * TREND_ORDERS + ORDER_OF_TREND
     for number in np.unique(alike).tolist():
@@ -262,14 +259,16 @@ arm by 2 µm, far from the limits of floating-point arithmetic."""
 _STEP_MM = 0.01
 """Step of the derivatives by a set-up term, within the linear range."""
 _EARLY, _READING = ("time", "arm"), ("setup", "gauge")
-"""Stages of effects before joint errors, and of those without influence on the tool."""
+"""Stages of effects before joint errors, and stages with no influence on the tool."""
 _RIGID = ("arm", "tool")
-"""Stages of effects with columns computed at a healthy size and scaled. They move the tool in proportion to their size,
-but the
-ball of a column does not move with it: for a length of 13 mm the column was not the derivative of the fit."""
+"""Stages of effects with columns computed at a healthy size and scaled. They move the tool in proportion to their
+size, but the ball of a column does not follow: for a length of 13 mm the column was not the derivative of the
+fit.
+"""
 _SCENES, _ERRORS = 4, 64
 """Number of scenes, and of joint errors, cached per block, at about 0.1 MB each: a fit reuses those of the present
-effects."""
+effects.
+"""
 _FEW = 64
 """Number of effects computed together, to fit a processor's cache."""
 
@@ -278,7 +277,7 @@ _FEW = 64
 class SimulatedBlock:
     """Simulated block about a set-up (m readings of k gauges).
 
-    `reference`: effects of the linearisation point, those found so far in addition to those of the rig file.
+    `reference`: effects at the linearisation point, that is, the effects found so far in addition to the rig file.
     """
 
     block: Block
@@ -333,9 +332,9 @@ class SimulatedBlock:
         return recent(self._scenes, early, compute, _SCENES)
 
     def _error(self, early: tuple[Effect, ...], effect: Effect) -> Array:
-        """Return the joint errors (n, axes) rad of one effect after those of earlier stages.
+        """Return the joint errors (n, axes) rad of an effect after the effects of earlier stages.
 
-        Cached, because joint errors add up and a fit changes few effects at a time.
+        The result is cached, because joint errors add up and a fit changes few effects at a time.
         """
         joints = self._joints(early)
 
@@ -353,8 +352,9 @@ class SimulatedBlock:
         return self.block.whitened(self.slopes[:, :, axis - 1, None] * off[self.block.samples, None])
 
     def late(self, effect: Effect) -> Array:
-        """Return the change (N, c) of the whitened readings of a circle if the joint errors of an effect are delayed by
-        each of c healthy-sized stamp effects; zero at targets."""
+        """Return the change (N, c) of the whitened readings of a circle if the joint errors of an effect are delayed
+        by each of c healthy-sized stamp effects; zero at targets.
+        """
         stamps = late_stamps()
         if not self.block.sampling:
             return np.zeros((len(self.block.y_mm), len(stamps)))
@@ -364,8 +364,9 @@ class SimulatedBlock:
         return self.block.whitened(np.einsum("mka,mac->mkc", self.slopes, change))
 
     def scattered(self, effect: Effect) -> Array:
-        """Return the change (N, 1) of the whitened readings of a circle if the joint errors of an effect are averaged
-        over an earlier and a later time, as for scattering stamps; zero at targets."""
+        """Return the change (N, 1) of the whitened readings of a circle if the joint errors of an effect are
+        averaged over an earlier and a later time, as for scattering stamps; zero at targets.
+        """
         if not self.block.sampling:
             return np.zeros((len(self.block.y_mm), 1))
         early = _early((*self.block.model.effects, *self.reference))
@@ -399,7 +400,7 @@ class SimulatedBlock:
                     continue
                 if effect.STAGE == "joint":
                     error = self._error(early, effect)
-                    # A product with few rows takes a quarter of the time of numpy's `any` along many short ones.
+                    # For a few rows, a matrix product takes a quarter of the time of numpy's `any` along the axis.
                     for axis in np.flatnonzero(np.ones(len(error)) @ (error != 0)).tolist():
                         added[k] += self._slopes_of_axes[axis] * error[self.block.samples, axis, None]
                 else:

@@ -33,7 +33,7 @@ class ArmFit:
 
 @dataclass(frozen=True)
 class FittingArm(Tabular):
-    """Two arms compared with the same runs, and doubts in words."""
+    """Two arms compared with the same runs, and doubts as text."""
 
     fits: tuple[ArmFit, ArmFit]
     runs: tuple[str, ...]
@@ -52,11 +52,11 @@ class FittingArm(Tabular):
         return worse / best if best > 0 else np.inf
 
     def to_table(self) -> pa.Table:
-        """A row for each arm: file, rms_um, largest_um."""
+        """Return a row for each arm: file, rms_um, largest_um."""
         return table_of_rows(("file", "rms_um", "largest_um"), [asdict(fit) for fit in self.fits])
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain types: the output of `rig compare ARM ARM RUN… --json`."""
+        """Return plain types: the output of `rig compare ARM ARM RUN… --json`."""
         plain: dict[str, Any] = for_json(
             {
                 "fits": [asdict(fit) for fit in self.fits],
@@ -70,8 +70,10 @@ class FittingArm(Tabular):
 
 
 def fitting_arm(runs: Sequence[Measured], arms: Sequence[tuple[str, Rig]]) -> FittingArm:
-    """Return the residual of runs of (m, k) mm for each of two arms, given with file names. Raises FileError for an
-    arm with another number of axes than the runs."""
+    """Return the residual of runs of (m, k) mm for each of two arms, given with file names.
+
+    Raises FileError for an arm whose number of axes differs from the runs.
+    """
     first, second = (_fit(runs, file, rig) for file, rig in arms)
     return FittingArm((first[0], second[0]), tuple(run.run.manifest.name for run in runs), first[1])
 

@@ -1,6 +1,6 @@
 """Effects requested by the user: names with places, as NAME:PLACE,NAME:PLACE, or names only.
 
-A name without a place means all axes, or both gauges. Each effect defines the notation of its place.
+If the place is omitted, the name means all axes, or both gauges. Each effect defines the notation of its place.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ _AXES = ("axis", "from_axis", "to_axis")
 
 
 def parse_effects(words: str, axes: int = 6) -> list[Effect]:
-    """Parse a list of effects for an arm, each once, at their initial sizes: zero or, for non-negative ones, half a
+    """Parse a list of effects for an arm, each once, at their initial sizes: zero or, for non-negative effects, half a
     healthy size.
 
     Raises UseError for an unknown effect or place.
@@ -47,8 +47,8 @@ def parse_effects(words: str, axes: int = 6) -> list[Effect]:
 
 
 def given_effects(words: str, axes: int = 6) -> list[Effect]:
-    """Return the effects of a list for an arm, each once, a wave with the initial phase of its fit. Raises UseError
-    like
-    `parse_effects`."""
+    """Return the distinct effects of a list for an arm; a wave has the initial phase of the fit. Raises UseError
+    like `parse_effects`.
+    """
     quarters = {quarter for effect in parse_effects(words, axes) for quarter in phases(effect)[1:]}
     return [effect for effect in parse_effects(words, axes) if effect not in quarters or not is_wave(effect)]

@@ -1,8 +1,8 @@
 """Known socket distances as additional readings, each connecting the set-ups of two sockets.
 
-Touches of one ball cannot show a common scale of all arm lengths: the sockets are then proportionally further apart. A
+Touches of a single ball cannot show a common scale of all arm lengths, because the socket positions scale with them. A
 known distance shows it. It is a reading of two set-ups, independent of arm errors, with the scatter of two seated
-balls; its own error is common to all placements of the sockets.
+balls. The error of the distance is common to all placements of the sockets.
 """
 
 from __future__ import annotations
@@ -26,20 +26,22 @@ _SD_MM = float(np.sqrt(2.0)) * SEAT_MM
 @dataclass(frozen=True)
 class KnownDistances:
     """Known distances between the sockets of touches: `pairs` (t) of set-up names, and `distances` (t) of the rig
-    file."""
+    file.
+    """
 
     pairs: tuple[tuple[str, str], ...]
     distances: tuple[SocketDistance, ...]
 
     def residual(self, setups: Mapping[str, SetUp]) -> Array:
-        """Return the known distances less those of set-ups (t,), in standard deviations of their scatter."""
+        """Return the known distances minus those of set-ups (t,), in standard deviations of their scatter."""
         apart = [float(np.linalg.norm(_between(setups, pair))) for pair in self.pairs]
         stated_mm = [distance.distance_mm for distance in self.distances]
         return np.asarray((np.array(stated_mm) - np.array(apart)) / _SD_MM, dtype=float)
 
     def by_setup(self, setups: Mapping[str, SetUp], terms: Mapping[str, Sequence[int]], count: int) -> Array:
-        """Return the change (t, count) of the distances per mm of each set-up term, in the same unit; `terms`: of each
-        set-up, that of the socket first."""
+        """Return the change (t, count) of the distances per mm of each set-up term, in the same unit. `terms`: of
+        each set-up, with those of the socket first.
+        """
         slopes = np.zeros((len(self.pairs), count))
         for row, pair in zip(slopes, self.pairs, strict=True):
             away = _between(setups, pair)
@@ -50,14 +52,14 @@ class KnownDistances:
 
     @property
     def scatter(self) -> Array:
-        """Return the response (t, c) to one standard uncertainty of each distance of the rig file, in the same unit."""
+        """Response (t, c) to a standard uncertainty of each distance of the rig file, in the same unit."""
         different = list(dict.fromkeys(self.distances))
         alike = np.array([[distance == other for other in different] for distance in self.distances], dtype=float)
         return alike.reshape(len(self.distances), len(different)) * [distance.u_mm / _SD_MM for distance in different]
 
 
 def known_distances_of(blocks: Sequence[Block]) -> KnownDistances:
-    """Return the known distances between sockets touched in one run, once for repeated runs of the same set-ups.
+    """Return the known distances between sockets touched in the same run, once for repeated runs of the same set-ups.
 
     Their rows follow the entries (N,) of the blocks.
     """
@@ -81,6 +83,6 @@ def _socket(block: Block) -> str:
 
 
 def _between(setups: Mapping[str, SetUp], pair: tuple[str, str]) -> Array:
-    """Return the vector (3,) mm from one socket to the other."""
+    """Return the vector (3,) mm from the first to the second socket."""
     first, second = (setups[name].T_instrument_world[:3, 3] for name in pair)
     return second - first

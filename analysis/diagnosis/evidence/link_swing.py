@@ -1,7 +1,8 @@
 """Vibration of the link, with a new phase in every run: searched in the time of each run instead of the circle angle.
 
-Because of the varying phase, repeats average it out and no fit along the circle detects it. All runs share its
-frequency, so the spectra of their deviations from the mean of repeats are added, each divided by its own noise.
+Because of the varying phase, the vibration averages out over repeats, and a fit along the circle cannot detect it. All
+runs share the frequency. The spectra of their deviations from the mean of repeats are therefore added, each divided by
+its noise.
 """
 
 from __future__ import annotations
@@ -22,28 +23,33 @@ _LOWEST_HZ = 2.0
 """Lowest frequency searched, in Hz. Chosen: slower motion is servo ripple and path error."""
 _NEAR_HZ = 1.0
 """Half width, in Hz, of the neighbourhood with constant spectral noise. Chosen: wide enough for a median over many
-frequencies."""
+frequencies.
+"""
 _FINER = np.linspace(-0.75, 0.75, 25)
-"""Fitted frequencies, in search steps around the largest line. The deviations lack the part common to the laps of all
-repeats, so their largest line may be next to the vibration. Chosen: a sixteenth of a step is 0.01 of a turn from the
-first to the last lap."""
+"""Fitted frequencies, in search steps around the largest line. The deviations lack the part common to the laps of
+all repeats, so their largest line may be next to the vibration. Chosen: a sixteenth of a step is 0.01 of a turn
+from the first to the last lap.
+"""
 _SEEN = 0.2
 """Minimum share of power visible in the deviations for fitting a combination of vibrations. If every lap meets the
 vibration at the same phase, the common part is invisible. Chosen: with a twentieth, a frequency next to the true one
 was preferred, because a hardly visible combination absorbed the rest."""
 
 _COMMON_SIGMA = 3.0
-"""Significance of the amplitude of whole runs beyond that of their deviations. Chosen: as for everything called
-certain."""
+"""Significance of the excess of the amplitude of complete runs over that of their deviations. Chosen: as for all
+certain results.
+"""
 _LOST = 0.05
-"""Largest relative uncertainty of the amplitude of whole runs caused by scattering stamps and varying phases.
-Chosen."""
+"""Largest relative uncertainty of the amplitude of complete runs caused by scattering stamps and varying phases.
+Chosen.
+"""
 
 
 @dataclass(frozen=True)
 class FoundVibration:
     """Vibration with parameter uncertainties and log evidence. `scatter_um`: rms contribution, per set-up, to the
-    scatter of one run with averaged laps."""
+    scatter of a run with averaged laps.
+    """
 
     effect: Effect
     amplitude_mm: float
@@ -53,7 +59,8 @@ class FoundVibration:
 
 
 def find_vibration(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp]) -> FoundVibration | None:
-    """Return the strongest vibration of all circles, None without repeated circles; the residual of a run is (m, 2) mm.
+    """Return the strongest vibration of all circles; None if no circle was repeated. The residual of a run is (m, 2)
+    mm.
 
     The common part of repeats is excluded: gear waves occur at the same angles in every run, a vibration at different
     times.
@@ -72,7 +79,8 @@ def find_vibration(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp]) -> 
     level = np.array([_noise_level(spectrum, _width(f)) for spectrum in power])
     over, count = np.sum(power / level, axis=0), len(deviations)
     k = int(np.argmax(over))
-    # Each run has its own amplitude and phase, so the sum of the powers of n runs has a gamma distribution of shape n.
+    # Each run has a separate amplitude and phase, so the sum of the powers of n runs has a gamma distribution of shape
+    # n.
     gain = float(over[k] - count - count * np.log(max(over[k] / count, 1.0))) - float(np.log(len(f)))
     near = f[k] + (f[1] - f[0]) * _FINER
     tried = [[group.fitted(frequency_hz) for group in groups] for frequency_hz in near.tolist()]
@@ -100,11 +108,11 @@ def find_vibration(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp]) -> 
 def _with_the_common_part(
     groups: Sequence[_Repeated], f: Array, frequency_hz: float, amplitude_mm: float, sd_mm: float
 ) -> tuple[float, float, float]:
-    """Return frequency, amplitude and its standard uncertainty of a vibration including the common part of all repeats.
+    """Return frequency, amplitude and standard uncertainty of a vibration, including the common part of all repeats.
 
     frequency_hz, amplitude_mm, sd_mm: from the deviations. f (F,): frequencies searched. A vibration synchronous with
-    the program has equal phase in every run, invisible in deviations. Other common parts, such as gear waves, are about
-    as large at adjacent frequencies.
+    the program has equal phase in every run and is invisible in deviations. Other common parts, such as gear waves,
+    have about the same size at adjacent frequencies.
     """
     near = int(np.argmin(np.abs(f - frequency_hz)))
     tried_hz = frequency_hz + (f[1] - f[0]) * _FINER
@@ -127,7 +135,7 @@ def _with_the_common_part(
 
 @dataclass(frozen=True)
 class _Deviation:
-    """Deviation left_mm (n,) of one run from the mean of its repeats, averaged over the gauges, at times t_s (n,) s."""
+    """Deviation left_mm (n,) of a run from the mean of its repeats, averaged over the gauges, at times t_s (n,) s."""
 
     t_s: Array
     left_mm: Array
@@ -135,7 +143,7 @@ class _Deviation:
 
     @cached_property
     def quick(self) -> Array:
-        """Deviation (n,) mm without slow changes."""
+        """Deviation (n,) mm after removal of slow changes."""
         slow = np.polynomial.Polynomial.fit(self.t_s, self.left_mm, 3)(self.t_s)
         return np.asarray(self.left_mm - slow, dtype=float)
 
@@ -154,22 +162,25 @@ class _Deviation:
 
 @dataclass(frozen=True)
 class _Repeated:
-    """Deviations of n repeated runs in one set-up; `wholes`: complete residuals instead of deviations from the mean."""
+    """Deviations of n repeated runs in the same set-up. `wholes`: complete residuals instead of deviations from the
+    mean.
+    """
 
     setup: str
     runs: tuple[_Deviation, ...]
     wholes: tuple[_Deviation, ...]
 
     def scatter_of(self, frequency_hz: float, waves: Array) -> float:
-        """Return the mean square in mm² added by vibrations with cosines and sines (n, 2) mm to one run, relative to
-        the mean of many."""
+        """Return the mean square in mm² added by vibrations with cosines and sines (n, 2) mm to a single run,
+        relative to the mean of many.
+        """
         laps = np.array(
             [deviation.mean_lap(frequency_hz) @ wave for deviation, wave in zip(self.runs, waves, strict=True)]
         )
         return float(np.mean((laps - laps.mean(axis=0)) ** 2)) * len(laps) / (len(laps) - 1)
 
     def fitted(self, frequency_hz: float) -> _Fit:
-        """Return the vibrations of all repeats. Each is part of the deviation of every other one through the mean."""
+        """Return the vibrations of all repeats. Through the mean, each affects the deviations of all other repeats."""
         count = len(self.runs)
         laps = [deviation.mean_lap(frequency_hz) / count for deviation in self.runs]
         normal, right = np.zeros((2 * count, 2 * count)), np.zeros(2 * count)
@@ -189,8 +200,9 @@ class _Repeated:
 
 @dataclass(frozen=True)
 class _Fit:
-    """Vibration with separate phases in n repeats: cosines and sines `waves` (n, 2) mm, explained energy in mm², number
-    of visible run combinations, and sum of the variances of the waves for a noise of 1 mm."""
+    """Vibration with separate phases in n repeats: cosines and sines `waves` (n, 2) mm, explained energy in mm²,
+    number of visible run combinations, and sum of the variances of the waves for a noise of 1 mm.
+    """
 
     waves: Array
     energy: float
@@ -236,7 +248,7 @@ def _width(f: Array) -> int:
 def _power(deviation: _Deviation, f: Array) -> Array:
     """Return |sum r exp(-i 2 pi f t)|² / n (F,) mm² at the uneven times of the laps."""
     t, r = deviation.t_s, deviation.quick
-    # Frequencies are evenly spaced, so each wave is the product of a coarse and a fine one.
+    # Frequencies are evenly spaced, so each wave is the product of a coarse and a fine wave.
     width = int(np.ceil(np.sqrt(len(f))))
     fine = np.exp(-2j * np.pi * np.outer(t, (f[1] - f[0]) * np.arange(width)))
     coarse = np.exp(-2j * np.pi * np.outer(f[::width], t))
@@ -244,8 +256,9 @@ def _power(deviation: _Deviation, f: Array) -> Array:
 
 
 def _noise_level(power: Array, width: int) -> Array:
-    """Return the mean noise of a spectrum (F,) around each frequency, from the median, which is not raised by a
-    line."""
+    """Return the mean noise of a spectrum (F,) around each frequency, from the median, which is robust against
+    lines.
+    """
     from scipy.ndimage import median_filter  # noqa: PLC0415 - slow to import
 
     return np.asarray(median_filter(power, size=2 * width + 1, mode="reflect") / np.log(2), dtype=float)

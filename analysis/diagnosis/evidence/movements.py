@@ -1,4 +1,4 @@
-"""A movement between runs, or between rows of one, as a diagnosis reports it."""
+"""A movement between runs, or between rows of a run, as reported by a diagnosis."""
 
 from __future__ import annotations
 
@@ -10,11 +10,13 @@ from rigs.schema.part import Vector
 
 @dataclass(frozen=True)
 class Movement:
-    """What moved before the first reading of `to`: a run, or a run and row. `translation_mm` and `rotation_deg` are in
-    the axes of the base, those of a tool in the axes of the flange; a zero of `axis` has `size_deg` alone. `u_mm` is
-    the standard uncertainty of the length of the shift, `u_deg` that of a zero, `u_rotation_deg` that of the turn.
-    `row`: row of the file of `run` from which it moved, None between runs. `of_tracker`: a base and its instrument are
-    not distinguished."""
+    """A movement before the first reading of `to`, which names a run, or a run and row.
+
+    `translation_mm` and `rotation_deg` refer to the axes of the base, for a tool to the axes of the flange. A zero of
+    `axis` has only `size_deg`. `u_mm` is the standard uncertainty of the length of the shift, `u_deg` of a zero,
+    `u_rotation_deg` of the rotation. `row`: row of the file of `run` from which it moved, None between runs.
+    `of_tracker`: a base and its instrument are not distinguished.
+    """
 
     from_: str
     to: str
@@ -33,7 +35,7 @@ class Movement:
     of_tracker: bool = False
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the movement as JSON has it."""
+        """Return plain types for JSON."""
         return {
             "from": self.from_, "to": self.to, "what": self.what, "axis": self.axis, "name": self.name or None,
             "translation_mm": self.translation_mm, "rotation_deg": self.rotation_deg, "size_deg": self.size_deg,

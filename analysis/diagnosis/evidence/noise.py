@@ -1,4 +1,6 @@
-"""Noise of runs from their repeats: scatter of joints and ball; noise of orders, runs and targets; and late stamps."""
+"""Noise of runs estimated from repeats: scatter of joints and ball; noise of orders, runs and targets; and late
+stamps.
+"""
 
 from __future__ import annotations
 
@@ -30,33 +32,36 @@ from rigs.schema.vocabulary import MOST_AXES
 # ----------------------------------------------------------------------------------------------------------------------
 # Scatter of joints and ball between runs, which moves all readings of a run together.
 #
-# The geometry of the arm determines the response of the readings. A part of the scatter is constant in a run; the rest
-# drifts
-# along it, like encoders and temperature, in a few waves of unknown phase. Repeated runs determine both.
+# The geometry of the arm determines the response of the readings. A part of the scatter is constant in a run. The rest
+# drifts along it, like encoders and temperature, in a few waves of unknown phase. Repeated runs determine both.
 
 SCATTER_DEG, SCATTER_MM = 0.0002, 0.001
-"""Unit of scatter of joints and ball in `scatter_response`, without influence on the result."""
+"""Unit of scatter of joints and ball in `scatter_response`. It has no influence on the result."""
 _MULTIPLES = np.array([0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0])
 """Scatter tried, in these units; the largest exceeds that of real cells, 0.005° and 20 µm. Chosen: factors of two,
-because few repeats do not separate closer ones and their average is used."""
+because few repeats do not separate closer values and their average is used.
+"""
 DRIFTING_SHARE = 0.5
 """Default share of a run's scatter energy that drifts along the run: encoders and warming move joints and ball
-smoothly. Chosen: one half."""
+smoothly. Chosen: a half.
+"""
 _SHARES = np.array([0.0, 0.3, 0.6, 0.9])
-"""Shares tried with repeats. Chosen: a few runs do not separate closer ones."""
+"""Shares tried with repeats. Chosen: a few runs do not separate closer values."""
 _JOINTS_AND_BALL = (slice(None, -3), slice(-3, None))
 """Columns of a response belonging to the joints, and to the ball."""
 _DRIFT_ORDERS = 3
 """Orders of the drift, in cycles per run. Chosen: slower than any joint motion of a circle."""
 _SEEN = 0.1
 """Size in noise standard deviations below which a combination of scattered terms is ignored. Chosen: it changes a
-variance by one hundredth."""
+variance by a hundredth.
+"""
 
 
 @dataclass(frozen=True)
 class RunScatter:
     """Scatter of the joints and of the ball between runs, in the units of `scatter_response`: constant in a run, and
-    drifting."""
+    drifting.
+    """
 
     joints: float
     ball: float
@@ -64,12 +69,13 @@ class RunScatter:
     drifting_ball: float
 
     def constant(self, terms: int) -> Array:
-        """Return the constant scatter (terms,), relative to its unit, of the joints and then of the ball, if
-        included."""
+        """Return the constant scatter (terms,), relative to the unit, of the joints and then of the ball, if
+        included.
+        """
         return _by_term(self.joints, self.ball, terms)
 
     def drifting(self, terms: int) -> Array:
-        """Return the drifting scatter (terms,), relative to its unit, in the same order."""
+        """Return the drifting scatter (terms,), relative to the unit, in the same order."""
         return _by_term(self.drifting_joints, self.drifting_ball, terms)
 
 
@@ -93,7 +99,7 @@ ASSUMED_SCATTER = RunScatter(
 def scatter_response(run: ObservedRun, setup: SetUp) -> Array:
     """Return the response of the readings, (m, k, axes + 3) mm, to a unit scatter of each joint and of the ball.
 
-    For poses, whose instrument frame is always fitted, of the joints only, (m, 3, axes).
+    For poses, whose instrument frame is always fitted, the response to the joints only, (m, 3, axes).
     """
     model, scene = run.model, moved(run.model, run.path)
     base, columns = predicted_in_scene(model, run, scene, setup), []
@@ -114,11 +120,11 @@ def drift_waves(share: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Repeated:
-    """Repeated runs of one test and direction.
+    """Repeated runs with the same test and direction.
 
     `rows` (n, N) mm of n runs; responses `response` (N, axes + 3) mm and `drifting` (w, N, axes + 3) mm to a unit
-    scatter; number of laps averaged in a row; `stamps` (N, s) mm: response to one standard deviation of stamp scatter
-    at a few angles.
+    scatter; number of laps averaged in a row; `stamps` (N, s) mm: response to a standard deviation of stamp scatter at
+    a few angles.
     """
 
     setup: str
@@ -134,20 +140,21 @@ class Repeated:
         return np.asarray(self.rows - self.rows.mean(axis=0), dtype=float)
 
     def of_laps(self) -> Repeated:
-        """Return only the laps, without standstills and the trend after their orders (N,)."""
+        """Return only the laps, excluding standstills and the trend, which follow the orders (N,)."""
         count = len(ORDER_OF)
         rows, drifting = self.rows[:, :count], self.drifting[:, :count]
         return replace(self, rows=rows, response=self.response[:count], drifting=drifting, stamps=self.stamps[:count])
 
     def noise(self, scatter: RunScatter, sd_mm: Array) -> tuple[Array, Array]:
-        """Return the expected noise part (n, N) mm of the deviations, for noise of sd_mm (N,), and its share (N,) of
-        the noise."""
+        """Return the expected noise part (n, N) mm of the deviations, for noise of sd_mm (N,), and the share (N,) of
+        the noise.
+        """
         columns, taken = self._regression(scatter, sd_mm)
         noise: Array = self.apart - (self.apart / sd_mm) @ taken.T @ columns.T * sd_mm
         return noise, 1 - np.einsum("nc,cn->n", columns, taken)
 
     def without_stamps(self, scatter: RunScatter, sd_mm: Array) -> Array:
-        """Return the deviations (n, N) mm without the expected contribution of stamps, for noise of sd_mm (N,)."""
+        """Return the deviations (n, N) mm minus the expected contribution of stamps, for noise of sd_mm (N,)."""
         if not self.stamps.size:
             return self.apart
         _, taken = self._regression(scatter, sd_mm)
@@ -155,8 +162,9 @@ class Repeated:
         return self.apart - (self.apart / sd_mm) @ stamps.T @ self.stamps.T
 
     def _regression(self, scatter: RunScatter, sd_mm: Array) -> tuple[Array, Array]:
-        """Return the response (N, c) to one standard deviation of scatter and stamps, relative to the noise sd_mm (N,),
-        and the estimator (c, N) of their coefficients."""
+        """Return the response (N, c) to a standard deviation of scatter and stamps, relative to the noise sd_mm
+        (N,), and the estimator (c, N) of their coefficients.
+        """
         scattered = scatter_columns(self.response, self.drifting, scatter)
         columns = np.concatenate([scattered, self.stamps], axis=1) / sd_mm[:, None]
         normal = columns.T @ columns
@@ -164,8 +172,9 @@ class Repeated:
         return columns, np.asarray(np.linalg.solve(normal, columns.T), dtype=float)
 
     def whitened(self, sd_mm: Array) -> tuple[Array, Array, Array]:
-        """Return deviations (n, N), constant response (N, c) and drifting response (w, N, c) in standard deviations of
-        noise sd_mm (N,) and stamps combined."""
+        """Return deviations (n, N), constant response (N, c) and drifting response (w, N, c) in standard deviations
+        of noise sd_mm (N,) and stamps combined.
+        """
         directions, size, _ = np.linalg.svd(self.stamps / sd_mm[:, None], full_matrices=False)
         less = directions * (1 - 1 / np.sqrt(1 + size**2))
 
@@ -177,14 +186,17 @@ class Repeated:
 
 
 def scatter_columns(constant: Array, drifting: Array, scatter: RunScatter) -> Array:
-    """Return the response (N, c + c w) mm to one standard deviation of scatter, from constant (N, c) and drifting
-    (w, N, c) mm."""
+    """Return the response (N, c + c w) mm to a standard deviation of scatter, from constant (N, c) and drifting (w,
+    N, c) mm.
+    """
     terms = constant.shape[1]
     return np.concatenate([constant * scatter.constant(terms), *(drifting * scatter.drifting(terms))], axis=1)
 
 
 def without_unseen(columns: Array, sd_mm: Array) -> Array:
-    """Return columns (N, r) mm with the covariance of columns (N, c), without parts far below the noise sd_mm (N,)."""
+    """Return columns (N, r) mm with the covariance of columns (N, c), omitting parts much smaller than the noise
+    sd_mm (N,).
+    """
     directions, size, _ = np.linalg.svd(columns / sd_mm[:, None], full_matrices=False)
     seen = size > _SEEN
     return np.asarray(directions[:, seen] * size[seen] * sd_mm[:, None], dtype=float)
@@ -192,13 +204,14 @@ def without_unseen(columns: Array, sd_mm: Array) -> Array:
 
 def unscattered(apart: Array, columns: Array) -> tuple[Array, Array]:
     """Return the part (n, N) mm of deviations (n, N) mm that columns (N, c) cannot explain, and its share (N,) of
-    the noise."""
+    the noise.
+    """
     span = _span_of(columns)
     return apart - (apart @ span) @ span.T, 1 - (span**2).sum(axis=1)
 
 
 def _span_of(columns: Array) -> Array:
-    """Return an orthonormal basis of columns (N, c), without nearly zero directions."""
+    """Return an orthonormal basis of columns (N, c), omitting nearly zero directions."""
     squares, directions = np.linalg.eigh(columns.T @ columns)
     seen = squares > 1e-6 * squares[-1]
     return np.asarray(columns @ (directions[:, seen] / np.sqrt(squares[seen])), dtype=float)
@@ -230,52 +243,58 @@ def scatter_of(repeated: Sequence[tuple[Repeated, Array]]) -> RunScatter:
 # ----------------------------------------------------------------------------------------------------------------------
 # Noise of the readings from repeats: of each order of a circle, of each run and of each target.
 #
-# Repeated runs separate it from the scatter of joints and ball between runs (`RunScatter`). The noise of a set-up has
-# one shape
-# over the orders, and a level per run, for slow and fine orders, and for sum and difference of the gauges. Without
-# repeats, the
-# noise of real cells is assumed (`analysis.runs.noise.cell_noise`).
+# Repeated runs separate it from the scatter of joints and ball between runs (`RunScatter`). The noise of a set-up has a
+# common shape over the orders, and a level per run, for slow and fine orders, and for sum and difference of the gauges.
+# If no runs are repeated, the noise of real cells is assumed (`analysis.runs.noise.cell_noise`).
 
 _BANDS = (0, 4, 8, 12, 18, 30, 50, 90, 150, len(ORDER_OF))
 """Edges of the bands of orders with pooled noise. Chosen: wide enough for several degrees of freedom per band with
-two repeats."""
+two repeats.
+"""
 _SLOW = 30
-"""Orders below this share a level, and so do those above: servo ripple and path errors are slow, probe noise is not.
-Chosen."""
+"""Orders below this share a level, and so do the orders above: servo ripple and path errors are slow, probe noise is
+not. Chosen.
+"""
 _SLOW_CORNER = 5.0
-"""Order at which assumed slow noise has half its power: a correlation time of 1.5 s in a lap of 45 s, within the 0.1 to
-5 s of real cells."""
+"""Order at which assumed slow noise has half its power: a correlation time of 1.5 s in a lap of 45 s, within the 0.1
+to 5 s of real cells.
+"""
 _NOISE_ROUNDS = 4
-"""Rounds of alternating noise and scatter estimates. Chosen: a further round changes the noise by less than its
-uncertainty."""
+"""Rounds of alternating noise and scatter estimates. Chosen: a further round changes the noise by less than the
+uncertainty.
+"""
 _BORROWED = 4.0
-"""Degrees of freedom contributed by the finer neighbour of a band. Chosen: as for targets, fewer than those of a band
-without scatter."""
+"""Degrees of freedom contributed by the finer neighbour of a band. Chosen: as for targets, fewer than in a band with
+no scatter.
+"""
 _LEAST_MM = 1e-5
-"""Smallest standard deviation of an entry, far below any gauge, so that exact repeats do not give infinite weights."""
+"""Smallest standard deviation of an entry, well below any gauge, so that exact repeats do not give infinite weights."""
 _LEAST_FREE = 0.1
-"""Smallest remaining share of a reading after removing the scatter of a run. Chosen: limits the correction to a factor
-of about three."""
+"""Smallest remaining share of a reading after removing the scatter of a run. Chosen: limits the correction to a
+factor of about three.
+"""
 _LEAST_LEVEL = 1e-6
 """Smallest level of a run, so that an exactly repeated run does not get infinite weight."""
 _AGREEMENT = 4.0
-"""Degrees of freedom contributed by all targets together to the variance of one (Smyth 2004). Chosen: permits the
-tenfold differences between targets of real cells."""
+"""Degrees of freedom contributed by all targets together to the variance of a single target (Smyth 2004). Chosen:
+permits the tenfold differences between targets of real cells.
+"""
 LEAST_ASSUMED = (TARGET_MM.low / TARGET_MM.rms) ** 2
-"""Smallest power of assumed noise, relative to its mean: the lower bound of real cells."""
+"""Smallest power of assumed noise, relative to the mean: the lower bound of real cells."""
 
 
 @dataclass(frozen=True)
 class CircleNoise:
-    """Noise of circles. `sd_mm`: array (n, N) per block. `scattered`: scatter of each set-up. `measured`: whether it
-    comes from repeats."""
+    """Noise of circles. `sd_mm`: array (n, N) per block. `scattered`: scatter of each set-up. `measured`: the noise
+    is estimated from repeats.
+    """
 
     sd_mm: tuple[Array, ...]
     scattered: dict[str, RunScatter]
     measured: bool
 
     def scatter(self, setup: str) -> RunScatter:
-        """Return the scatter of a set-up; without repeated circles the average of all."""
+        """Return the scatter of a set-up; the average of all if the set-up has no repeated circles."""
         if setup in self.scattered:
             return self.scattered[setup]
         squares = np.array([astuple(scatter) for scatter in self.scattered.values()]) ** 2
@@ -309,7 +328,7 @@ def circle_noise(groups: Sequence[Repeated], averaged: float) -> CircleNoise:
     for setup, members in repeated.items():
         levels, scattered[setup] = _setup_noise([groups[k] for k in members])
         sd_mm.update(zip(members, levels, strict=True))
-    # A run without repeats takes the noise of its set-up, or otherwise of all.
+    # A run with no repeats takes the noise of the set-up, or otherwise of all.
     every = list(sd_mm)
     for k, group in enumerate(groups):
         lenders = repeated.get(group.setup, every)
@@ -321,7 +340,7 @@ def circle_noise(groups: Sequence[Repeated], averaged: float) -> CircleNoise:
 def _setup_noise(every: Sequence[Repeated]) -> tuple[list[Array], RunScatter]:
     """Return the noise (n, N) mm of the runs of each repeated group of a set-up, and their scatter.
 
-    Noise and scatter are estimated alternately, each after removing the other; the first round takes the noise from the
+    Noise and scatter are estimated alternately, each after removing the other. The first round takes the noise from the
     part that scatter cannot explain.
     """
     parts = [unscattered(runs.apart, np.concatenate([runs.response, *runs.drifting], axis=1)) for runs in every]
@@ -353,11 +372,10 @@ def _bands() -> list[Integers]:
 
 
 def _shape(unexplained: Sequence[Array], free: Sequence[Array]) -> Array:
-    """Return the standard deviation (N,) of runs at level one, by channel and band, of the part unexplained by scatter.
+    """Return the standard deviation (N,) of runs at level 1, by channel and band, of the part unexplained by scatter.
 
-    Scatter may hide nearly all of the slowest orders, and few repeats leave every band uncertain. So each band includes
-    its finer
-    neighbour as additional readings: slow noise increases towards slow orders.
+    Scatter may hide nearly all of the slowest orders, and few repeats leave every band uncertain. Each band therefore
+    includes the finer neighbour as additional readings: slow noise increases towards slow orders.
     """
     squares = np.asarray(sum((rows**2).sum(axis=0) for rows in unexplained))
     freedom = np.asarray(sum((len(rows) - 1) * share for rows, share in zip(unexplained, free, strict=True)))
@@ -365,7 +383,7 @@ def _shape(unexplained: Sequence[Array], free: Sequence[Array]) -> Array:
     for band in reversed(_bands()):
         extra = _BORROWED if ORDER_OF[band].max() < ORDER_OF.max() else 0.0
         seen = freedom[band].sum() + extra
-        # Its scaled inverse chi-square has a mean of about 1 + 2/ν.
+        # The scaled inverse chi-square has a mean of about 1 + 2/ν.
         variance = (squares[band].sum() + extra * finer) / seen * (1 + 2 / seen)
         shape[band], finer = np.sqrt(variance), variance
     return np.maximum(shape, _LEAST_MM)
@@ -411,41 +429,41 @@ def target_sd(rows_mm: Array, response: Array, alike: NDArray[np.int64]) -> tupl
             freedom[visits] = group.size - 1
     if not away:
         return np.full(rows.shape[1], TARGET_MM.rms), False
-    # A median is robust against heavy tails and outliers; the target's own scatter then enters with its weight.
+    # A median is robust against heavy tails and outliers. The scatter of each target is then combined with it by
+    # weight.
     common = max(1.4826 * float(np.median(np.abs(np.concatenate(away)))), 10 * _LEAST_MM)
     sd: Array = np.sqrt((_AGREEMENT * common**2 + squares) / (_AGREEMENT + freedom))
     return sd, True
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# Noise of stamps where readings change within milliseconds: while a joint crosses wide backlash, a stamp a millisecond
-# late is
-# an error of a tenth of a millimetre.
+# Noise of stamps during changes of the readings within milliseconds: while a joint crosses wide backlash, a stamp
+# delayed by a millisecond causes an error of a tenth of a millimetre.
 #
 # Elsewhere, scattering stamps add uniform noise, visible in repeats. Here a few angles carry a thousand times as much,
-# which
-# would raise the noise of all orders.
+# which would raise the noise of all orders.
 
 _RARE = 5.0
-"""Ratio of the noise of an angle to the median of a lap for separate treatment. Chosen: the steepest part of a wave has
-1.4
-times its median, so gear errors are left to the noise of the orders; with ten times, the slower half of a crossing was
-too."""
+"""Ratio of the noise of an angle to the median of a lap for separate treatment. Chosen: the steepest part of a wave
+has 1.4 times its median, so gear errors remain in the noise of the orders. With a ratio of ten, the slower half
+of a crossing remained there too.
+"""
 _MOST = GRID // 16
-"""Largest number of angles of a lap treated separately, those with most noise. Chosen: with backlash and a spike of 45
-healthy sizes up to 60 angles have such noise, but twice as many columns lower the noise of the orders by only a few per
-cent."""
+"""Largest number of angles of a lap treated separately, selected by noise. Chosen: with backlash and a spike of 45
+healthy sizes, up to 60 angles have such noise, but twice as many columns lower the noise of the orders by only a
+few per cent.
+"""
 _LEAST_LATE_MM = 1e-4
 """Noise in mm below which no angle is treated separately: a digit of the finest gauges of such a link."""
 
 
 def stamp_noise(samplings: Sequence[Sampling], t_s: Sequence[Array], readings_mm: Sequence[Array]) -> Array:
-    """Return the response of the entries of a lap to one standard deviation of stamp scatter, (N, c) mm: a column for
+    """Return the response of the entries of a lap to a standard deviation of stamp scatter, (N, c) mm: a column for
     each angle of the grid with fast changes.
 
-    The readings of the model, (m, 2) mm at times (m,) s for each of some repeated runs, give the rate of change; the
+    The readings of the model, (m, 2) mm at times (m,) s for each of several repeated runs, give the rate of change. The
     stamps of these runs are assumed to scatter equally. Rows of fast gauges are means of many readings with less
-    scatter, but a crossing shorter than a row causes an error of this size in them too.
+    scatter, but a crossing shorter than a row causes an error of this size in such rows, too.
     """
     laps, none = [], np.zeros((1, 2))
     for sampling, t, readings in zip(samplings, t_s, readings_mm, strict=True):

@@ -1,7 +1,7 @@
 """Runs in the form of a fit: readings to explain, path, laps, standstills and joint ranges.
 
-A run is a table with its relevant readings; in a diagnosis it has a smooth path, its lap and its standstills, so that
-it can be compared with its repeats. The joint ranges of runs limit the validity of a model.
+A run is a table with the relevant readings. In a diagnosis it has a smooth path, a lap and standstills, so that it can
+be compared with repeats. The joint ranges of runs limit the validity of a model.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class ObservedRun:
 
     `rows` (m,): table rows of the readings used. `values` (m, k) mm: readings. Runs with equal set-up names share a
     set-up. In a diagnosis the path of a circle is smooth, and the rows of standstills follow those of the lap, which
-    `sampling` contains as orders; `wild`: number of readings replaced by interpolation; `step_mm`: quantisation of the
+    `sampling` contains as orders. `wild`: number of readings replaced by interpolation. `step_mm`: quantisation of the
     coarser gauge.
     """
 
@@ -83,8 +83,9 @@ class ObservedRun:
 
     @property
     def on_lap(self) -> ObservedRun:
-        """Return the run of (m, k) mm used for stating errors: for a circle only the lap, because standstills would
-        count one place hundreds of times."""
+        """The run of (m, k) mm used for stating errors: for a circle only the lap, because a standstill would count
+        the same place hundreds of times.
+        """
         if self.sampling is None:
             return self
         lap = slice(len(self.sampling.phi))
@@ -92,8 +93,10 @@ class ObservedRun:
 
 
 def observe(model: Model, table: Table, where: str) -> ObservedRun:
-    """Return a table with its path and, for a circle, the readings of its laps; values are (m, k) mm. Raises FileError
-    for a table that is not a circle of the rig, or has no joint angles."""
+    """Return a table with path and, for a circle, the readings of the laps; values are (m, k) mm.
+
+    Raises FileError for a table that is not a circle of the rig, or has no joint angles.
+    """
     if table.kind.without_joints:
         raise table.kind.refused(where)
     rows = table.kind.rows_used(table, model.rig, where)
@@ -101,7 +104,7 @@ def observe(model: Model, table: Table, where: str) -> ObservedRun:
 
 
 def with_placement(run: ObservedRun, placement: str) -> ObservedRun:
-    """Return the run, of (m, k) mm, with the set-up of a named placement; without a name, that of the test."""
+    """Return the run, of (m, k) mm, with the set-up of a named placement; if the name is empty, of the test."""
     return replace(run, setup=f"{run.setup} at {placement}") if placement else run
 
 
@@ -110,7 +113,7 @@ _SOCKET = ", socket "
 
 
 def without_socket(setup: str) -> str:
-    """Return the placement name of a set-up, without the socket of touches."""
+    """Return the placement name of a set-up, omitting the socket of touches."""
     return setup.partition(_SOCKET)[0]
 
 
@@ -134,7 +137,7 @@ def part(run: ObservedRun, keep: Mask) -> ObservedRun:
 
 
 def parts(runs: Sequence[ObservedRun], keep: Mask) -> list[ObservedRun]:
-    """Return the runs with the readings (m, k) of the mask `keep` over the rows of all runs, without empty ones."""
+    """Return the nonempty runs with the readings (m, k) of the mask `keep` over the rows of all runs."""
     kept, begin = [], 0
     for run in runs:
         own = keep[begin : begin + len(run.rows)]
@@ -145,8 +148,11 @@ def parts(runs: Sequence[ObservedRun], keep: Mask) -> list[ObservedRun]:
 
 
 def in_content_order(run: ObservedRun) -> ObservedRun:
-    """Return places with their readings (m, 3) mm sorted by what the rows say, so that nothing depends on the order of
-    a table without times; other runs unchanged. The table keeps the order of its file."""
+    """Return a run of places with the readings (m, 3) mm sorted by row contents, so that no result depends on the row
+    order of a table without times.
+
+    Other runs are unchanged. The table keeps the order of the file.
+    """
     if not run.table.kind.of_places:
         return run
     rank = np.argsort(content_order(run.table))
@@ -155,7 +161,7 @@ def in_content_order(run: ObservedRun) -> ObservedRun:
 
 
 def thinned(run: ObservedRun, most: int) -> ObservedRun:
-    """Return a circle with at most `most` (m,) of its readings, evenly spaced, to be simulated."""
+    """Return a circle with at most `most` (m,) of its readings, evenly spaced, for simulation."""
     kept = np.argsort(run.rows)[:: -(-len(run.rows) // most)]
     path = replace(run.path, rows=run.samples[kept], alone=True)
     return replace(run, path=path, rows=np.arange(len(kept)), values=run.values[kept])
@@ -213,7 +219,7 @@ def outside_coverage(covered: Sequence[JointRange], q_rad: Array, run: str) -> l
 
 
 def outside_effect_coverage(effects: Sequence[Effect], q_rad: Array, run: str) -> list[str]:
-    """Return these messages for the effects of a rig file, each with its own range; angles are (n, 6) rad."""
+    """Return these messages for the effects of a rig file, each with a separate range; angles are (n, 6) rad."""
     covered = [effect.found.joints_deg for effect in effects if effect.found and effect.found.joints_deg]
     if not covered:
         return []
@@ -225,10 +231,8 @@ def outside_effect_coverage(effects: Sequence[Effect], q_rad: Array, run: str) -
 # Smoothing of reported angles, which removes the steps of their last digit.
 #
 # A controller rounds the reported angles, for example to 1e-4 degrees. At a reach of one metre that equals the noise of
-# a
-# gauge, and a model following the steps would explain them by gauge errors. An arm on a circle moves smoothly, so a
-# local
-# parabola over a fifth of a second to either side replaces the angles of the lap.
+# a gauge, and a model following the steps would explain them by gauge errors. An arm on a circle moves smoothly. A
+# local parabola over a fifth of a second to either side therefore replaces the angles of the lap.
 
 _HALF_WIDTH_S = 0.2
 """Half width of the local parabola in seconds. Chosen: longer than several samples at 50 Hz, and shorter than a
@@ -236,7 +240,7 @@ joint reversal."""
 
 
 def smooth_path(run: ObservedRun) -> ObservedRun:
-    """Return a circle with its path (n, 6) rad smoothed; other runs unchanged."""
+    """Return a circle with the path (n, 6) rad smoothed; other runs unchanged."""
     if not run.table.kind.swept:
         return run
     # A parabola overshoots at start and stop, and would create reversals, so only laps are smoothed.
@@ -249,7 +253,7 @@ def smooth_path(run: ObservedRun) -> ObservedRun:
     weight = np.where(inside & (np.abs(x) < 1), 1 - x**2, 0.0)  # Epanechnikov's kernel
     powers = np.stack([np.ones_like(x), x, x**2], axis=2)
     normal = np.einsum("nw,nwi,nwj->nij", weight, powers, powers) + 1e-12 * np.eye(3)
-    # Only the central value is needed, so one row of the inverse gives the weights of the samples.
+    # Only the central value is needed, so a single row of the inverse gives the weights of the samples.
     row = np.linalg.solve(normal, np.broadcast_to(np.eye(3)[:, :1], (len(t_s), 3, 1)))[:, :, 0]
     share = weight * np.einsum("ni,nwi->nw", row, powers)
     smooth = q.copy()
@@ -268,8 +272,9 @@ ORDERS = GRID // 2
 ORDER_OF: Integers = np.tile(np.concatenate([[0], np.arange(1, ORDERS), np.arange(1, ORDERS)]), 2)
 """Order of each entry of a circle's vector: first for the sum of the gauges, then for their difference."""
 STAMP_SCATTER = 0.25
-"""Standard deviation of possible stamp scatter, relative to the sampling interval. Chosen: with a quarter, one reading
-in 400 passes the next."""
+"""Standard deviation of possible stamp scatter, relative to the sampling interval. Chosen: with a quarter, one
+reading in 400 passes the next.
+"""
 _ROWS = 2 * GRID
 """Rows per lap sufficient for its orders; the rows of faster gauges are averaged."""
 _STANDS = 0.02
@@ -281,8 +286,9 @@ within a row."""
 _LEAST_STAND = 3
 """Minimum rows of a standstill. Chosen: fewer give no mean."""
 TREND_ORDERS = 4
-"""Orders of the trend between laps: a growing ball, gauge or arm changes readings in orders 0 and 1, and an eccentric
-ball adds the next. Chosen: twice as many."""
+"""Orders of the trend between laps: a growing ball, gauge or arm changes readings in orders 0 and 1, and an
+eccentric ball adds the next. Chosen: twice as many.
+"""
 ORDER_OF_TREND: Integers = np.tile(np.concatenate([np.arange(TREND_ORDERS), np.arange(1, TREND_ORDERS)]), 2)
 """Order of each trend entry, in the order of `ORDER_OF`."""
 _OF_TREND: Integers = np.flatnonzero(ORDER_OF < TREND_ORDERS)
@@ -293,14 +299,10 @@ class Sampling:
     """Conversion of a circle's rows to a vector.
 
     For each of L laps, `before` and `after` (L, GRID): rows next to each grid angle; `share` (L, GRID): weight of the
-    latter.
-    `phi` (n,) rad: circle angles of the laps' rows, which come first. `stands`: rows of the standstills before and
-    after the lap;
-    `stand_share` (len(stands),): their number in grid steps. `trend` (L,): weights of the laps in the change between
-    laps, with
-    the noise of one lap; empty for a single lap. `bridged`: first and last (possibly negative, or of the next turn) of
-    the grid
-    angles at the start of the laps, interpolated from their neighbours.
+    latter. `phi` (n,) rad: circle angles of the laps' rows, which come first. `stands`: rows of the standstills before
+    and after the lap; `stand_share` (len(stands),): their number in grid steps. `trend` (L,): weights of the laps in
+    the change between laps, with the noise of a lap; empty for a single lap. `bridged`: first and last (possibly
+    negative, or of the next turn) of the grid angles at the start of the laps, interpolated from their neighbours.
     """
 
     before: Integers
@@ -353,8 +355,9 @@ class Sampling:
         return np.sqrt(variance).reshape(GRID, *sd.shape[1:])
 
     def vector(self, values: Array) -> Array:
-        """Return readings (m, 2, …) of two gauges as entries (N, …): orders of sum and difference (unitary), means over
-        standstills, and slow orders of the trend between laps."""
+        """Return readings (m, 2, …) of two gauges as entries (N, …): orders of sum and difference (unitary), means
+        over standstills, and slow orders of the trend between laps.
+        """
         parts = [by_orders(self.gridded(values))]
         for rows in self.stands:
             parts += _channels(values[rows].mean(axis=0, keepdims=True))
@@ -391,16 +394,16 @@ class Sampling:
         return replace(self, stands=(), stand_share=np.empty(0))
 
     def without_trend(self) -> Sampling:
-        """Return the sampling of the mean lap without the trend (0,)."""
+        """Return the sampling of the mean lap, with an empty trend (0,)."""
         return replace(self, trend=np.empty(0))
 
 
 def bridging(samplings: Sequence[Sampling]) -> list[Sampling]:
     """Return the samplings of repeated laps with the same grid angles bridged at their start.
 
-    A joint may end a lap a turn away from its start, with a step of angle-dependent errors of a tenth of a millimetre.
-    Repeats begin within a row of each other, so at one grid angle some would show the end of their laps and others the
-    beginning. Laps with distant starts are unchanged.
+    A joint may end a lap a full turn away from the start, with a step of angle-dependent errors of a tenth of a
+    millimetre. Repeats start within a row of each other. At the same grid angle, some would show the end of the lap and
+    others the start. Laps with distant starts are unchanged.
     """
     first = samplings[0].begin
     offsets = [(sampling.begin - first + GRID / 2) % GRID - GRID / 2 for sampling in samplings]
@@ -439,8 +442,10 @@ def _channels(values: Array) -> tuple[Array, Array]:
 
 
 def observe_run(model: Model, table: Table, where: str) -> ObservedRun:
-    """Return a run's table as an observed run, with readings (m, k) mm. Raises FileError for a table that is not a
-    circle of the rig."""
+    """Return a run's table as an observed run, with readings (m, k) mm.
+
+    Raises FileError for a table that is not a circle of the rig.
+    """
     if not isinstance(table, CircleTable):
         return observe(model, table, where)
     sound = without_wild(table)
@@ -480,7 +485,8 @@ def without_wild(table: CircleTable) -> CircleTable:
 
 def averaged(table: CircleTable, count: int) -> CircleTable:
     """Return a circle with each `count` rows (count, …) averaged, which limits the cost of fast gauges; incomplete
-    groups at the end are omitted."""
+    groups at the end are omitted.
+    """
     if count < 2:
         return table
     whole = len(table.t_s) // count * count
@@ -509,7 +515,7 @@ def sampling_of(phi: Array, stands: tuple[Integers, ...], stand_share: Array) ->
         step = (angle[later] - angle[later - 1]) % (2 * np.pi)
         part = ((grid - angle[later - 1]) % (2 * np.pi)) / np.where(step > 0, step, 1.0)
         before[lap], after[lap], share[lap] = order[later - 1], order[later], np.clip(part, 0, 1)
-    # The trend is the change between laps, of length one.
+    # The trend is the change between laps, normalised to length 1.
     weights = np.arange(laps) - (laps - 1) / 2
     trend = weights / np.linalg.norm(weights) if laps > 1 else np.empty(0)
     return Sampling(before.astype(np.intp), after.astype(np.intp), share, phi, stands, stand_share, trend)

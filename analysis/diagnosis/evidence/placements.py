@@ -1,13 +1,13 @@
 """Placements: runs that share a set-up.
 
-Runs of one test and placement share a set-up unless their readings show a move. A placement has a name if the user gave
-one during recording or import; otherwise the readings decide.
+Runs with the same test and placement share a set-up unless their readings show a move. A placement has a name if the
+user entered it during recording or import; otherwise the readings decide.
 
-Circles of one direction repeat each other, so model errors displace their balls equally, and balls further apart than
-the scatter of a real cell were mounted separately. Backlash shifts the ball of one direction relative to the other, so
-frames of both directions are matched only. Runs at targets, and poses, that cannot share a rigid frame have far larger
-residuals together than separately. Poses of all placements share the target on the tool, so a placement of few poses
-only needs its frame from them; the data proves a moved reflector.
+Circles of the same direction repeat each other, so model errors displace their balls equally, and balls further apart
+than the scatter of a real cell were mounted separately. Backlash shifts the ball of a direction relative to the other,
+so frames of both directions are only matched. Runs at targets, and poses, that cannot share a rigid frame have much
+larger residuals together than separately. Poses of all placements share the target on the tool, so a placement of few
+poses only needs to determine the frame. The data can prove that a reflector was moved.
 """
 
 from __future__ import annotations
@@ -36,24 +36,30 @@ from rigs.errors import FileError
 from rigs.rig import Rig
 
 _APART = 3.0
-"""Ratio of the common residual of two runs to the separate ones, above which they have separate frames. Chosen: a wrong
-model increases both."""
+"""Ratio of the common residual of two runs to the separate residuals, above which they have separate frames. Chosen:
+a wrong model increases both.
+"""
 _APART_MM = 5 * BALL_MM.high
 """Minimum difference between these residuals: five times the largest scatter of a ball between runs in real cells."""
 _MOVED_MM = 3 * float(np.hypot(BALL_MM.high, 1000 * np.radians(JOINT_DEG.high)))
 """Change of the readings between repeated circles above which the ball was moved: three times the largest scatter of
-ball and joints of real cells, at the end of a one-metre arm."""
+ball and joints of real cells, at the end of a one-metre arm.
+"""
 _ENOUGH_ROWS = 256
-"""Number of readings of a circle used to locate its frame. Chosen: with a micrometre of noise they locate the ball to a
-tenth of a micrometre, and a moved ball is a thousand times further off."""
+"""Number of readings of a circle used to locate its frame. Chosen: with a micrometre of noise they locate the ball
+to a tenth of a micrometre, and a moved ball is a thousand times further off.
+"""
 TO_SPARE = 9
 """Surplus of readings over set-up terms required for a meaningful residual of a single run. Chosen: three poses of
-three coordinates."""
+three coordinates.
+"""
 
 
 def observe_runs(rig: Rig, runs: Sequence[Measured]) -> list[ObservedRun]:
-    """Return runs of (m, k) mm in the form of a fit, each with the set-up of its placement. Raises FileError for a run
-    of a different robot."""
+    """Return runs of (m, k) mm in the form of a fit, each with the set-up of the placement.
+
+    Raises FileError for a run of a different robot.
+    """
     model = model_of(rig)
     for run in runs:
         if not same_arm(arm_of(run.rig.robot), model.arm):
@@ -66,7 +72,8 @@ def observe_runs(rig: Rig, runs: Sequence[Measured]) -> list[ObservedRun]:
 
 def split_by_frame(runs: Sequence[ObservedRun], names: Sequence[str]) -> tuple[list[ObservedRun], list[str]]:
     """Return runs, of (m, k) mm, with a set-up for each frame visible in them, and messages; for poses by
-    `split_by_target`."""
+    `split_by_target`.
+    """
     split_up, messages = list(runs), []
     for setup in dict.fromkeys(run.setup for run in runs):
         places = [k for k, run in enumerate(runs) if run.setup == setup]
@@ -122,8 +129,9 @@ def split_by_target(runs: Sequence[ObservedRun], names: Sequence[str]) -> tuple[
 
 
 def _settled(settled: dict[str, list[ObservedRun]], setup: str, runs: Sequence[ObservedRun]) -> str:
-    """Return the set-up name for runs, relative to settled ones: with the target of one of these, in the frame of one
-    with its own target, or both."""
+    """Return the set-up name for runs, relative to settled set-ups: with the target or the frame of an existing
+    set-up, or new in both.
+    """
     if not settled:
         return setup
     targets = list(dict.fromkeys(map(target_of, settled)))
@@ -148,7 +156,9 @@ def _settled(settled: dict[str, list[ObservedRun]], setup: str, runs: Sequence[O
 
 def with_enough_readings(runs: Sequence[ObservedRun]) -> tuple[list[int], list[str]]:
     """Return the indices of runs whose readings (m, k) determine their set-ups, and messages about the others.
-    Raises FileError if there are none."""
+
+    Raises FileError if no run remains.
+    """
     tool_known = {
         (run.table.test, target_of(run.setup))
         for run in runs
@@ -169,8 +179,8 @@ def with_enough_readings(runs: Sequence[ObservedRun]) -> tuple[list[int], list[s
 
 
 def reach_mm(judged: Mapping[str, SetUp], used: Mapping[str, SetUp]) -> float:
-    """Return the largest distance (mm) of a validated socket from all used ones of other placements, or, for a single
-    placement, from all others.
+    """Return the largest distance (mm) of a validated socket from all used sockets of other placements, or, for a
+    single placement, from all others.
 
     Errors of an arm further away are invisible, and reached four u for real arms.
     """

@@ -1,4 +1,4 @@
-"""Preparation of runs for a diagnosis: common model of one rig, and outliers at targets set aside."""
+"""Preparation of runs for a diagnosis: common model of a rig, and removal of outliers at targets."""
 
 from __future__ import annotations
 
@@ -33,20 +33,21 @@ from rigs.errors import FileError
 from rigs.rig import Rig
 
 # ----------------------------------------------------------------------------------------------------------------------
-# Runs relative to the model of one rig, regardless of their own rig files.
+# Runs relative to the model of a common rig, regardless of their rig files.
 
 _FEW = 1e-3
 """Share of outliers below which they are not reported: at backlash crossings some valid readings are classified as
-outliers. Chosen."""
+outliers. Chosen.
+"""
 
 
 def prepare_runs(rig: Rig, *uses: Sequence[Measured]) -> tuple[list[list[ObservedRun]], list[str]]:
-    """Return the prepared runs of each use, with the circle and targets of their own rig files, and messages about
-    frames and wiring.
+    """Return the prepared runs of each use, with the circle and targets of their rig files, and messages about frames
+    and wiring.
 
-    All runs of one cell and placement share a set-up and its name, regardless of their use. Runs that only fit with a
-    convention different from their label, and runs of a set-up that absorbs all of their readings (m, k), are left out.
-    Raises FileError for a run of a different robot, and if a convention leaves no run of the first use.
+    All runs of the same cell and placement share a set-up and its name, regardless of their use. Runs are excluded if
+    they only fit with a convention different from their label, or if their set-up absorbs all of their readings (m, k).
+    Raises FileError for a run of a different robot, and if a convention excludes all runs of the first use.
     """
     uses, doubts = _with_joints(uses)
     runs = [run for use in uses for run in use]
@@ -80,8 +81,9 @@ def prepare_runs(rig: Rig, *uses: Sequence[Measured]) -> tuple[list[list[Observe
 
 
 def _with_joints(uses: Sequence[Sequence[Measured]]) -> tuple[tuple[Sequence[Measured], ...], list[str]]:
-    """Return the runs of each use without paths, and a message for each path. Raises FileError if nothing is left of
-    the first use."""
+    """Return the runs of each use except paths, and a message for each path. Raises FileError if the first use
+    becomes empty.
+    """
     kept = tuple([run for run in use if not run.table.kind.without_joints] for use in uses)
     without = [run for use in uses for run in use if run.table.kind.without_joints]
     if without and not kept[0]:
@@ -91,8 +93,8 @@ def _with_joints(uses: Sequence[Sequence[Measured]]) -> tuple[tuple[Sequence[Mea
 
 
 def _doubts_of_gauges(findings: Sequence[Finding], counted: Sequence[tuple[str, int, Table]]) -> list[str]:
-    """Return a message for each doubt about the gauges with the affected runs (repeats do not reveal it), and one with
-    the number of outliers of circles, if large.
+    """Return a message for each doubt about the gauges with the affected runs (repeats do not reveal it), and a message
+    with the number of outliers of circles, if large.
 
     counted: name, number of outliers and original table of each run.
     """
@@ -115,13 +117,14 @@ def _doubts_of_gauges(findings: Sequence[Finding], counted: Sequence[tuple[str, 
 
 
 def _about_one_rig(rig: Rig, runs: Sequence[Measured]) -> list[ObservedRun]:
-    """Return the runs relative to a rig, with their own circle and targets; set-ups are named after test, placement
-    and cell."""
+    """Return the runs relative to a rig, with their circle and targets; set-ups are named after test, placement and
+    cell.
+    """
     cells: list[Rig] = []
     seen: list[ObservedRun] = []
     of_rig = any(run.rig.robot == rig.robot for run in runs)
     for run in runs:
-        # A circle with the ball away from axis 6 has a different tool on the same arm; a tool without runs is a
+        # A circle with the ball away from axis 6 has a different tool on the same arm; a tool with no runs is a
         # mistake.
         robot = run.rig.robot.model_copy(update={"tool": rig.robot.tool}) if of_rig else run.rig.robot
         if robot != rig.robot:
@@ -143,8 +146,9 @@ def _about_one_rig(rig: Rig, runs: Sequence[Measured]) -> list[ObservedRun]:
 def _without_far(
     seen: Sequence[ObservedRun], names: Sequence[str], kept: Collection[int]
 ) -> tuple[list[ObservedRun], list[str]]:
-    """Return pose runs without readings far from all others of their run, before any fit, and a message for each
-    affected run."""
+    """Return pose runs, omitting readings distant from all others of their run, before any fit, and a message for
+    each affected run.
+    """
     found, doubts = list(seen), []
     for k, run in enumerate(seen):
         far = run.table.kind.far(run.table, run.model.arm) if k in kept else None
@@ -164,21 +168,22 @@ def _without_far(
 # Outliers at targets and poses, unexplained by any effect: they are counted, and not used for judging models.
 #
 # Names are selected with robust weights, so outliers have little influence there. An rms has no such weights: a single
-# held-out
-# pose that was 25 mm wrong made a correct name appear harmful.
+# held-out pose that was 25 mm wrong made a correct name appear harmful.
 
 _NEAR = 2.5
-"""Robust standard deviations within which a reading counts in set-up fits, at least the largest of real cells, 0.06 mm.
-Chosen: usual."""
+"""Robust standard deviations within which a reading counts in set-up fits, at least the largest of real cells, 0.06
+mm. Chosen: usual.
+"""
 _STEPS = 4
-"""Number of set-up fits, each to the readings close to the previous one (Rousseeuw's concentration steps): fitted to
-all readings, the set-up hid one outlier in nine."""
+"""Number of set-up fits, each to the readings close to the previous fit (Rousseeuw's concentration steps): fitted to
+all readings, the set-up hid one outlier in nine.
+"""
 
 
 def without_wild(
     runs: Sequence[ObservedRun], effects: Sequence[Effect], use: str
 ) -> tuple[list[ObservedRun], list[str]]:
-    """Return runs without readings (m, k) mm at targets and poses far from all others, relative to a model with
+    """Return runs, omitting readings (m, k) mm at targets and poses distant from all others, relative to a model with
     `effects`.
 
     Only readings with others to compare are removed. Returns a message for each affected set-up; `use`: purpose of the
@@ -218,8 +223,8 @@ def without_wild(
 
 
 def _no_accidents(runs: Sequence[ObservedRun], wild: Sequence[Mask]) -> set[str]:
-    """Return the set-ups whose outlying poses `wild` (m,) are too many for accidents, or have a joint range to
-    themselves.
+    """Return the set-ups whose outlying poses `wild` (m,) are too frequent for accidents, or occupy an exclusive joint
+    range.
 
     Gauge readings at targets are excluded: a robot read in motion has many outliers.
     """
@@ -234,8 +239,9 @@ def _no_accidents(runs: Sequence[ObservedRun], wild: Sequence[Mask]) -> set[str]
 
 
 def _away(runs: Sequence[ObservedRun]) -> list[tuple[Array, Array]]:
-    """Return the distance of the readings (m,) of each run from the model, in mm and in robust standard deviations of
-    their set-up, with set-ups fitted to the close ones."""
+    """Return the distance of the readings (m,) of each run from the model, in mm and in robust standard deviations
+    of their set-up, with set-ups fitted to the close readings.
+    """
     near: list[Mask] = [np.ones(len(run.rows), dtype=bool) for run in runs]
     distances_found: list[tuple[Array, Array]] = []
     for _ in range(_STEPS):

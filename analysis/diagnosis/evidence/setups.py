@@ -1,8 +1,7 @@
-"""Set-ups: their terms, their fit to a frozen model, which runs share one, and parts of runs to judge by.
+"""Set-ups: their terms, their fit to a fixed model, sharing between runs, and parts of runs for validation.
 
-Runs of one placement share a set-up unless their readings show that something was moved. What judges a fit is left out
-before: readings at random, or whole neighbourhoods of joint space.
-
+Runs with the same placement share a set-up unless their readings show a move. Validation data are held out before the
+fit: random readings, or complete neighbourhoods of joint space.
 """
 
 from __future__ import annotations
@@ -23,18 +22,21 @@ from analysis.runs.tables import Table
 from rigs.effects import Effect
 
 # ----------------------------------------------------------------------------------------------------------------------
-# Set-ups: their terms, how they are changed, and how they are fitted while a model is frozen.
+# Set-ups: their terms, changes, and fit to a fixed model.
 #
-# The terms of a set-up are numbers in mm: the ball's position and the zeros of the gauges; for poses the position of
-# the instrument, its rotation (in mm at a distance of 100 mm) and the position of its target; for touches the position
-# of the socket, as an instrument that is not turned, and that of the ball on the tool.
+# The terms of a set-up are numbers in mm. For gauges they are the ball's position and the zeros of the gauges. For
+# poses they are the position of the instrument, its rotation (in mm at a distance of 100 mm) and the position of its
+# target. For touches they are the position of the socket, treated as an instrument with no rotation, and that of the
+# ball on the tool.
 #
-# All placements of poses share the tool's target, unless the data prove that it sat elsewhere: a reflector in another
-# nest. Such runs name their target behind the placement, and share its place alone.
+# All placements of poses share the tool's target, unless the data prove a different position: a reflector in a
+# different nest. The set-up names of such runs include the target after the placement, and share only the place of the
+# instrument.
 
 _REACH_MM = 100.0
-"""Distance at which the rotation of an instrument is expressed in mm. It scales the unknowns and has no effect on the
-result."""
+"""Distance at which the rotation of an instrument is expressed in mm. It scales the unknowns and does not affect the
+result.
+"""
 _STEP_MM = 0.01
 """Step of the derivatives by a set-up term, within the linear range."""
 _MOST_STEPS = 30
@@ -42,40 +44,42 @@ _MOST_STEPS = 30
 _ENOUGH_MM = 1e-4
 """Change below which a set-up has converged: a tenth of a micrometre, below the resolution of any gauge."""
 _FURTHEST_MM = 1.0
-"""Longest step of a ball. Its height at the centre of a circle has no effect, so the derivatives do not bound it.
-Instruments start far off and have no such term."""
+"""Longest step of a ball. The height of a ball at the centre of a circle has no effect, so the derivatives do not
+bound it. Instruments start at a large distance and have no such term.
+"""
 BALL_PRIOR_MM = 5.0
-"""Prior standard deviation of a ball's position: a weak prior that decides only what the readings do not determine,
-such as the height above the plane of a circle, where a wrong model would move it far."""
+"""Prior standard deviation of a ball's position. The prior is weak and decides only undetermined terms, such as the
+height above the plane of a circle, which a wrong model would otherwise shift by a large amount.
+"""
 _STRAIGHT_MM = 0.2
-"""Step above which the derivatives are computed again. Chosen: a change of 0.2 mm turns the link by 0.2° at most."""
+"""Step above which the derivatives are recomputed. Chosen: a change of 0.2 mm turns the link by 0.2° at most."""
 
 
 _TARGET = "; target "
-"""Between the name of a placement and the number of its target on the tool, from 2 on."""
+"""Separator between the name of a placement and the number of its target on the tool, from 2 on."""
 
 
 FRAME = ", frame "
-"""Between the name of a placement and the number of a frame that its runs showed, from 2 on."""
+"""Separator between the name of a placement and the number of a frame shown by its runs, from 2 on."""
 
 
 def placement_of(setup: str) -> str:
-    """Return the name of the placement of a set-up, without that of its target."""
+    """Return the name of the placement of a set-up, omitting that of the target."""
     return setup.partition(_TARGET)[0]
 
 
 def target_of(setup: str) -> str:
-    """Return the target of a set-up, empty for the first or only one."""
+    """Return the target of a set-up; empty for the first or only target."""
     return setup.partition(_TARGET)[2]
 
 
 def targeted(setup: str, target: str) -> str:
-    """Return the name of a set-up with a target, empty for the first or only one."""
+    """Return the name of a set-up with a target; unchanged for an empty target."""
     return f"{setup}{_TARGET}{target}" if target else setup
 
 
 def moved_setup(setup: SetUp, table: Table, change: Array) -> SetUp:
-    """Return a set-up with its terms changed by (terms,) mm."""
+    """Return a set-up with the terms changed by (terms,) mm."""
     if table.kind.of_places:
         target = setup.T_tool_target.copy()
         frame = table.kind.frame_terms
@@ -87,8 +91,11 @@ def moved_setup(setup: SetUp, table: Table, change: Array) -> SetUp:
 
 
 def columns_of(tables: Mapping[str, Table]) -> dict[str, list[int]]:
-    """Return the indices of the unknowns that are the terms of each set-up; all placements of poses with one target,
-    and all sockets of touches, share those of the tool, and all targets of one placement those of the instrument."""
+    """Return the indices of the unknowns for the terms of each set-up.
+
+    All placements of poses with the same target, and all sockets of touches, share the terms of the tool. All targets
+    of the same placement share the terms of the instrument.
+    """
     shared: dict[tuple[str, str], list[int]] = {}
     columns: dict[str, list[int]] = {}
     for name, table in tables.items():
@@ -104,20 +111,22 @@ def columns_of(tables: Mapping[str, Table]) -> dict[str, list[int]]:
 
 
 def tool_shift(run: ObservedRun, before: Scene, after: Scene) -> Array:
-    """Return how far (3,) mm the tool moves at the readings of a run, on the mean, from one scene to another.
+    """Return the mean displacement (3,) mm of the tool at the readings of a run between two scenes.
 
-    The ball of a circle or hemisphere moves with it, because people set a ball up where the tool really goes round it.
+    The ball of a circle or hemisphere moves with it, because operators set up a ball at the actual centre of the tool
+    motion.
     """
     rows = run.rows if run.path.alone else run.samples
     return np.asarray((after.T[rows, :3, 3] - before.T[rows, :3, 3]).mean(axis=0), dtype=float)
 
 
 def _starting_setups(run: ObservedRun) -> list[SetUp]:
-    """Return where the ball of a circle or hemisphere may have been set up: moved as far as the model's effects move
-    the tool, or at its nominal place, where it still is after a collision and in simulated runs.
+    """Return possible positions of the ball of a circle or hemisphere.
 
-    A fit could not find this by itself: a ball along the normal of its circle hardly shows, but where it stands decides
-    how steep the link is. A zero that is wrong by 1.6° moved the circle by 18 mm.
+    These are the nominal position displaced like the tool by the model's effects, and the nominal position itself,
+    which applies after a collision and in simulated runs. A fit could not find the position by itself: a shift of the
+    ball along the normal of the circle is hardly visible but determines the slope of the link. A zero wrong by 1.6°
+    moved the circle by 18 mm.
     """
     model, nominal = run.model, nominal_setup(run.model.rig, run.table)
     if not model.effects:
@@ -128,11 +137,10 @@ def _starting_setups(run: ObservedRun) -> list[SetUp]:
 
 
 def fit_setups(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp] | None = None) -> dict[str, SetUp]:
-    """Return set-ups fitted to runs of (m, k) mm, each with its model unchanged, starting from `setups` where
-    given.
+    """Return set-ups fitted to runs of (m, k) mm with fixed models, starting from `setups` if given.
 
     The method is Gauss-Newton in short steps, since readings are nearly linear over a millimetre. Placements of poses
-    are fitted together, with one tool.
+    are fitted together, with a common tool.
     """
     named: dict[str, list[ObservedRun]] = {}
     for run in runs:
@@ -165,8 +173,11 @@ def fit_setups(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp] | None =
 def _starting_pose_setups(
     named: Mapping[str, Sequence[ObservedRun]], starting: Mapping[str, SetUp]
 ) -> dict[str, SetUp]:
-    """Return starting set-ups for placements of poses without one: with the target of a placement that has one, or else
-    of that with most poses, and instruments where their readings place them."""
+    """Return initial set-ups for placements of poses not in `starting`.
+
+    The target is taken from an existing placement, or else from the placement with most poses. Instruments are located
+    by their readings.
+    """
     by_size = sorted(named, key=lambda name: -sum(run.values.size for run in named[name]))
     placed = {name: starting[name] for name in named if name in starting}
     for name in by_size:
@@ -192,8 +203,9 @@ def _starting_pose_setups(
 
 
 def _at_target(setup: SetUp, runs: Sequence[ObservedRun]) -> SetUp:
-    """Return a set-up with its target where the poses, of (m, 3) mm, show it on the tool, with the instrument as it
-    is; a place depends on it linearly."""
+    """Return a set-up with the target located on the tool by the poses, of (m, 3) mm, and the instrument fixed.
+    Positions are linear in the target.
+    """
     bare = replace(setup, T_tool_target=np.eye(4))
     steps = [replace(bare, T_tool_target=_at(step)) for step in np.eye(3)]
     zero, *moved_by_step = (np.concatenate([predicted(run, place).ravel() for run in runs]) for place in (bare, *steps))
@@ -203,19 +215,20 @@ def _at_target(setup: SetUp, runs: Sequence[ObservedRun]) -> SetUp:
 
 
 def _at(place: Array) -> Array:
-    """Return the frame (4, 4) at a place (3,) mm, not turned."""
+    """Return the frame (4, 4) at a place (3,) mm without rotation."""
     frame = np.eye(4)
     frame[:3, 3] = place
     return frame
 
 
 def at_instrument(setup: SetUp, runs: Sequence[ObservedRun]) -> SetUp:
-    """Return a set-up with its instrument at the place from which the poses, of (m, 3) mm, were measured: the best
-    rigid motion, with the tool as it is."""
+    """Return a set-up with the instrument at the place from which the poses, of (m, 3) mm, were measured: the best
+    rigid motion, with a fixed tool.
+    """
     bare = replace(setup, T_instrument_world=np.eye(4))
     places = np.concatenate([predicted(run, bare) for run in runs])
     seen_there = np.concatenate([run.values for run in runs])
-    if runs[0].table.kind.frame_terms == 3:  # a socket has a place and no turn
+    if runs[0].table.kind.frame_terms == 3:  # a socket has a place and no rotation
         return replace(bare, T_instrument_world=_at((seen_there - places).mean(axis=0)))
     return replace(bare, T_instrument_world=best_rigid(places, seen_there))
 
@@ -243,8 +256,8 @@ def _placed(runs: Sequence[ObservedRun], starts: Mapping[str, SetUp]) -> dict[st
         r = residual(so_far)
         if turn == 0 or np.abs(change).max() > _STRAIGHT_MM:
             J = np.stack([(r - residual(step)) / _STEP_MM for step in so_far + _STEP_MM * np.eye(count)], axis=1)
-        # A ball at the limit of its prior costs as much as what set-ups cannot fit. With all of the residual in place
-        # of that, a ball that is a centimetre off would stay there.
+        # The prior variance is scaled by the part of the residual that set-ups cannot fit. If scaled by the full
+        # residual, a ball that is a centimetre off would stay there.
         kept = r - J @ np.linalg.lstsq(J, r)[0]
         prior = np.where(ball, (kept @ kept) / BALL_PRIOR_MM**2, 1e-12)
         change = np.linalg.solve(J.T @ J + np.diag(prior), J.T @ r - prior * so_far)
@@ -257,7 +270,7 @@ def _placed(runs: Sequence[ObservedRun], starts: Mapping[str, SetUp]) -> dict[st
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# Set-ups of observed runs, fitted with the model frozen, both before a diagnosis and wherever a model is judged.
+# Set-ups of observed runs, fitted to a fixed model, both before a diagnosis and in the validation of models.
 
 
 def with_effects(runs: Sequence[ObservedRun], effects: Sequence[Effect]) -> list[ObservedRun]:
@@ -268,8 +281,9 @@ def with_effects(runs: Sequence[ObservedRun], effects: Sequence[Effect]) -> list
 def fit_run_setups(
     runs: Sequence[ObservedRun], setups: Mapping[str, SetUp] | None = None
 ) -> tuple[dict[str, SetUp], list[Array]]:
-    """Return the fitted set-ups of runs, starting from `setups` where given, and the residuals (m, k) mm of
-    each run, of a circle on its lap."""
+    """Return the fitted set-ups of runs, starting from `setups` where given, and the residuals (m, k) mm of each
+    run, of a circle on its lap.
+    """
     on_laps = [run.on_lap for run in runs]
     placed = fit_setups(on_laps, setups)
     return placed, [residual_of(run, placed) for run in on_laps]
@@ -277,7 +291,7 @@ def fit_run_setups(
 
 @dataclass(frozen=True, eq=False)
 class FittedRuns:
-    """Runs, of (m, k) mm, whose set-ups are fitted beside effects of the arm; what was fitted once is kept."""
+    """Runs, of (m, k) mm, with set-ups fitted for given effects of the arm. Fits are cached."""
 
     runs: Sequence[ObservedRun]
     _fits: dict[tuple[Effect, ...], tuple[dict[str, SetUp], list[Array]]] = field(
@@ -285,7 +299,7 @@ class FittedRuns:
     )
 
     def beside(self, effects: Sequence[Effect]) -> tuple[dict[str, SetUp], list[Array]]:
-        """Return the set-ups and the residuals (m, k) mm of each run, with effects added to its model."""
+        """Return the set-ups and the residuals (m, k) mm of each run, with effects added to the model."""
         key = tuple(map(without_origin, effects))
         if key not in self._fits:
             self._fits[key] = fit_run_setups(with_effects(self.runs, effects))
@@ -297,37 +311,39 @@ class FittedRuns:
 
 
 def without_origin(effect: Effect) -> Effect:
-    """Return the effect without its origin, which changes no reading and has no hash."""
+    """Return the effect with the provenance removed, which is unhashable and irrelevant for readings."""
     return effect if effect.found is None else effect.model_copy(update={"found": None})
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# Poses held out to judge a fit: whole neighbourhoods of joint space (k-means of the joint angles).
+# Poses held out for validation: complete neighbourhoods of joint space (k-means of the joint angles).
 #
-# Neighbours share what a model cannot express, so that held-out single poses would overestimate its quality. A
-# neighbourhood is a place that the model has not seen.
+# Neighbours share errors that a model cannot express, so held-out single poses would overestimate the quality of a
+# model. A neighbourhood is a place that the model has not seen.
 
 GROUPS = 20
 """Number of neighbourhoods of joint space. Chosen: few enough for several poses in each, and enough for five folds."""
 _FEWEST_OF_A_GROUP = 5
 """Smallest average number of places in a neighbourhood. Chosen: k-means needs a few for a centre."""
 FEWEST_PLACES = 3 * GROUPS
-"""Number of poses below which they are few, and no neighbourhood is held out. Chosen: k-means needs a few poses for a
-centre."""
+"""Number of poses below which no neighbourhood is held out. Chosen: k-means needs a few poses for a centre."""
 
 
 def constants_apart(runs: Sequence[ObservedRun]) -> bool:
-    """Return whether an arm's constants have widths of their own beside readings of (m, k) mm: where touches alone show
-    them, and where places are too few to name those that are larger than usual. Of 30 poses of a UR10 constants of
-    usual size leave a tenth more."""
+    """Return whether the constants of an arm get separate prior widths with readings of (m, k) mm.
+
+    This applies to touches, and to places too few to name constants that are larger than usual. For 30 poses of a UR10,
+    constants of usual size leave a tenth more.
+    """
     of_touches = all(run.table.kind.constants_apart for run in runs)
     of_poses = all(run.table.kind.of_places for run in runs)
     return of_touches or (of_poses and sum(len(run.rows) for run in runs) < FEWEST_PLACES)
 
 
 def neighbourhoods(q: Array, rng: np.random.Generator) -> Integers:
-    """Return the neighbourhood of each reading (n,) by k-means of its joint angles q (n, 6) rad; visits of one place
-    stay together."""
+    """Return the index of the neighbourhood of each reading (n,) by k-means of the joint angles q (n, 6) rad; visits
+    of the same place stay together.
+    """
     from scipy.cluster.vq import kmeans2  # noqa: PLC0415 - slow to import, needed here only
 
     places, place = _places(q)
@@ -336,14 +352,18 @@ def neighbourhoods(q: Array, rng: np.random.Generator) -> Integers:
 
 
 def _places(q: Array) -> tuple[Array, Integers]:
-    """Return the different places (p, 6) rad of joint angles q (n, 6) rad, and which (n,) of them each row is."""
+    """Return the distinct places (p, 6) rad of joint angles q (n, 6) rad, and the index (n,) of the place of each
+    row.
+    """
     places, place = np.unique(np.round(q, 3), axis=0, return_inverse=True)
     return places, np.asarray(place.ravel(), dtype=np.int64)
 
 
 def folds_of(q: Array, folds: int) -> Integers:
-    """Return the fold of each pose (n,) with joint angles q (n, 6) rad. Whole neighbourhoods are assigned, the largest
-    first, each to the smallest fold."""
+    """Return the fold of each pose (n,) with joint angles q (n, 6) rad.
+
+    Complete neighbourhoods are assigned in descending size, each to the smallest fold.
+    """
     group = neighbourhoods(q, np.random.default_rng(0))
     fold, filled = np.zeros(len(q), dtype=np.int64), np.zeros(folds)
     for number in np.argsort(-np.bincount(group, minlength=GROUPS)):
@@ -356,12 +376,14 @@ def folds_of(q: Array, folds: int) -> Integers:
 def without_a_fold(
     runs: Sequence[ObservedRun], folds: int = 5, fold: int = 0
 ) -> tuple[list[ObservedRun], list[ObservedRun]]:
-    """Return runs of poses without one fold of their neighbourhoods, and the runs of that fold. Other runs, and runs of
-    few poses, or of few that are visited often as a cube's, stay whole."""
+    """Split runs of poses into a part for the fit and a held-out fold of their neighbourhoods.
+
+    Other runs are not split, nor are runs of few poses, or of few poses visited often, like those of a cube.
+    """
     used, left_out = [], []
     for run in runs:
         q = run.table.q[run.rows]
-        # Poses that were left out as wild make no run of sixty one of few.
+        # Removed outliers do not turn a run of sixty poses into a run of few.
         few = len(run.table.q) < FEWEST_PLACES or len(_places(q)[0]) < folds * _FEWEST_OF_A_GROUP
         if not run.table.kind.of_places or few:
             used.append(run)

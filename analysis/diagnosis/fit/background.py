@@ -1,4 +1,4 @@
-"""Background: all unnamed contributions as one normal distribution, and free-form errors."""
+"""Background: all unnamed contributions as a normal distribution, and free-form errors."""
 
 from __future__ import annotations
 
@@ -14,26 +14,25 @@ from analysis.diagnosis.fit.responses import Response
 from analysis.robot.kinematics.arm import Array, Integers
 
 # ----------------------------------------------------------------------------------------------------------------------
-# Background: all unnamed contributions as one normal distribution: noise, set-ups, scatter between runs, and a healthy
-# share of
-# every effect.
+# Background: all unnamed contributions as a normal distribution: noise, set-ups, scatter between runs, and a healthy
+# share of every effect.
 #
 # The covariance of the readings is C = W⁻¹ + X V X', with W the weights of the noise (lower in bands with a residual
-# above the
-# noise) and V the prior variances of all columns. With M = I + √V X'WX √V,
+# above the noise) and V the prior variances of all columns. With M = I + √V X'WX √V,
 #
 # a'C⁻¹b = a'Wb - (√V X'Wa)' M⁻¹ (√V X'Wb),    A = √V M⁻¹ √V the posterior covariance of all coefficients.
 #
 # The columns contribute X m at their prior means m, which is subtracted from the readings first.
 #
-# The possible size of a single form follows from its cavity (Λ, η): the information of the readings about it without
-# its prior.
+# The possible size of a single form follows from its cavity (Λ, η): the information of the readings about it, excluding
+# the prior.
 
 
 @dataclass(frozen=True)
 class MarginalValues:
-    """Values (N, k) with the data for products with C⁻¹, marginal over the coefficients of a background: `weighted` (N,
-    k) by the noise, and `absorbed` (p, k), the part absorbed by the columns."""
+    """Values (N, k) with the data for products with C⁻¹, marginal over the coefficients of a background: `weighted`
+    (N, k) by the noise, and `absorbed` (p, k), the part absorbed by the columns.
+    """
 
     values: Array
     weighted: Array
@@ -73,9 +72,10 @@ class FittedTerms:
 
 @dataclass(frozen=True, eq=False)
 class Background:
-    """Background of one state: noise weights (N,) of the readings, prior variances and means (p,) of all coefficients.
+    """Background of a state: noise weights (N,) of the readings, prior variances and means (p,) of all coefficients.
 
-    `weighted_gram` computes X'WX (p, p), needed only for the factor, so that a cached background does not store it.
+    `weighted_gram` computes X'WX (p, p). It is needed only for the factor, so that a cached background does not store
+    it.
     """
 
     columns: Columns
@@ -104,7 +104,7 @@ class Background:
 
     @cached_property
     def pull(self) -> Array:
-        """Prior means over prior variances (p,), the contribution of the prior to η; zero without expectation."""
+        """Prior means over prior variances (p,), the contribution of the prior to η; zero for a zero mean."""
         return np.divide(self.mean, self.variance, out=np.zeros_like(self.mean), where=self.variance > 0)
 
     @cached_property
@@ -138,7 +138,7 @@ class Background:
         return self._marginals[response]
 
     def marginal_residual(self, residual: Array) -> MarginalValues:
-        """Return a prepared whitened residual (N,) less the readings at the prior means, as (N, 1).
+        """Return a prepared whitened residual (N,) minus the readings at the prior means, as (N, 1).
 
         The part independent of the weights is cached while the residual is in use.
         """
@@ -182,7 +182,7 @@ class Background:
 
     @cached_property
     def covariance(self) -> Array:
-        """Posterior covariance A (p, p) of all coefficients, without fitted terms."""
+        """Posterior covariance A (p, p) of all coefficients, excluding fitted terms."""
         from scipy.linalg.lapack import dpotri  # noqa: PLC0415 - slow to import
 
         lower, _ = dpotri(self._chol, lower=True)
@@ -209,8 +209,9 @@ class Background:
 
     @cached_property
     def spent(self) -> Array:
-        """Energy of each band (b,), in noise variances, hidden by the uncertainty of the coefficients, without
-        fitted terms."""
+        """Energy of each band (b,), in noise variances, hidden by the uncertainty of the coefficients, excluding
+        fitted terms.
+        """
         return np.tensordot(self.columns.K, self.covariance, axes=2)
 
     def posterior(self, terms: FittedTerms) -> Posterior:
@@ -232,9 +233,9 @@ class Background:
 
 @dataclass(frozen=True)
 class Gains:
-    """Gain of n forms, each together with everything else, relative to a healthy share.
+    """Gain of n forms relative to a healthy share, each fitted together with all other terms.
 
-    Log evidence (n,) as a `fault`, and as the only form of `healthy` size of its name. `sigma` (n,): significance of a
+    Log evidence (n,) as a `fault`, and as the only form of `healthy` size of the name. `sigma` (n,): significance of a
     healthy size in sigmas. `size` (n,): size shown by the readings, in healthy sizes.
     """
 
@@ -295,8 +296,9 @@ class Posterior:
         return np.asarray(without_terms + taken @ self.term_covariance @ np.swapaxes(taken, -1, -2), dtype=float)
 
     def joint_covariance(self, columns: int, fitted: int) -> Array:
-        """Return the whitened covariance (f + c, f + c) of the first `fitted` terms, followed by the first `columns` of
-        the background, in healthy sizes."""
+        """Return the whitened covariance (f + c, f + c) of the first `fitted` terms, followed by the first `columns`
+        of the background, in healthy sizes.
+        """
         among_terms, taken = self.term_covariance[:fitted], self._taken[:columns, :-1]
         across = -among_terms @ taken.T
         below = self.background.covariance[:columns, :columns] + taken @ self.term_covariance @ taken.T
@@ -318,10 +320,10 @@ class Posterior:
         return self.background.spent + np.bincount(self.background.columns.band, self._of_terms)
 
     def left_out(self, rows: Integers) -> tuple[Array, Array]:
-        """Return the prediction errors (n,) of some whitened rows (n,) from all others, and their covariance (n, n)
-        without the noise of the readings.
+        """Return the prediction errors (n,) of given whitened rows (n,) from all others, and their covariance (n, n)
+        excluding the noise of the readings.
 
-        For a normal distribution both follow without a fit: with C the covariance of the readings, the residuals are
+        For a normal distribution both follow directly: with C the covariance of the readings, the residuals are
         (C⁻¹)_rows⁻¹ (C⁻¹ y)_rows and their covariance is (C⁻¹)_rows⁻¹ (Rasmussen and Williams, 2006, 5.4.2). The
         influence of the rows on fitted sizes and widths is not removed.
         """
@@ -343,7 +345,8 @@ class Posterior:
     @cached_property
     def _of_terms(self) -> Array:
         """Variances (N,) of the readings caused by the uncertainty of the fitted terms, after absorption by the
-        columns."""
+        columns.
+        """
         remainder = self.terms.T - self.background.columns.X @ self._taken[:, :-1]
         return np.asarray(np.sum(remainder @ self.term_covariance * remainder, axis=1), dtype=float)
 
@@ -395,15 +398,16 @@ class Posterior:
         return np.asarray(np.linalg.solve(precision + np.eye(len(cols)) / LARGEST_FAULT**2, eta), dtype=float)
 
     def _inverse_and_cavity(self, columns: Integers) -> tuple[Array, Array]:
-        """Return the inverse covariance (…, q, q) among columns (…, q), and the same without their own prior, Λ."""
+        """Return the inverse covariance (…, q, q) among columns (…, q), and the same excluding their prior, Λ."""
         inverse = np.asarray(np.linalg.inv(self.covariance_among(columns)), dtype=float)
         precision, diagonal = inverse.copy(), np.arange(columns.shape[-1])
         precision[..., diagonal, diagonal] -= 1 / self.background.variance[columns]
         return inverse, precision
 
     def cavity(self, columns: Array) -> tuple[Array, Array]:
-        """Return the information of the readings about whitened columns (N, q) in addition to everything else:
-        precision Λ (q, q) and vector η (q,)."""
+        """Return the information of the readings about whitened columns (N, q), fitted together with all other
+        terms: precision Λ (q, q) and vector η (q,).
+        """
         marginal = self.background.marginal(columns)
         across = self._marginal.products(marginal)
         with_terms, eta = across[:-1], across[-1] - self.term_means @ across[:-1]
@@ -411,7 +415,7 @@ class Posterior:
         return precision, eta
 
     def left_of(self, columns: Array) -> Array:
-        """Return the part of whitened columns (N, q), added to the readings, not absorbed by everything else."""
+        """Return the part of whitened columns (N, q), added to the readings, not absorbed by all other terms."""
         marginal = self.background.marginal(columns)
         terms = self.term_covariance @ self._marginal.products(marginal)[:-1]
         taken = self.background.taken(marginal) - self._taken[:, :-1] @ terms
@@ -427,7 +431,7 @@ def background_of(columns: Columns, weight: Array, variance: Array, mean: Array 
 def fault_evidence(values: Array, seen: Array, level: float) -> Array:
     """Return the log evidence (…) of cavities for a fault of any size over no fault.
 
-    `values` (…, q): eigenvalues of the precision. `seen` (…, q): squares of η along its eigenvectors.
+    `values` (…, q): eigenvalues of the precision. `seen` (…, q): squares of η along the eigenvectors.
     """
     each = np.stack([cavity_evidence(values, seen, size**2 / values.shape[-1]) for size in fault_sizes(level)])
     top = each.max(axis=0)
@@ -436,5 +440,6 @@ def fault_evidence(values: Array, seen: Array, level: float) -> Array:
 
 def cavity_evidence(values: Array, seen: Array, variance: Array | float) -> Array:
     """Return the log evidence F(V) (…) of cavities with precision eigenvalues (…, q), squares of η along the
-    eigenvectors (…, q) and prior variance V."""
+    eigenvectors (…, q) and prior variance V.
+    """
     return np.asarray(0.5 * (seen / (values + 1 / variance) - np.log1p(variance * values)).sum(axis=-1), dtype=float)

@@ -24,25 +24,25 @@ from rigs.effects import VOCABULARY, Effect, one_sided
 from rigs.schema.effect import Scope, healthy, is_play, name_of, phases, scaled
 
 # ----------------------------------------------------------------------------------------------------------------------
-# Candidates: possible names of a diagnosis, each with its columns in the readings. The response to an effect is
+# Candidates: possible names of a diagnosis, each with columns in the readings. The response to an effect is
 # simulate(model + effect) - simulate(model) (`linearisation`), never written by hand. A column is such a response at a
-# healthy
-# size; an effect with a free phase has two. Names, forms and shapes: `rigs/effects`.
+# healthy size; an effect with a free phase has two. Names, forms and shapes: `rigs/effects`.
 
 _PLAY_SIGMA = 15.0
 """Size in sigmas of the narrowest backlash tried. Chosen: well above the detection limit of 7 sigma."""
 _PLAYS = (1.0, 6.0, 30.0)
-"""Backlash widths tried, in healthy widths: of healthy arms, and two faults of 5 to 100 healthy sizes. Chosen: factors
-of about five, refined by the fit."""
+"""Backlash widths tried, in healthy widths: of healthy arms, and two faults of 5 to 100 healthy sizes. Chosen:
+factors of about five, refined by the fit.
+"""
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """One name in one form.
+    """A name in a given form.
 
-    `effects`: one per column, at `size` of its healthy size, because the response to backlash is not proportional to
-    its width.
-    `shaped`: the effect in the other shapes tried by a search. `weight`: relative likelihood of each.
+    `effects`: effect of each column, at `size` of the healthy size, because the response to backlash is not
+    proportional to the width. `shaped`: the effect in the other shapes tried by a search. `weight`: relative likelihood
+    of each.
     """
 
     name: str
@@ -67,11 +67,11 @@ def candidates_for(linear: Linearisation) -> list[Candidate]:
     for forms in places:
         for form in forms:
             sizes = [min(1.0, form.STRAIGHT)]
-            if is_play(form):  # its response depends on its width
+            if is_play(form):  # the response depends on the width
                 sizes = sorted({min(1.0, _PLAY_SIGMA / max(float(next(sigmas)), 1e-9)), *_PLAYS})
             tried = [(free.stated, {free.field: value}) for free in form.free(scope.payload_kg) for value in free.tried]
-            # All alternatives to the rig file together are as likely as it, so their number does not lower the
-            # likelihood of a name.
+            # All alternatives to the rig file together are as likely as the stated value, so their number does not
+            # lower the likelihood of a name.
             weight = 1 / len(tried) if any(stated for stated, _ in tried) else 1.0
             for whole, size in ((scaled(healthy(form), size), size) for size in sizes):
                 shaped = tuple(whole.model_copy(update=shape) for _, shape in tried)
@@ -80,7 +80,7 @@ def candidates_for(linear: Linearisation) -> list[Candidate]:
 
 
 def _scope(blocks: Sequence[Block]) -> Scope:
-    """Return the observability of effects in the blocks. A circle has two gauges, a target has one."""
+    """Return the observability of effects in the blocks. A circle has two gauges, a target has a single gauge."""
     tables = [block.table for block in blocks]
     timed = any(table.kind.swept for table in tables)
     gauges = max((table.kind.gauges for table in tables), key=len)
@@ -97,35 +97,41 @@ def _scope(blocks: Sequence[Block]) -> Scope:
 # ----------------------------------------------------------------------------------------------------------------------
 # Columns: all possible changes of the readings, namely every form of every effect, set-ups, and scatter between runs.
 #
-# A form is one appearance of a name: a gear error of one order (two columns, because of its free phase), or backlash of
-# one
-# width and crossing. A healthy arm has a little of every effect, so the healthy size of each name is distributed over
-# its forms.
+# A form is a possible appearance of a name: a gear error of a given order (two columns, because of the free phase), or
+# backlash of a given width and crossing. A healthy arm has a little of every effect, so the healthy size of each name
+# is distributed over the forms.
 
 _BALL_MM, _PLACED_MM = 10.0, 1000.0
-"""Prior standard deviation of a set-up term about its first fit: of a ball, and of an instrument or its target. It
-matters only for poorly determined terms, such as a ball's height above the plane of a circle. Chosen: a ball is placed
-at the centre of the tool's circle, and an instrument anywhere. Poses of a UR10 with two main directions of the last
-axis move instrument and target by 60 mm; with 10 mm, a length at its limit absorbed 12 mm of them."""
+"""Prior standard deviation of a set-up term about the first fit: of a ball, and of an instrument or its target. It
+matters only for poorly determined terms, such as a ball's height above the plane of a circle. Chosen: a ball is
+placed at the centre of the tool's circle, and an instrument anywhere. Poses of a UR10 with two main directions of
+the last axis move instrument and target by 60 mm; with 10 mm, a length at its limit absorbed 12 mm of this
+motion.
+"""
 _DETECTABLE_SIGMA = 3.0
-"""Minimum significance of the largest fault, with a known set-up, for its form to get a column. Chosen: below the
-detection limit of 7 sigma."""
+"""Minimum significance of the largest fault, with a known set-up, for a form to get a column. Chosen: below the
+detection limit of 7 sigma.
+"""
 LARGEST_FAULT = 68.0
 """Largest size of a fault, in healthy sizes: the last of the sizes 6, 11, 20, 37 and 68, because faults are 5 to 100
-healthy sizes."""
+healthy sizes.
+"""
 _SMALLEST_FAULT = 6.0
 """Smallest size of a fault, relative to the level of the arm. It follows from the definition of a fault as 5 to 100
-healthy sizes, with a margin of one."""
+healthy sizes, with a margin of 1.
+"""
 _MEAN = float(np.sqrt(2 / np.pi))
 """Mean magnitude of a standard normal variable: mean of a non-negative effect in a healthy arm."""
 WEIGHT_DIGITS, _UNEVEN, _RESIDUALS = 9, 4, 8
 """Digits for distinguishing reading weights, number of cached weighted products of a band, about 8 MB each, and of
-residuals."""
+residuals.
+"""
 _EQUAL = np.ones(1)
 """Relative weights of a band with equal weights."""
 _SIZE_RATIO = 1.85
-"""Ratio of consecutive fault sizes, giving the sizes 6, 11, 20, 37 and 68 in a healthy arm. Chosen: the evidence is an
-average over sizes and smooth in their logarithm."""
+"""Ratio of consecutive fault sizes, giving the sizes 6, 11, 20, 37 and 68 in a healthy arm. Chosen: the evidence is
+an average over sizes and smooth in their logarithm.
+"""
 
 
 def fault_sizes(level: float) -> Array:
@@ -136,26 +142,26 @@ def fault_sizes(level: float) -> Array:
 
 @dataclass(frozen=True, kw_only=True)
 class Form(Candidate):
-    """One appearance of a name: a candidate with the indices of its `columns`."""
+    """A possible appearance of a name: a candidate with the indices of its `columns`."""
 
     columns: tuple[int, ...]
 
     @property
     def one_sided(self) -> bool:
-        """Whether its size cannot be negative."""
+        """Whether the size cannot be negative."""
         return len(self.effects) == 1 and one_sided(self.effect)
 
 
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """The columns of one linearisation.
+    """The columns of a linearisation.
 
-    `X` (N, p) has those of forms per healthy size, then of set-ups (`set_ups`) per mm, then of the scatter of joints,
-    ball and stamps. `band` (N,) numbers the band of each entry. `healthy` and `fixed` (p,) are the prior variances of
-    the coefficients in a healthy arm: what grows with its level, and what does not; `healthy_mean` (p,) their means at
-    level one. `not_seen` lists names that no fault size makes visible. Constants of the arm have widths of their own
-    where they are `constants_apart`, as of touches. `turned` (axes): turns of joints. `functions` is the number of
-    free functions, the last columns, that stand for causes outside the library.
+    `X` (N, p) contains the columns of forms per healthy size, then of set-ups (`set_ups`) per mm, then of the scatter
+    of joints, ball and stamps. `band` (N,): index of the band of each entry. `healthy` and `fixed` (p,): prior
+    variances of the coefficients in a healthy arm, growing with the level and constant; `healthy_mean` (p,): their
+    means at level 1. `not_seen`: names invisible at any fault size. `constants_apart`: constants of the arm have
+    separate widths, as for touches. `turned` (axes): turns of joints. `functions`: number of free functions, the last
+    columns, for causes outside the library.
     """
 
     X: Array
@@ -185,17 +191,17 @@ class Columns:
 
     @property
     def scattered(self) -> int:
-        """The number of columns of scatter between runs, after those of set-ups."""
+        """Number of columns of scatter between runs, which follow the columns of set-ups."""
         return int(self.X.shape[1] - self.set_ups.stop - self.functions)
 
     @property
     def discrepancy(self) -> slice:
-        """The columns of free functions, which stand for causes outside the library."""
+        """Columns of free functions, which represent causes outside the library."""
         return slice(self.X.shape[1] - self.functions, self.X.shape[1])
 
     @cached_property
     def likelihoods(self) -> Array:
-        """Likelihood of each form (n,) among those of its name in a healthy arm."""
+        """Likelihood of each form (n,) among the forms of the name in a healthy arm."""
         return _likelihoods(self.forms)
 
     @cached_property
@@ -260,7 +266,8 @@ class Columns:
 
     def weighted_spent(self, weight: Array, covariance: Array) -> Array:
         """Return the weighted energy of each band (b,), for weights (N,), hidden by a covariance (p, p) of the
-        coefficients."""
+        coefficients.
+        """
         equal, uneven = self._by_band(weight)
         spent: Array = equal * np.tensordot(self.K, covariance, axes=2)
         for band in uneven:
@@ -270,7 +277,7 @@ class Columns:
     def _uneven_gram(self, band: int, weight: Array) -> Array:
         """Return the weighted products (p, p) of the columns of a band with unequal weights (N,).
 
-        Cached, because a search for the noise strength scales all weights of a band equally.
+        The result is cached, because a search for the noise strength scales all weights of a band equally.
         """
         scale, shape = self._shape(band, weight)
 
@@ -281,7 +288,7 @@ class Columns:
         return np.asarray(scale * recent(self._uneven, (band, shape.tobytes()), compute, _UNEVEN), dtype=float)
 
     def _shape(self, band: int, weight: Array) -> tuple[float, Array]:
-        """Return the largest of the weights (N,) of a band, and its relative weights (n,)."""
+        """Return the largest of the weights (N,) of a band, and the relative weights (n,)."""
         weights = weight[self.rows[band]]
         return float(weights.max()), np.round(weights / weights.max(), WEIGHT_DIGITS)
 
@@ -291,8 +298,9 @@ class Columns:
         return kept[1]
 
     def weighted_products(self, response: Response, weight: Array) -> Array:
-        """Return the products (k, p) of a response with the columns, weighted by (N,); bandwise products are cached
-        with the response."""
+        """Return the products (k, p) of a response with the columns, weighted by (N,). Products by band are cached
+        with the response.
+        """
         kept = self._products.setdefault(response, {})
         products = np.zeros((response.columns.shape[1], self.X.shape[1]))
         for band, equal in enumerate(self._by_band(weight)[0].tolist()):
@@ -306,15 +314,19 @@ class Columns:
 
     def _by_band(self, weight: Array) -> tuple[Array, list[int]]:
         """Return the weight (b,) of each band with equal weights (N,), zero for the others, and the indices of the
-        others."""
+        others.
+        """
         each = [weight[rows] for rows in self.rows]
         equal = np.array([weights[0] if np.ptp(weights) == 0 else 0.0 for weights in each])
         return equal, [band for band, weights in enumerate(each) if np.ptp(weights) > 0]
 
     def variance(self, level: float, curves: JointCurves | None = None, discrepancy: float = 0.0) -> Array:
-        """Return the prior variance (p,) of the coefficients in an arm that has `level` times the healthy size of every
-        effect; waves of joints have that of their curves, if these are given. `discrepancy` is the amplitude of causes
-        outside the library."""
+        """Return the prior variance (p,) of the coefficients in an arm with `level` times the healthy size of every
+        effect.
+
+        Waves of joints have the variance of the `curves`, if given. `discrepancy`: amplitude of causes outside the
+        library.
+        """
         variance: Array = level**2 * self.healthy + self.fixed
         if curves is not None:
             variance[self.curves.columns] = self.curves.variance(curves)
@@ -322,7 +334,7 @@ class Columns:
         return variance
 
     def with_discrepancy(self, functions: Array) -> Columns:
-        """Return the same columns and, last, free functions (N, c) of unit amplitude."""
+        """Return the same columns with free functions (N, c) of unit amplitude appended."""
         none = np.zeros(functions.shape[1])
         return replace(
             self,
@@ -336,8 +348,8 @@ class Columns:
     def usual_variance(self, level: float) -> Array:
         """Return the largest usual variance (p,), in healthy sizes squared, of the coefficients at a level.
 
-        It is that of a healthy arm for constants with separate widths, and unlimited for all others. A width inferred
-        from a single large constant would equal it, and make any fault usual.
+        It equals that of a healthy arm for constants with separate widths, and is unlimited for all others. A width
+        inferred from a single large constant would equal this constant, and make any fault usual.
         """
         usual = np.full(len(self.healthy), np.inf)
         constants = self.curves.of_constants
@@ -346,7 +358,8 @@ class Columns:
 
     def mean(self, level: float) -> Array:
         """Return the prior mean (p,) of the coefficients in an arm with `level` times the healthy size of every
-        effect."""
+        effect.
+        """
         return np.asarray(level * self.healthy_mean, dtype=float)
 
 
@@ -411,11 +424,13 @@ def healthy_shares(forms: Sequence[Form], present: Collection[str] = ()) -> Arra
 
 
 def shares_beside(forms: Sequence[Form], effect: Effect) -> Array:
-    """Return the share of healthy variance kept by each form (n,) if an effect is named: zero for its own name.
+    """Return the share of healthy variance kept by each form (n,) if an effect is named: zero for forms of the same
+    name.
 
-    A gear may have further waves in addition to the named one, hardly separable for a joint with little motion: without
-    them the size of a wave of order 16 was 5 % too large in the presence of order 20, 4 times its uncertainty. Most
-    orders are whole, like numbers of teeth, so the named wave takes the share of one order from its nearest form.
+    A gear may have further waves in addition to the named wave, hardly separable for a joint with little motion. When
+    they were omitted, the size of a wave of order 16 was 5 % too large in the presence of order 20, 4 times the
+    uncertainty. Most orders are integers, like numbers of teeth, so the named wave takes the share of a single order
+    from its nearest form.
     """
     name = name_of(effect)
     keeps = np.array([form.name != name for form in forms], dtype=float)
@@ -429,7 +444,7 @@ def shares_beside(forms: Sequence[Form], effect: Effect) -> Array:
 
 
 def column_shares_beside(forms: Sequence[Form], effect: Effect, count: int) -> Array:
-    """Return these shares for each of `count` columns (p,); columns after the forms keep everything."""
+    """Return these shares for each of `count` columns (p,); columns after the forms keep their full variance."""
     shares = np.ones(count)
     of_forms = np.repeat(shares_beside(forms, effect), [len(form.columns) for form in forms])
     shares[: len(of_forms)] = of_forms
@@ -447,11 +462,11 @@ def _is_ordered(orders: Array) -> bool:
 
 
 def _likelihoods(forms: Sequence[Form]) -> Array:
-    """Return the likelihood of each form (n,) among those of its name: by weight, except for gear orders.
+    """Return the likelihood of each form (n,) among the forms of the name: by weight, except for gear orders.
 
     Orders are ratios of gear stages, so each octave is equally likely. With equal likelihood for every order of a joint
-    with a large range, a healthy gear error of order 3 was expected to be a third of its size, and a similar form error
-    of the ball came out 8 % too small, 6 times its uncertainty.
+    with a large range, a healthy gear error of order 3 was expected at a third of the true size. A similar form error
+    of the ball was then estimated 8 % too small, 6 times the uncertainty.
     """
     likely, names = np.array([form.weight for form in forms]), np.array([form.name for form in forms])
     for name in dict.fromkeys(names.tolist()):
@@ -467,14 +482,13 @@ def healthy_means(forms: Sequence[Form], present: Collection[str] = ()) -> Array
     """Return the prior mean (p,) of form columns in a healthy arm, in healthy sizes.
 
     present: names already in the model, whose remaining error may have either sign. A non-negative size is positive on
-    average.
-    Servo lags of all joints resemble late stamps; a large lag came out too small by the mean of healthy ones. A name
-    has its mean
-    in its expected shape at a healthy size: the response to backlash is not proportional to its width.
+    average. Servo lags of all joints resemble late stamps; a large lag was estimated too small by the mean of healthy
+    lags. The mean is assigned to the expected shape of a name at a healthy size, because the response to backlash is
+    not proportional to the width.
     """
     means = np.zeros(sum(len(form.columns) for form in forms))
     nearest: dict[str, Form] = {}
-    for form in forms:  # other shapes follow the expected one
+    for form in forms:  # other shapes follow the expected shape
         if form.name not in nearest or abs(np.log(form.size)) < abs(np.log(nearest[form.name].size)):
             nearest[form.name] = form
     for form in nearest.values():

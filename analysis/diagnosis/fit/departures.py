@@ -18,27 +18,31 @@ from rigs.schema.scene import play
 
 _REVERSAL_SHIFT = 0.4
 """Standard deviation of the error at a sample next to a reversal, relative to the effect's size, and of the reversal
-time, relative to the sampling interval. Chosen: the time is known to about one sample, so any part of the jump may be
-on either side."""
+time, relative to the sampling interval. Chosen: the time is known to about a sample, so any part of the jump may
+be on either side.
+"""
 _LEAST = 1e-3
 """Largest entry, in noise standard deviations, of a column that can be left out."""
 _NEGLIGIBLE = 0.01
-"""Largest standard deviation along a direction, relative to the noise, left out by `fewest_columns`. Chosen: a
-ten-thousandth of the noise variance."""
+"""Largest standard deviation along a direction, relative to the noise, omitted by `fewest_columns`. Chosen: a
+ten-thousandth of the noise variance.
+"""
 _PARTS = 16
 """Parts of a fault's backlash with separate initial positions. Chosen: finer than the rounding of a backlash
-crossing."""
+crossing.
+"""
 
 
 def departure_columns(linear: Linearisation, effect: Effect) -> Array:
-    """Return columns (N, f) of the departures of an effect, one standard deviation each, in noise standard
-    deviations."""
+    """Return columns (N, f) of the departures of an effect, each scaled to a standard deviation, in noise standard
+    deviations.
+    """
     departures = effect.departures()
     parts = [_shares(linear, departures.beside)]
     parts += [_initial_play(linear, *departures.gap, _PARTS)] if departures.gap else []
     parts += [_reversal_shifts(linear, *departures.jolt)] if departures.jolt else []
     if departures.stick:
-        # One per target, for the unknown state of a sticking plunger.
+        # A column per target, for the unknown state of a sticking plunger.
         gauge, off_mm = departures.stick
         read = [not block.sampling and gauge == "g1" for block in linear.blocks]
         blocks = zip(read, linear.blocks, strict=True)
@@ -48,17 +52,18 @@ def departure_columns(linear: Linearisation, effect: Effect) -> Array:
         parts[-1][targets, np.arange(len(targets))] = off[targets]
     # The remainder of a decaying effect at a block of targets may be between zero and twice as much.
     parts += [_apart(linear, linear.columns([effect]), sampling=False)] if departures.fades else []
-    # Healthy stamp delays are modelled without the effect. A backlash crossed 2 ms later came out 1.2 % too narrow,
-    # with an
-    # uncertainty of 0.06 %. A wave of 5 Hz read at times with a scatter of 4 ms is 0.8 % smaller on average.
+    # Healthy stamp delays are modelled separately from the effect. A backlash crossed 2 ms later was estimated 1.2 %
+    # too narrow, with an uncertainty of 0.06 %. A wave of 5 Hz read at times with a scatter of 4 ms is 0.8 % smaller on
+    # average.
     if effect.STAGE == "joint":
         parts.append(_that_change(np.concatenate([linear.late(effect), linear.scattered(effect)], axis=1)))
     return np.concatenate(parts, axis=1)
 
 
 def alike_columns(linear: Linearisation, effect: Effect) -> Array:
-    """Return columns (N, f) of effect combinations that resemble an effect, one standard deviation each, in noise
-    standard deviations."""
+    """Return columns (N, f) of effect combinations that resemble an effect, each scaled to a standard deviation, in
+    noise standard deviations.
+    """
     parts = [_shares(linear, combined).sum(axis=1) for combined in effect.departures().alike]
     return np.stack(parts, axis=1) if parts else np.empty((len(linear.y), 0))
 
@@ -71,27 +76,28 @@ def fewest_columns(columns: Array) -> Array:
     """Return the fewest columns (N, g) equivalent to columns (N, f): equal covariance, except along directions that
     hardly vary.
 
-    Backlash has a column for each of its parts and each circle, and most are similar.
+    Backlash has a column for each part and each circle, and most are similar.
     """
     variances, directions = np.linalg.eigh(columns.T @ columns)
     return np.asarray(columns @ directions[:, variances > _NEGLIGIBLE**2], dtype=float)
 
 
 def initial_play_columns(linear: Linearisation, effects: Sequence[Effect]) -> Array:
-    """Return columns (N, b), one standard deviation each, for the unknown initial position of joints in their
-    backlash."""
+    """Return columns (N, b), each scaled to a standard deviation, for the unknown initial position of joints in
+    their backlash.
+    """
     gaps = [departures.gap for departures in (effect.departures() for effect in effects) if departures.gap]
     return np.concatenate([np.empty((len(linear.y), 0)), *(_initial_play(linear, *gap, 1) for gap in gaps)], axis=1)
 
 
 def _initial_play(linear: Linearisation, axis: int, half_width_deg: float, parts: int) -> Array:
-    """Return columns (N, b) for the unknown position of a joint in its backlash at the start of each circle.
+    """Return columns (N, b) for the unknown position of a joint in the backlash at the start of each circle.
 
-    Its influence lasts until the joint has crossed the backlash, possibly much of a lap. The range ± half_width_deg is
+    The influence lasts until the joint has crossed the backlash, possibly much of a lap. The range ± half_width_deg is
     divided into parts, each with a column per circle; all positions are equally likely.
     """
     edges, half_width_rad = np.linspace(-1, 1, parts + 1), np.radians(half_width_deg)
-    # Rms of the share of each part between its middle and a random position.
+    # Rms of the share of each part between the middle and a random position.
     reached = np.clip(np.linspace(-1, 1, 201)[:, None], edges[:-1], edges[1:]) - np.clip(0.0, edges[:-1], edges[1:])
     usual = np.sqrt(np.mean((reached / np.diff(edges)) ** 2, axis=0))
 
@@ -107,7 +113,7 @@ def _initial_play(linear: Linearisation, axis: int, half_width_deg: float, parts
 def _reversal_shifts(linear: Linearisation, axis: int, size_deg: float, fades_s: float) -> Array:
     """Return columns (N, j) for the samples around each reversal of a joint.
 
-    The time of a reversal is known to about one sample and varies by that between repeats, so a spike may start earlier
+    The time of a reversal is known to about a sample and varies by that between repeats, so a spike may start earlier
     or later, and backlash may be crossed differently. A spike decaying in fades_s (s) is smaller or larger from then
     on: more remains if it started later.
     """
@@ -138,8 +144,9 @@ def _that_change(columns: Array) -> Array:
 
 
 def _apart(linear: Linearisation, whole: Array, *, sampling: bool) -> Array:
-    """Return columns (N, c) separately for each circle, or, without sampling, for each block of targets, as (N, f):
-    zero elsewhere, without ineffective ones."""
+    """Return columns (N, c) separately for each circle, or if not sampling, for each block of targets, as (N, f):
+    zero elsewhere, omitting ineffective columns.
+    """
     columns = [np.empty((len(whole), 0))]
     for block, rows in zip(linear.blocks, linear.rows, strict=True):
         if bool(block.sampling) == sampling:

@@ -1,4 +1,4 @@
-"""Causes outside the library, as free functions in addition to the names, and the remaining names."""
+"""Causes outside the library as free functions in addition to the names, and the remaining names."""
 
 from __future__ import annotations
 
@@ -11,16 +11,17 @@ from rigs.effects import Effect
 from rigs.schema.effect import is_wave
 
 _LEFT = 1.5
-"""Strength of a band above which a cause outside the library is tried. Chosen: cells with none have up to 1.2."""
+"""Strength of a band above which a cause outside the library is tried. Chosen: cells with no such cause have up to
+1.2.
+"""
 
 
 def beside_discrepancy(selection: Selection, state: SelectionState) -> tuple[Selection, SelectionState]:
-    """Return a selection with free functions for causes outside the library, and the state in it with the names removed
-    that no longer pay; both unchanged if there is no sign of such causes.
+    """Add free functions for causes outside the library, and remove the names that no longer pay.
 
-    A name that imitates such a cause leaves a residual, to which the next name is fitted. Names are therefore judged
-    again together with functions of every angle, direction, time and place of the ball; the readings determine the
-    amplitude.
+    Returns the new selection and state, or both unchanged if there is no sign of such causes. A name that imitates such
+    a cause leaves a residual, to which the next name is fitted. Names are therefore reassessed together with functions
+    of every angle, direction, time and place of the ball. The readings determine the amplitude.
     """
     waves = [effect for effect in state.possible_faults(state.effects) if _is_wave_of_joint(effect)]
     is_suspect = bool(state.free_forms) or (state.strength > _LEFT).any() or len(waves) > 1
@@ -38,7 +39,8 @@ def beside_discrepancy(selection: Selection, state: SelectionState) -> tuple[Sel
 
 def with_likeliest_discrepancy(selection: Selection, state: SelectionState) -> SelectionState:
     """Return the state with the likeliest amplitude of causes outside the library in addition to the names, 0 if no
-    amplitude pays the penalty."""
+    amplitude pays the penalty.
+    """
     functions = selection.columns.X[:, selection.columns.discrepancy]
     none = replace(state, discrepancy=0.0)
     gain, amplitude = discrepancy_evidence(functions, selection.posterior(none))
@@ -46,8 +48,9 @@ def with_likeliest_discrepancy(selection: Selection, state: SelectionState) -> S
 
 
 def without_imitators(selection: Selection, state: SelectionState) -> SelectionState:
-    """Return the state with the names removed that causes outside the library explain equally well: first all waves
-    of joints together, which approximate any function of angles, and then singly."""
+    """Remove the names that causes outside the library explain equally well: first all waves of joints together,
+    which approximate any function of angles, and then single names.
+    """
     waves = [k for k, effect in enumerate(state.effects) if _is_wave_of_joint(effect)]
     if len(waves) > 1:
         without = state

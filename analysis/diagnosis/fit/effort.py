@@ -1,4 +1,4 @@
-"""Bound of the effort of a search."""
+"""Limit of the effort of a search."""
 
 from __future__ import annotations
 
@@ -6,12 +6,13 @@ from dataclasses import dataclass
 
 _MOST_ROUNDS = 60
 """Largest number of rounds of all selections of a search. Chosen: cells with up to three faults took 10 to 30, and a
-cell with an unknown cause did not end; the residual then widens the uncertainties by the strength of the band."""
+cell with an unknown cause did not end; the residual then widens the uncertainties by the strength of the band.
+"""
 
 
 @dataclass
 class Effort:
-    """Number of rounds of a search, which is limited: an error that no name reduces would never end."""
+    """Number of rounds of a search. It is limited, because an error that no name reduces would never end the search."""
 
     rounds: int = 0
 

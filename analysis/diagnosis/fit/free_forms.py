@@ -1,9 +1,9 @@
-"""Free forms: unnamed errors of unspecified shape. They are errors of an axis as a function of its angle, speed or
+"""Free forms: unnamed errors of unspecified shape. They are errors of an axis as a function of angle, speed or
 direction of motion; of the gauges as a function of time; and of the ball as a function of position.
 
-Effects of the library have definite shapes, so they explain with two or three parameters what a free form explains
-with many. If a free form still explains much of the residual, an effect outside the library is present, and the form
-shows its dependence.
+Effects of the library have definite shapes, so they explain with two or three parameters what a free form explains with
+many. If a free form still explains much of the residual, an effect outside the library is present, and the form shows
+the dependence.
 """
 
 from __future__ import annotations
@@ -23,29 +23,38 @@ from analysis.robot.geometry.driven_programs import circle_of
 from analysis.robot.kinematics.arm import Array, forward
 
 _WAVES = 24
-"""Half waves over the range of an angle, or the duration of a run, with strength inversely proportional to the order,
-as for a random walk, so that bends and steps are possible. Chosen: fine enough for features of a few degrees."""
+"""Half waves over the range of an angle, or the duration of a run, with strength inversely proportional to the
+order, as for a random walk, so that bends and steps are possible. Chosen: fine enough for features of a few
+degrees.
+"""
 _WAVES_BY_WAY = 8
-"""The same of an error that changes with the way a joint turns. Chosen: friction and torque change slowly."""
+"""Half waves for an error that changes with the direction of joint motion. Chosen: friction and torque change
+slowly.
+"""
 _POWERS = np.array([0.5, 1.0, 2.0])
 """Powers of the speed for speed-dependent errors. Chosen: square root, linear and quadratic, covering friction and
-inertia."""
+inertia.
+"""
 _SLOW = np.radians(0.2)
-"""Rad/s below which a joint's direction of motion is unclear. Chosen: a fraction of the slowest joint speeds of a
-circle."""
+"""Speed in rad/s below which a joint's direction of motion is unclear. Chosen: a fraction of the slowest joint
+speeds of a circle.
+"""
 _UNIT_RAD, _UNIT_MM = np.radians(1e-3), 1e-3
-"""Units of the columns, without influence on the result, because the strength is scaled."""
+"""Units of the columns. They have no influence on the result, because the strength is scaled."""
 _STRENGTHS = 4.0 ** np.arange(-4, 11)
 """Squares of a form's strength in these units; the best is used. The grid covers 1/16 of a unit to 1000 units in
-factors of two."""
+factors of two.
+"""
 FREE_PRICE = 6.0
 """Log number of choices: about 26 forms times 15 strengths."""
 
 
 @dataclass(frozen=True)
 class FreeForm:
-    """Form with its description and columns (N, c) in noise standard deviations. A selected form has its most likely
-    strength, and its log evidence after the price of the selection."""
+    """Form with a description and columns (N, c) in noise standard deviations.
+
+    A selected form has the most likely strength, and the log evidence after the price of the selection.
+    """
 
     words: str
     columns: Array
@@ -53,9 +62,10 @@ class FreeForm:
 
 
 def best_free_form(forms: Sequence[FreeForm], posterior: Posterior) -> FreeForm:
-    """Return the free form with the highest evidence for the remaining residual, at its most likely strength;
-    columns (N, c)."""
-    # One product with all columns takes two thirds of the time of separate products.
+    """Return the free form with the highest evidence for the remaining residual, at the most likely strength;
+    columns (N, c).
+    """
+    # A single product with all columns takes two thirds of the time of separate products.
     ends = np.cumsum([0, *(form.columns.shape[1] for form in forms)]).tolist()
     products, slope = posterior.cavity(np.concatenate([form.columns for form in forms], axis=1))
     gains = [_gains(products[own, own], slope[own]) for own in (slice(*both) for both in pairwise(ends))]
@@ -65,10 +75,10 @@ def best_free_form(forms: Sequence[FreeForm], posterior: Posterior) -> FreeForm:
 
 
 def discrepancy_evidence(functions: Array, posterior: Posterior) -> tuple[float, float]:
-    """Return the log evidence that free functions (N, c) of one amplitude gain beside everything else, after the price
-    of that amplitude, and their likeliest amplitude.
+    """Return the log evidence gained by free functions (N, c) with a common amplitude, after the price of that
+    amplitude, and the likeliest amplitude.
 
-    They are the discrepancy between the arm and every model of the library (Kennedy and O'Hagan 2001).
+    They represent the discrepancy between the arm and every model of the library (Kennedy and O'Hagan 2001).
     """
     products, slope = posterior.cavity(functions)
     gains = _gains(products, slope)
@@ -77,8 +87,9 @@ def discrepancy_evidence(functions: Array, posterior: Posterior) -> tuple[float,
 
 
 def _gains(products: Array, slope: Array) -> Array:
-    """Return the log evidence (s,), for each of _STRENGTHS, of columns with unknown normal coefficients over none, from
-    their whitened products (k, k) and slope (k,)."""
+    """Return the log evidence (s,), for each of _STRENGTHS, of columns with unknown normal coefficients over none,
+    from their whitened products (k, k) and slope (k,).
+    """
     power, turn = np.linalg.eigh(products)
     power, strengths = np.maximum(power, 0.0), _STRENGTHS[:, None]
     gains: Array = 0.5 * ((turn.T @ slope) ** 2 / (power + 1 / strengths) - np.log1p(strengths * power)).sum(axis=1)
@@ -87,7 +98,8 @@ def _gains(products: Array, slope: Array) -> Array:
 
 def free_forms_of(linear: Linearisation) -> Iterator[FreeForm]:
     """Yield the free forms visible in the runs, with columns (N, c): functions (n, c) rad or mm at the samples of
-    each block."""
+    each block.
+    """
     # On circles joints move during the readings, otherwise between them.
     blocks = tuple(block for block in linear.blocks if block.sampling) or linear.blocks
     low, high = (of([of(block.path.q, axis=0) for block in blocks], axis=0) for of in (np.min, np.max))
@@ -118,8 +130,11 @@ def free_forms_of(linear: Linearisation) -> Iterator[FreeForm]:
 
 
 def discrepancy_functions(linear: Linearisation) -> Array:
-    """Return the functions (N, c) of unit amplitude that stand for causes outside the library: every free form, and of
-    each joint an error that goes with its angle and the way it turns together, as hysteresis and drag of cables do."""
+    """Return the functions (N, c) of unit amplitude for causes outside the library.
+
+    These are every free form and, for each joint, an error that depends on angle and direction of motion together, like
+    hysteresis and the drag of cables.
+    """
     q = [block.path.q for block in linear.blocks if block.sampling]
     low, span = (
         np.min([np.min(each, axis=0) for each in q], axis=0),

@@ -2,13 +2,12 @@
 
 A curve is a sum of waves. The amplitudes of joint j in an arm have the standard deviation
 
-width_j · k^−decay        for each whole order k,
+    width_j · k^−decay        for each whole order k,
 
 so a curve is smooth, with a size specific to its joint. Widths and decay maximise the likelihood of the readings
-(type-II
-maximum likelihood: MacKay, Neural Computation 4, 1992), with
+(type-II maximum likelihood: MacKay, Neural Computation 4, 1992), with
 
-d log p(readings) / d log v_i = ½ ((m_i − mean_i)² + A_ii) / v_i − ½
+    d log p(readings) / d log v_i = ½ ((m_i − mean_i)² + A_ii) / v_i − ½
 
 for a coefficient with prior variance v_i, posterior mean m_i and variance A_ii. On a UR10 (1495 and 632 poses) the
 joints have widths of 0.03 to 0.06°, ten times a healthy gear's, and a decay of 1.0 to 1.1.
@@ -28,26 +27,32 @@ from rigs.schema.effect import is_wave, size_field
 from rigs.schema.vocabulary import MOST_AXES
 
 _WIDTH, _WIDTH_SPREAD = 0.5, 2.0
-"""Prior width of a curve, in healthy sizes of a gear error, and the standard deviation of its logarithm. Chosen: a
-tenth to four times a healthy gear is likely; readings decide except for joints with hardly any motion."""
+"""Prior width of a curve, in healthy sizes of a gear error, and the standard deviation of the logarithm. Chosen: a
+tenth to four times a healthy gear is likely; readings decide except for joints with hardly any motion.
+"""
 _DECAY, _DECAY_SPREAD = 1.0, 0.5
-"""Prior decay and its standard deviation: a self-similar curve has 1."""
+"""Prior decay and its standard deviation: a self-similar curve has a decay of 1."""
 _WIDTHS, _DECAYS = (1e-3, 20.0), (0.3, 2.0)
-"""Bounds. Without them the widths of the lowest orders, which resemble zeros and set-ups, diverge: a curve of 20
-healthy sizes is
-0.1°."""
+"""Bounds of widths and decay. If unbounded, the widths of the lowest orders, which resemble zeros and set-ups,
+diverge: a curve of 20 healthy sizes is 0.1°.
+"""
 _PIECE, _MOST_OF_A_PIECE = 0.25, 1.0
-"""Share of a wave below which a joint shows only a zero and a slope, and the largest standard deviation of its
-amplitude, in healthy sizes. Without it a zero of 0.3° of a joint with a range of 19° became a curve."""
+"""Share of a wave below which a joint shows only a zero and a slope, and the largest standard deviation of the
+amplitude of such a wave, in healthy sizes. If unlimited, a zero of 0.3° of a joint with a range of 19° became a
+curve.
+"""
 _WIDTH_OF_A_KIND, _MOST_OF_A_KIND = 1.0, 5.0
-"""Expected and largest width of constants of one kind, in healthy sizes: a larger one is a fault with its own name."""
+"""Expected and largest width of constants of the same kind, in healthy sizes: a larger constant is a fault with a
+separate name.
+"""
 _ENOUGH, _MOST_FITS = 0.5, 40
 """Log likelihood required of a step for continuing the search, and the largest number of likelihoods."""
 
 
 LogLikelihood = Callable[["JointCurves", Array], tuple[float, Array, Array]]
-"""Function of curves and noise strengths (b,) that returns the log likelihood of the readings, and its derivatives by
-the logarithms of the prior variances (c,), in healthy sizes squared, and of the strengths."""
+"""Function of curves and noise strengths (b,) that returns the log likelihood of the readings, and the derivatives
+by the logarithms of the prior variances (c,), in healthy sizes squared, and of the strengths.
+"""
 
 
 def is_of_curve(effect: Effect) -> bool:
@@ -59,8 +64,8 @@ def is_of_curve(effect: Effect) -> bool:
 class JointCurves:
     """Size of joint curves: widths in healthy sizes of a gear error, and decay of the amplitudes with the order.
 
-    If kinds of arm constants have separate widths, those of angles, lengths and compliances follow those of the maximum
-    number of joints, in healthy sizes.
+    If kinds of arm constants have separate widths, the widths of angles, lengths and compliances follow those of the
+    maximum number of joints, in healthy sizes.
     """
 
     widths: tuple[float, ...]
@@ -73,7 +78,7 @@ class CurveColumns:
 
     Indices (c,), joints (c,) from 0, orders (c,), number of whole orders represented (c,), and largest prior variances
     (c,), in healthy sizes squared. Constants with a separate width are represented as waves of order 1 of additional
-    joints, one per kind.
+    joints, a joint per kind.
     """
 
     columns: NDArray[np.int64]
@@ -133,7 +138,7 @@ class CurveColumns:
 
 
 def curve_columns(effects: Sequence[Effect], turned: Sequence[float] = (), *, apart: bool = False) -> CurveColumns:
-    """Return the columns of joint curves among effects, one each, for joints with ranges `turned` (axes) in turns.
+    """Return the columns of joint curves among effects, a column each, for joints with ranges `turned` (axes) in turns.
 
     apart: include the arm's constants with separate widths.
     """
@@ -148,7 +153,7 @@ def curve_columns(effects: Sequence[Effect], turned: Sequence[float] = (), *, ap
     piece = [k < len(turned) and n * turned[k] < _PIECE for k, n in zip(joint.tolist(), order.tolist(), strict=True)]
     most = np.where(piece, _MOST_OF_A_PIECE**2, np.inf)
     if apart:
-        # Angles, lengths and compliances share a width each: 0, 1 and 2.
+        # Angles, lengths and compliances each share a width: 0, 1 and 2.
         kinds: dict[int, int] = {}
         for k, effect in enumerate(effects):
             if effect.part == "gravity" and effect.STAGE == "joint":

@@ -1,9 +1,9 @@
 """A parameter out of range: the error is larger than the limits of the search.
 
 A search that cannot set a length to -30 mm sets it to -24 mm, and explains the rest by other, correct parameters. If
-any size ends at the limit, or a constant comes near, each candidate is therefore fitted alone with no limit. If any of
-them explains the readings better than all the effects found within their limits, that parameter is wrong and nothing
-else is named. Waves are no candidates: they imitate any error of a joint.
+any size reaches the limit, or a constant comes near, each candidate is therefore fitted separately without a limit. If
+such a fit explains the readings better than all the effects found within their limits, that parameter is wrong, and no
+other effect is named. Waves are not candidates: they imitate any error of a joint.
 """
 
 from __future__ import annotations
@@ -19,26 +19,30 @@ from rigs.effects import Effect, size_field
 from rigs.schema.effect import identity, is_wave, name_of
 
 _CANDIDATES = 4
-"""Constants of the arm fitted alone, those with columns most similar to the residual. Chosen: in 13 simulated cells
-the wrong constant was always among the first two."""
+"""Number of arm constants fitted separately, those with columns most similar to the residual. Chosen: in 13
+simulated cells the wrong constant was always among the first two.
+"""
 _LARGE = 0.25
 """Share of the limit from which a constant is checked again: several large constants may share the response of a
-constant beyond the limit. A zero wrong by 7° was found as zeros of 2.6 and 0.4°, a soft link and a gear error."""
+constant beyond the limit. A zero wrong by 7° was found as zeros of 2.6 and 0.4°, a soft link and a gear error.
+"""
 _EXPLAINS = 0.5
-"""Largest share of the error of the initial model that the parameter alone may leave. A length beyond its limit moves
-readings by millimetres. Chosen: without it a height of the base, which a circle hardly shows, was named out of range
-for an error of 6 µm; a zero wrong by 8° leaves 3 of 7000 µm."""
+"""Largest share of the error of the initial model that the parameter by itself may leave. A length beyond the limit
+moves readings by millimetres. Chosen: without this bound, a height of the base, which a circle hardly shows, was
+named out of range for an error of 6 µm; a zero wrong by 8° leaves 3 of 7000 µm.
+"""
 _ALIKE = 1.05
 """Ratio of the residuals of two parameters up to which the readings do not distinguish them. Chosen: below the share of
 the residual that an arm with errors of usual size adds by chance."""
 _TOLERANCE = 1e-3
-"""Relative tolerance of a size at this stage; the later fit with everything else determines it."""
+"""Relative tolerance of a size at this stage; the later fit with all other terms determines it."""
 
 
 @dataclass(frozen=True)
 class OutOfRange:
     """The parameter out of range, as an effect of the estimated size, and the `twins` that would explain the
-    readings equally well."""
+    readings equally well.
+    """
 
     effect: Effect
     twins: tuple[Effect, ...] = ()
@@ -50,8 +54,11 @@ class OutOfRange:
 
 
 def find_out_of_range(result: SearchResult, runs: Sequence[ObservedRun]) -> OutOfRange | None:
-    """Return the parameter that alone and beyond the limit explains runs, of (m, k) mm, better than the effects of a
-    search within their limits; None if no size came near the limit, or no single parameter does."""
+    """Return the parameter that explains runs, of (m, k) mm, beyond the limit better than the effects of a search
+    within their limits.
+
+    None if no size came near the limit, or no single parameter does.
+    """
     at_limit = [effect for effect in result.effects if ended_at_limit(effect)]
     if not at_limit and not any(map(_is_large_constant, result.effects)):
         return None
@@ -88,7 +95,7 @@ def _likely_constants(result: SearchResult) -> list[Effect]:
 
 
 def _fitted_alone(fitted: FittedRuns, effect: Effect) -> tuple[float, Effect]:
-    """Return the rms residual in µm with an effect of the best size, whatever that is, and that effect."""
+    """Return the rms residual in µm with a single effect of the best size, unlimited, and that effect."""
     from scipy.optimize import minimize_scalar  # noqa: PLC0415 - slow to import
 
     field, (low, high) = size_field(effect), size_limits(effect)

@@ -2,8 +2,8 @@
 
 The residual of a right name with a wrong shape would support other names. The shape of each effect (the gradual
 crossing of a backlash, a third harmonic, the order of a gear, a decay) is therefore fitted together with the size,
-restricted to plausible values, and the deviations of a real gear, ball or brake from the ideal effect (`departures`)
-are allowed for in proportion to the effect.
+restricted to plausible values. Deviations of a real gear, ball or brake from the ideal effect (`departures`) are
+included in proportion to the effect.
 """
 
 from __future__ import annotations
@@ -25,33 +25,35 @@ from rigs.schema.effect import PHASE, is_wave, name_of
 
 FIT_ROUNDS = 8
 """Largest number of Gauss-Newton rounds. Chosen: more than a fit near the optimum needs, since it stops by
-`_ENOUGH`."""
+`_ENOUGH`.
+"""
 _TRIES = 5
 """Largest number of damping increases in a round. Chosen: five factors of 8 raise the damping by more than 10⁴."""
 _FURTHEST = 4.0
 """Largest distance of a shape from the expected value, in prior standard deviations. Chosen: beyond it the shape is
 implausible."""
 _ENOUGH = 0.1
-"""Chi-square that a round must gain for the fit to continue. Chosen: far below the log evidence relevant to any
-decision."""
+"""Chi-square that a round must gain for the fit to continue. Chosen: well below the log evidence relevant to any
+decision.
+"""
 _NEARBY = 0.005
 """Change of the size of an effect, and of the spread of a shape, up to which derivatives and departures are not
-computed again. Chosen: at 2 % the uncertainty of a backlash of 0.1° was 28 % too large, at 0.5 and 0.2 % it is
-right."""
+recomputed. Chosen: at 2 % the uncertainty of a backlash of 0.1° was 28 % too large, at 0.5 and 0.2 % it is right.
+"""
 
 _AT_LIMIT = 1e-6
 """Relative distance to the limit within which a size is at the limit: rounding."""
 _WHOLE = 0.5
 """Share of integer orders of gears: numbers of teeth, and turns of a stage with an integer ratio. Chosen: a wave of
-another order loses half of the odds at most."""
+non-integer order loses at most half of the odds.
+"""
 
 _One = TypeVar("_One")
 
 
 @dataclass(frozen=True)
 class Unknown:
-    """An unknown parameter: the index of the effect, the field, the expected value, prior standard deviation, and
-    lower bound."""
+    """An unknown parameter: index of the effect, field, expected value, prior standard deviation, and lower bound."""
 
     effect: int
     field: str
@@ -67,8 +69,8 @@ class Refined:
     `values` (q,) and `covariance` (q, q) belong to the unknowns. `to_limit` (q,) is the distance to the limit of each
     unknown that the next step would move there, and NaN for the others. `residual` (N,) is the whitened residual with
     the effects, with set-ups and background unchanged; `tangents` are the derivatives by the unknowns of each effect,
-    in their order. `departures` contains those of each effect, and `free` the columns of free forms, a standard
-    deviation each.
+    in order. `departures` contains those of each effect, and `free` the columns of free forms, scaled to a standard
+    deviation.
     """
 
     effects: tuple[Effect, ...]
@@ -83,7 +85,8 @@ class Refined:
 
     def sd(self, effect: int) -> dict[str, float]:
         """Return the standard uncertainty of each fitted parameter of an effect, including the uncertainty of the
-        form."""
+        form.
+        """
         sds = np.sqrt(np.diag(self.covariance))
         stated = {u.field: float(sd) for u, sd in zip(self.unknowns, sds, strict=True) if u.effect == effect}
         whole, name = self.effects[effect], size_field(self.effects[effect])
@@ -134,9 +137,11 @@ def refine(
     `fitted` is an earlier fit of the first of these effects. They move with the others along their earlier tangents,
     which costs a fraction of a full fit and has an error growing with the movement; a final fit of all effects together
     removes it. A new effect starts within the limits of the size, which also apply to the effects fitted with it; if
-    others resemble it, it is first fitted alone. `free` (N, f) contains the columns of free forms, a standard deviation
-    each, and `rounds` is the largest number of Gauss-Newton rounds of a fit. A fit that only `begins` ends before the
-    joint fit with effects resembling the new effect.
+    others resemble it, it is first fitted separately.
+
+    `free` (N, f) contains the columns of free forms, scaled to a standard deviation, and `rounds` is the largest number
+    of Gauss-Newton rounds of a fit. If `begins` is set, the fit ends before the joint fit with effects resembling the
+    new effect.
     """
     before = fitted or no_effects(linear)
     old = len(before.effects)
@@ -151,7 +156,7 @@ def refine(
         )
 
     if fitted:
-        # Together with effects resembling it the fit of a new effect may diverge: a backlash ended at a fifth of the
+        # Fitted together with effects resembling it, a new effect may diverge: a backlash ended at a fifth of the
         # width.
         first = solved(effects, alike=False)
         if begins or not any(effect.departures().alike for effect in effects[old:]):
@@ -178,7 +183,8 @@ def whole_order_gain(refined: Refined, place: int) -> float:
 
 def _departures(linear: Linearisation, effect: Effect, *, alike: bool) -> Response:
     """Return the departures (N, f) of an effect, or of the latest effect near it, including those of `alike`
-    effects."""
+    effects.
+    """
 
     def compute() -> Array:
         departures = departure_columns(linear, effect)
@@ -303,12 +309,14 @@ class _Problem:
 
     def _product(self, first: _Projected, second: _Projected) -> Array:
         """Return first' (C + FF')⁻¹ second, with F the departures and free forms: (k, l) for values (N, k) and (N,
-        l)."""
+        l).
+        """
         return first.marginal.products(second.marginal) - first.across.T @ self._inverse @ second.across
 
     def _normal(self, J: _Projected, r: _Projected) -> tuple[Array, Array]:
-        """Return the normal matrix (q, q) of Gauss-Newton for the earlier unknowns and the slopes J of the new ones,
-        and the negative gradient (q,) of half the residual's cost."""
+        """Return the normal matrix (q, q) of Gauss-Newton for the earlier unknowns and the slopes J of the new
+        unknowns, and the negative gradient (q,) of half the residual's cost.
+        """
         cross = self._product(self._before, J)
         H = np.block([[self._product(self._before, self._before), cross], [cross.T, self._product(J, J)]])
         fall = np.concatenate([self._product(self._before, r), self._product(J, r)])[:, 0]
@@ -319,7 +327,8 @@ class _Problem:
 
     def _slopes(self, effects: Sequence[Any]) -> tuple[Response, ...]:
         """Return the derivatives (N, q) by the unknowns of each new effect, or of the latest effect near it. Effects
-        are additive, and the derivatives therefore separate."""
+        are additive, and the derivatives therefore separate.
+        """
         near, slopes = self.linear.near, []
         for k in range(len(self.fitted.effects), len(effects)):
             unknowns = [unknown for unknown in self.unknowns if unknown.effect == k]
@@ -328,8 +337,9 @@ class _Problem:
         return tuple(slopes)
 
     def _limits(self, effects: Sequence[Any]) -> Array:
-        """Return the lower and the upper bounds (2, q) of the unknowns; a phase has none. A shape remains near the
-        plausible values, even after a long first step."""
+        """Return the lower and the upper bounds (2, q) of the unknowns; a phase is unbounded. A shape remains near
+        the plausible values, even after a long first step.
+        """
         limits = np.empty((2, len(self.unknowns)))
         for k, unknown in enumerate(self.unknowns):
             effect = effects[unknown.effect]
@@ -351,7 +361,8 @@ class _Problem:
 
 def slopes_of(linear: Linearisation, effect: Any, unknowns: Sequence[Unknown]) -> Array:
     """Return the derivatives (N, q) of whitened readings by the unknowns of an effect, over small steps within the
-    bounds."""
+    bounds.
+    """
     steps, changed = np.empty(len(unknowns)), []
     for k, unknown in enumerate(unknowns):
         size = 1e-3 * unknown.spread if unknown.field != size_field(effect) else 0.05 * healthy_size(effect)
@@ -364,7 +375,8 @@ def slopes_of(linear: Linearisation, effect: Any, unknowns: Sequence[Unknown]) -
 
 def size_limits(effect: Effect, *, unlimited: bool = False) -> tuple[float, float]:
     """Return the smallest and the largest size of an effect in a fit, in the unit of the size; if `unlimited`, only
-    the sign is limited."""
+    the sign is limited.
+    """
     if unlimited:
         return 0.0 if one_sided(effect) else -np.inf, np.inf
     (low, high), most = bounds(effect, size_field(effect)), effect.MOST * healthy_size(effect)
@@ -385,13 +397,13 @@ def _within_limits(linear: Linearisation, effect: Effect) -> Effect:
 
 
 def step_within(limits: Array, H: Array, gradient: Array) -> tuple[Array, Array]:
-    """Return the step (q,) to the optimum within limits of the step (2, q), given the normal matrix H (q, q) and the
-    negative gradient (q,), and the part (q,) of it held by limits, NaN for unknowns within them.
+    """Return the step (q,) to the optimum within limits of the step (2, q), and the part (q,) fixed by limits, NaN for
+    unknowns within them. H (q, q) is the normal matrix, and gradient (q,) the negative gradient.
 
-    Cutting a step at a limit would leave the other unknowns at their optimum for no limit; they are therefore solved
-    again. Nine of ten fits have an unknown at a limit, and a third of them ended at the start. The evidence also
-    follows the tangents to their optimum: a backlash that cannot be wider, and that gravity keeps on a flank, resembles
-    a zero, and with unlimited width it replaced a zero that was wrong by 1.6°.
+    Cutting a step at a limit would leave the other unknowns at their unlimited optimum; they are therefore solved
+    again. Nine of ten fits have an unknown at a limit, and a third of these fits ended at the start. The evidence also
+    follows the tangents to their optimum: a backlash at the largest width that gravity keeps on a flank resembles a
+    zero, and with unlimited width it replaced a zero that was wrong by 1.6°.
     """
     step, (low, high) = np.linalg.solve(H, gradient), limits
     if ((step >= low) & (step <= high)).all():

@@ -1,4 +1,4 @@
-"""Responses: what effects add to the readings of blocks, in standard deviations of the noise and in µm."""
+"""Responses: contributions of effects to the readings of blocks, in standard deviations of the noise and in µm."""
 
 from __future__ import annotations
 
@@ -24,32 +24,39 @@ from rigs.effects import Effect
 from rigs.schema.effect import PHASE, name_of
 
 # ----------------------------------------------------------------------------------------------------------------------
-# What effects add to the whitened readings, as objects that can be recognised: what was computed from one is kept.
+# Contributions of effects to the whitened readings, as objects with an identity: results computed from a response are
+# cached with it.
 
 _Kind = TypeVar("_Kind", bound=np.generic)
 _KEPT = 4
-"""Responses that are kept for each kind and name, at some 4 MB each with their products: about as many as the fits of
-one round begin from."""
+"""Number of responses cached for each kind and name, at some 4 MB each with their products: about the number of
+starting points of the fits of a round.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class Response:
-    """What some terms add to the whitened readings: columns (N, k). Its products with other columns are kept for as
-    long as it is."""
+    """Contribution of several terms to the whitened readings: columns (N, k). Products with other columns are cached
+    during the lifetime of the object.
+    """
 
     columns: Array
 
 
 @dataclass(frozen=True, eq=False)
 class NearResponses:
-    """The latest responses of effects, of which each stands for those of all effects near its own: derivatives and
-    departures change little over a small part of a size."""
+    """The latest responses of effects. A response also represents all similar effects, because derivatives and
+    departures change little over a small part of a size.
+    """
 
     _kept: dict[tuple[str, str], list[tuple[Effect, Response]]] = field(default_factory=dict, init=False, repr=False)
 
     def of(self, kind: str, effect: Effect, steps: Mapping[str, float], compute: Callable[[], Array]) -> Response:
-        """Return the response of one kind of the latest effect whose parameters differ by at most `steps`, in their
-        units, or compute its whitened columns (N, k). Parameters without a step do not differ."""
+        """Return the latest response of this kind for an effect whose parameters differ by at most `steps`, in their
+        units, or compute the whitened columns (N, k).
+
+        Parameters not listed in `steps` must be equal.
+        """
         after = dict[str, Any](effect)
 
         def is_near(earlier: Effect) -> bool:
@@ -58,7 +65,7 @@ class NearResponses:
                     continue
                 if name not in steps:
                     return False
-                apart = abs(value - after[name])  # of phases the smaller way round
+                apart = abs(value - after[name])  # for phases the smaller angle
                 if (min(apart % 360, -apart % 360) if name == PHASE else apart) > steps[name]:
                     return False
             return True
@@ -75,37 +82,46 @@ class NearResponses:
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# The linearisation: what effects add to the residuals of blocks, in standard deviations of the noise, either one by
-# one as columns or all together on the simulator.
+# Linearisation: contributions of effects to the residuals of blocks, in standard deviations of the noise, either singly
+# as columns or all together on the simulator.
 
 _INDISTINCT = {"ball": 0.05, "poses": 0.005}
-"""Singular value of a combination of terms of set-ups, as a share of the largest, below which it is not moved. A ball
-along the normal of its circle shows a thousandth of what it shows across, and a fiftieth where the circle is eccentric
-by 1 mm, so other errors would move it by millimetres; its other terms show a tenth, those of a hemisphere 0.29.
-Instrument and tool of poses show a hundredth where each axis turns by 0.3 rad either way."""
+"""Singular value of a combination of set-up terms, as a share of the largest, below which the combination is not
+moved. A ball shift along the normal of the circle shows a thousandth of a shift across, and a fiftieth if the
+circle is eccentric by 1 mm, so other errors would move the ball by millimetres. The other terms show a tenth,
+those of a hemisphere 0.29. Instrument and tool of poses show a hundredth if each axis turns by 0.3 rad in both
+directions.
+"""
 _STEPS, _NEAR_MM = 6, 0.05
-"""Largest number of steps in which set-ups are fitted, and the length of a step after which no further one is taken:
-over 0.05 mm a circle of 70 mm radius bends by less than 0.02 µm. An arm whose length is 8 mm wrong moves the ball by as
-much, and the first step ends 0.5 mm beside the place."""
+"""Largest number of steps in a fit of set-ups, and length of a step below which the fit ends: over 0.05 mm, a circle
+of 70 mm radius is nonlinear by less than 0.02 µm. An arm with a length error of 8 mm moves the ball by the same
+amount, and the first step ends 0.5 mm from the place.
+"""
 _NEAR_BALL_MM = 0.3
-"""Length by which a ball may move from the place about which readings are linear. Over 0.3 mm a circle of 70 mm radius
-bends by less than 0.7 µm."""
+"""Distance of a ball from the linearisation point within which readings are linear. Over 0.3 mm, a circle of 70 mm
+radius is nonlinear by less than 0.7 µm.
+"""
 _BENT = 0.3
-"""Root mean square, in standard deviations of the noise, by which readings may bend over a move of instrument and
-target. Chosen: it adds a tenth to the variance of the noise."""
+"""Largest rms nonlinearity of the readings over a move of instrument and target, in standard deviations of the
+noise. Chosen: it adds a tenth to the variance of the noise.
+"""
 _FAR_MM = 1.0
-"""Way of a tool from which a ball that stays behind is tried too. Over 1 mm a circle of 70 mm radius bends by 7 µm."""
+"""Displacement of a tool from which an unmoved ball is also tried. Over 1 mm, a circle of 70 mm radius is nonlinear
+by 7 µm.
+"""
 
 
 _FITS = 16
-"""Residuals of effects that are kept, at some 40 kB each."""
+"""Number of cached residuals of effects, at some 40 kB each."""
 
 
 @dataclass(frozen=True)
 class Linearisation:
-    """Blocks simulated about a model and its set-ups, and the residual `y_mm` (n,) of each; N counts the entries of all
-    blocks and then the known distances of sockets, in standard deviations of the noise. `near` keeps what fits have
-    computed of effects, and `unlimited` names the effects whose size a fit does not limit."""
+    """Blocks simulated about a model and its set-ups, with the residual `y_mm` (n,) of each block.
+
+    N counts the entries of all blocks, followed by the known distances of sockets, in standard deviations of the noise.
+    `near` caches results of fits, and `unlimited` contains names of effects without a size limit in fits.
+    """
 
     simulated: tuple[SimulatedBlock, ...]
     y_mm: tuple[Array, ...]
@@ -120,7 +136,7 @@ class Linearisation:
 
     @cached_property
     def setups(self) -> dict[str, SetUp]:
-        """The set-ups by their names."""
+        """The set-ups by name."""
         return {simulated.block.setup: simulated.setup for simulated in self.simulated}
 
     @cached_property
@@ -136,22 +152,25 @@ class Linearisation:
 
     @property
     def payload_kg(self) -> float:
-        """What the rig file states to hang at the flange, 0 where it does not."""
+        """Payload stated in the rig file in kg, 0 if not stated."""
         return self.blocks[0].model.load.payload_kg
 
     @property
     def reference(self) -> tuple[Effect, ...]:
-        """The effects beside those of the rig file that are part of the model."""
+        """Effects of the model in addition to the effects of the rig file."""
         return self.simulated[0].reference
 
     @cached_property
     def distances(self) -> KnownDistances:
-        """The known distances of sockets, whose entries follow those of the blocks."""
+        """Known distances of sockets; their entries follow the entries of the blocks."""
         return known_distances_of(self.blocks)
 
     def at_entries(self, parts: Sequence[NDArray[_Kind]], of_distances: Array | float = 0.0) -> NDArray[_Kind]:
-        """Return values of the entries (n, …) of each block, in any unit, as those of all entries (N, …), with values
-        (t, …) of the known distances after them; an error of the arm changes none of these."""
+        """Concatenate values of the entries (n, …) of each block, in any unit, to values of all entries (N, …),
+        followed by values (t, …) of the known distances.
+
+        An error of the arm does not change the distances.
+        """
         added = np.zeros((len(self.distances.pairs), *parts[0].shape[1:]), dtype=parts[0].dtype)
         added[...] = of_distances
         return np.concatenate([*parts, added])
@@ -169,19 +188,19 @@ class Linearisation:
 
     @cached_property
     def band(self) -> Integers:
-        """The number (N,) of the band of each entry; known distances have one of their own."""
+        """Index (N,) of the band of each entry; known distances have a separate band."""
         return self.at_entries(
             bands := [block.band for block in self.blocks], 1 + max(int(band.max()) for band in bands)
         )
 
     @cached_property
     def terms(self) -> dict[str, list[int]]:
-        """The columns of U that belong to each set-up."""
+        """The columns of U for each set-up."""
         return columns_of({block.setup: block.table for block in self.blocks})
 
     @cached_property
     def U(self) -> Array:  # noqa: N802 - a matrix
-        """The change (N, s) for a mm of each set-up term."""
+        """Change (N, s) per mm of each set-up term."""
         columns = np.zeros((len(self.y), 1 + max(map(max, self.terms.values()))))
         for simulated, rows in zip(self.simulated, self.rows, strict=True):
             columns[rows, self.terms[simulated.block.setup]] = simulated.by_setup
@@ -190,8 +209,9 @@ class Linearisation:
 
     @cached_property
     def Z(self) -> Array:  # noqa: N802 - a matrix
-        """The change (N, c) for one standard deviation of the scatter between runs, and for one standard uncertainty of
-        each known distance."""
+        """Change (N, c) for a standard deviation of the scatter between runs, and for a standard uncertainty of each
+        known distance.
+        """
         scatter = self._side_by_side([block.white(block.scatter_mm) for block in self.blocks])
         of_distances = self.distances.scatter
         columns = np.zeros((len(self.y), of_distances.shape[1]))
@@ -200,11 +220,11 @@ class Linearisation:
 
     @cached_property
     def stamps(self) -> Array:
-        """The change (N, s) for one standard deviation of the scatter of stamps, where readings change quickly."""
+        """Change (N, s) for a standard deviation of the scatter of stamps during fast changes of the readings."""
         return self._side_by_side([block.white(block.stamps_mm) for block in self.blocks])
 
     def _side_by_side(self, parts: Sequence[Array]) -> Array:
-        """Return columns (N, c) with the columns of each block in its own rows."""
+        """Return columns (N, c) with the columns of each block in the rows of that block."""
         ends = np.cumsum([0, *(part.shape[1] for part in parts)])
         columns = np.zeros((len(self.y), int(ends[-1])))
         for part, rows, begin, end in zip(parts, self.rows, ends, ends[1:], strict=False):
@@ -213,7 +233,7 @@ class Linearisation:
 
     @cached_property
     def _best_moves(self) -> Array:
-        """The terms of the set-ups (s, N) mm that fit whitened readings best."""
+        """Matrix from whitened readings to the best-fitting terms of the set-ups (s, N) mm."""
         moves = np.zeros(self.U.T.shape)
         poses = sorted(self.terms_of_poses)
         balls = [terms for terms in self.terms.values() if not self.terms_of_poses.issuperset(terms)]
@@ -225,15 +245,16 @@ class Linearisation:
 
     @cached_property
     def terms_of_poses(self) -> set[int]:
-        """The columns of U that belong to placements of poses."""
+        """The columns of U for placements of poses."""
         poses = [block.setup for block in self.blocks if block.table.kind.of_places]
         return {term for name in poses for term in self.terms[name]}
 
     def is_straight(self, moves: Array) -> bool:
-        """Return whether readings hardly bend over moves of set-ups (s,) mm.
+        """Return whether readings are nearly linear over moves of set-ups (s,) mm.
 
-        A ball is judged by its way; in the zeros of gauges readings are linear. An instrument and its target are
-        judged by the readings: where the last axis points in few directions both move far, and the readings hardly.
+        A ball is judged by its displacement; readings are linear in the gauge zeros. An instrument and its target are
+        judged by the readings: if the last axis has few directions, both may move by a large distance while the
+        readings hardly change.
         """
         poses = self.terms_of_poses
         balls = [term for terms in self.terms.values() for term in terms[:3] if term not in poses]
@@ -251,7 +272,7 @@ class Linearisation:
 
     @cached_property
     def _basis(self) -> Array:
-        """An orthonormal basis (N, s) of what set-ups could absorb."""
+        """Orthonormal basis (N, s) of the changes that set-ups could absorb."""
         return basis_of(self.U)
 
     def columns(self, effects: Sequence[Effect]) -> Array:
@@ -261,32 +282,38 @@ class Linearisation:
         return self.at_entries([simulated.columns(effects) for simulated in self.simulated])
 
     def residual(self, effects: Sequence[Effect]) -> Array:
-        """Return the whitened residual (N,) with `effects` in place of the reference ones, all of them on the simulator
-        together.
+        """Return the whitened residual (N,) with `effects` in place of the reference effects, all simulated together.
 
-        A large effect moves the ball by a millimetre, over which readings are not linear. So they are simulated where
-        the set-ups fit best with these effects, and taken back to the set-ups of this linearisation along their slopes.
+        A large effect moves the ball by a millimetre, over which readings are not linear. The readings are therefore
+        simulated with the best-fitting set-ups for these effects, and converted to the set-ups of this linearisation
+        along their slopes.
         """
         return self._best_fit(effects)[0]
 
     def contributions(self, effects: Sequence[Effect], residual: Array) -> list[Array]:
-        """Return what each of some effects adds to the whitened readings beside the others, (N,) each, given the
-        residual (N,) with all of them."""
+        """Return the additional contribution of each effect to the whitened readings, (N,) each, given the residual
+        (N,) with all effects.
+        """
         return [self.residual([*effects[:k], *effects[k + 1 :]]) - residual for k in range(len(effects))]
 
     def moves_with(self, effects: Sequence[Effect]) -> Array:
         """Return the terms of the set-ups (s,) mm that fit the readings best with `effects` in place of the reference
-        ones. Combinations of terms that hardly show go where the tool goes."""
+        effects.
+
+        Hardly visible combinations of terms follow the tool.
+        """
         return self._best_fit(effects)[1].copy()
 
     def _best_fit(self, effects: Sequence[Effect]) -> tuple[Array, Array]:
-        """Return `residual` and `moves_with`, which fits, searches and verdicts ask of the same effects in turn."""
+        """Return `residual` and `moves_with`, cached because fits, searches and verdicts need both for the same
+        effects.
+        """
 
         def compute() -> tuple[Array, Array]:
             scenes = self._scenes(effects)
             starts = [self._moves_with_tool(scenes)]
             if np.abs(starts[0]).max() > _FAR_MM:
-                # After a collision, and where runs are simulated, the ball stands where it stood.
+                # After a collision, and in simulated runs, the ball has not moved.
                 starts.append(np.zeros_like(starts[0]))
             fits = []
             for start in starts:
@@ -307,11 +334,11 @@ class Linearisation:
         return recent(self._fits, tuple(map(without_origin, effects)), compute, _FITS)
 
     def _scenes(self, effects: Sequence[Effect]) -> list[Scene]:
-        """Return the scene of each block up to the tool with `effects` in place of the reference ones."""
+        """Return the scene of each block up to the tool with `effects` in place of the reference effects."""
         return [simulated.scene_with(effects) for simulated in self.simulated]
 
     def _moves_with_tool(self, scenes: Sequence[Scene]) -> Array:
-        """Return the terms of the set-ups (s,) mm with each ball moved as far as the tool is moved in new scenes."""
+        """Return the terms of the set-ups (s,) mm with each ball displaced like the tool in new scenes."""
         moves, count = np.zeros(self.U.shape[1]), Counter(simulated.block.setup for simulated in self.simulated)
         for simulated, scene in zip(self.simulated, scenes, strict=True):
             seen = simulated.block
@@ -320,15 +347,20 @@ class Linearisation:
         return moves
 
     def responses(self, effects: Sequence[Effect], setups: Mapping[str, SetUp] | None = None) -> list[Array]:
-        """Return what `effects`, in place of the reference ones, add to the entries (N,) mm of each block, in given
-        set-ups or, without these, with each ball moved as far as the tool."""
+        """Return the contribution of `effects`, in place of the reference effects, to the entries (N,) mm of each
+        block.
+
+        The set-ups are given, or by default have each ball displaced like the tool.
+        """
         scenes = self._scenes(effects)
         return self._responses(effects, scenes, setups or self.setups_moved_by(self._moves_with_tool(scenes)))
 
     def _responses(
         self, effects: Sequence[Effect], scenes: Sequence[Scene], setups: Mapping[str, SetUp]
     ) -> list[Array]:
-        """Return what `effects` add to the entries (N,) mm of each block, given the scenes with them."""
+        """Return the contribution of `effects` to the entries (N,) mm of each block, given the scenes with these
+        effects.
+        """
         both = zip(self.simulated, scenes, strict=True)
         return [
             simulated.block.entries(simulated.read(effects, scene, setups[simulated.block.setup]) - simulated.base)
@@ -342,12 +374,13 @@ class Linearisation:
         return self.y - self.at_entries([block.white(entries) for block, entries in added], apart)
 
     def simulated_with(self, effects: Sequence[Effect]) -> Linearisation:
-        """Return the linearisation of the same runs with readings simulated with `effects` in place of the reference
-        ones and without noise; y is (N,)."""
+        """Return the linearisation of the same runs with noise-free readings simulated with `effects` in place of
+        the reference effects; y is (N,).
+        """
         return replace(self, y_mm=tuple(self.responses(effects)))
 
     def without_set_up(self, values: Array) -> Array:
-        """Return whitened values (N, …) with the part removed that set-ups could absorb."""
+        """Return whitened values (N, …) after removal of the part that set-ups could absorb."""
         return values - self._basis @ (self._basis.T @ values)
 
     def setups_moved_by(self, change: Array) -> dict[str, SetUp]:
@@ -360,23 +393,27 @@ class Linearisation:
         return [(residual[rows].T * block.sd_mm).T for rows, block in zip(self.rows, self.blocks, strict=True)]
 
     def by_joint(self, axis: int, off: Callable[[Block], Array]) -> Array:
-        """Return the change (N, c) of the whitened readings for errors (n, c) rad of a joint (1 … 6) at the samples of
-        each block's path."""
+        """Return the change (N, c) of the whitened readings for errors (n, c) rad of a joint (1 … 6) at the samples
+        of each block's path.
+        """
         return self.at_entries([simulated.by_joint(axis, off(simulated.block)) for simulated in self.simulated])
 
     def late(self, effect: Effect) -> Array:
-        """Return the change (N, c) of the whitened readings if the errors of joints that an effect makes come as much
-        later as each of c effects of the stamps has everything, at its healthy size."""
+        """Return the change (N, c) of the whitened readings if the joint errors of an effect are delayed like all
+        readings by each of c stamp effects, at a healthy size.
+        """
         return self.at_entries([simulated.late(effect) for simulated in self.simulated])
 
     def scattered(self, effect: Effect) -> Array:
-        """Return the change (N, 1) of the whitened readings if the errors of joints that an effect makes are on average
-        those of stamps that scatter."""
+        """Return the change (N, 1) of the whitened readings if the joint errors of an effect are averaged over
+        scattering stamps.
+        """
         return self.at_entries([simulated.scattered(effect) for simulated in self.simulated])
 
     def by_gauge(self, shares: Sequence[float], off: Callable[[Block], Array]) -> Array:
-        """Return the change (N, c) of the whitened readings for errors of the gauges: `shares` (2,) times (n, c) mm at
-        the samples of each circle's path, and zero for other tests."""
+        """Return the change (N, c) of the whitened readings for errors of the gauges: `shares` (2,) times (n, c) mm
+        at the samples of each circle's path, and zero for other tests.
+        """
         parts = []
         for block in self.blocks:
             each = np.array(shares) if block.sampling else np.zeros(block.values.shape[1])
@@ -384,8 +421,9 @@ class Linearisation:
         return self.at_entries(parts)
 
     def jolt(self, k: int, axis: int, sample: int, angle_deg: float) -> Array:
-        """Return the change (N,) of the whitened readings for an error of one joint (1 … 6) at a single sample of one
-        block's path."""
+        """Return the change (N,) of the whitened readings for an error in degrees of a joint (1 … 6) at a single
+        sample of a block's path.
+        """
         off = np.zeros((len(self.blocks[k].path.q), 1))
         off[sample] = np.radians(angle_deg)
         whole = np.zeros(len(self.y))
@@ -399,31 +437,34 @@ def linearise(
     effects: Sequence[Effect] = (),
     unlimited: frozenset[str] = frozenset(),
 ) -> Linearisation:
-    """Return the linearisation of blocks about set-ups. `effects` are those found so far, which the model
-    contains beside those of its rig file, so that the residuals (N,) of the blocks do not contain them. The sizes of
-    effects of `unlimited` names have no limit."""
+    """Return the linearisation of blocks about set-ups.
+
+    `effects`: effects found in earlier rounds. The model contains them in addition to the rig file, and the residuals
+    (N,) of the blocks exclude them. `unlimited`: names of effects with no size limit.
+    """
     simulated = tuple(SimulatedBlock(block, tuple(effects), setups[block.setup]) for block in blocks)
     return Linearisation(simulated, tuple(block.y_mm for block in blocks), unlimited)
 
 
 def beside(shared: Sequence[SharedBlock], blocks: Sequence[Block], setups: Mapping[str, SetUp]) -> Linearisation:
-    """Return the linearisation of blocks that other linearisations share, and of more blocks after them, N entries in
-    all, about set-ups."""
+    """Return the linearisation about set-ups of blocks shared with other linearisations, followed by more blocks,
+    with N entries in total.
+    """
     simulated = (*shared, *(SimulatedBlock(block, (), setups[block.setup]) for block in blocks))
     return Linearisation(simulated, tuple(each.block.y_mm for each in simulated))
 
 
 def basis_of(columns: Array) -> Array:
-    """Return an orthonormal basis (N, r) of columns (N, s), of which those equal to zero are ignored."""
+    """Return an orthonormal basis (N, r) of columns (N, s), ignoring zero columns."""
     basis, _ = np.linalg.qr(columns[:, np.linalg.norm(columns, axis=0) > 0])
     return np.asarray(basis, dtype=float)
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# The worth of a name in µm: the change of the readings that it causes beyond what a set-up could absorb.
+# Worth of a name in µm: the rms change of the readings beyond the part that a set-up could absorb.
 
 LEAST_MATERIAL_UM = 3.0
-"""Smallest change that is material anywhere, which is the resolution of the best gauges of such a link."""
+"""Smallest material change in µm, which is the resolution of the best gauges of such a link."""
 
 
 @dataclass(frozen=True)
@@ -434,11 +475,11 @@ class Worth:
 
     @property
     def whole_um(self) -> float:
-        """The root mean square over all blocks, each with the same weight."""
+        """Root mean square over all blocks, equally weighted."""
         return float(np.sqrt(np.mean(self.um**2)))
 
     def is_material(self, limits_um: Array) -> bool:
-        """Return whether the readings of any block change by more than its limit (b,) µm."""
+        """Return whether the readings of any block change by more than the limit (b,) µm."""
         return bool((self.um > limits_um).any())
 
 
@@ -448,16 +489,16 @@ def worth(linear: Linearisation, change: Array) -> Worth:
 
 
 def plain_worth(linear: Linearisation, change: Array) -> Worth:
-    """Return the worth of a change (N,) of whitened readings, without fitting set-ups."""
+    """Return the worth of a change (N,) of whitened readings, without a fit of set-ups."""
     return Worth(np.array([rms_um(*both) for both in zip(linear.blocks, linear.in_mm(change), strict=True)]))
 
 
 def limits_um(linear: Linearisation, own_um: Mapping[str, float] = MappingProxyType({})) -> Array:
-    """Return the changes (b,) µm from which a name is material: the scatter of one run without `own_um`, the part that
-    the name makes in each set-up.
+    """Return the changes (b,) µm from which a name is material: the scatter of a run, excluding `own_um`, the
+    contribution of the name in each set-up.
 
-    Few repeats show the scatter of one run within a fifth or worse, so the limit is computed from its mean square less
-    the standard uncertainty of that. A single difference of two runs shows no uncertainty.
+    Few repeats determine the scatter of a run within a fifth or worse, so the limit is computed from the mean square
+    minus the standard uncertainty of the mean square. A single difference of two runs provides no uncertainty.
     """
     of_name = np.array([own_um.get(block.setup, 0.0) for block in linear.blocks])
     squares, relative = _scatter_squares(linear, [block.steady_mm for block in linear.blocks])
@@ -466,24 +507,27 @@ def limits_um(linear: Linearisation, own_um: Mapping[str, float] = MappingProxyT
 
 
 def scatter_um(linear: Linearisation) -> Array:
-    """Return the rms difference (b,) µm of one run from the mean of many; at targets that of a median target, because a
-    few scatter many times as much. What stamps add where readings change quickly is not counted.
+    """Return the rms difference (b,) µm of a run from the mean of many; at targets of a median target, because a few
+    targets scatter many times as much.
 
-    Repeated circles show it themselves, together in all directions of a set-up; elsewhere it is that of the noise.
+    Stamp noise during fast changes of the readings is excluded. Repeated circles show the difference directly, pooled
+    over all directions of a set-up; otherwise it is computed from the noise.
     """
     return np.asarray(np.sqrt(_scatter_squares(linear, [block.steady_mm for block in linear.blocks])[0]), dtype=float)
 
 
 def noise_um(linear: Linearisation) -> Array:
-    """Return the same rms difference (b,) µm with what stamps added to repeated circles."""
+    """Return the same rms difference (b,) µm including the stamp noise of repeated circles."""
     return np.asarray(np.sqrt(_scatter_squares(linear, [block.apart_mm for block in linear.blocks])[0]), dtype=float)
 
 
 def _scatter_squares(linear: Linearisation, deviations: Sequence[Array]) -> tuple[Array, Array]:
-    """Return the mean square (b,) µm² of the difference of one run from the mean of many, and its relative standard
-    uncertainty (b,), which is zero where repeats do not show it. `deviations` (n, N) mm of repeated runs are those of
-    each block."""
-    # What noise and scatter make, with the set-up fitted to it.
+    """Return the mean square (b,) µm² of the difference of a run from the mean of many, and the relative standard
+    uncertainty (b,), zero if not determined by repeats.
+
+    `deviations` (n, N) mm: deviations of the repeated runs of each block.
+    """
+    # Contribution of noise and scatter, with the set-up fitted to it.
     whole = linear.in_mm(np.sqrt(1 + (linear.without_set_up(linear.Z) ** 2).sum(axis=1)))
     squares, relative = np.empty(len(linear.blocks)), np.zeros(len(linear.blocks))
     for k, (block, entries) in enumerate(zip(linear.blocks, whole, strict=True)):
@@ -494,7 +538,7 @@ def _scatter_squares(linear: Linearisation, deviations: Sequence[Array]) -> tupl
     for setup in {linear.blocks[k].setup for k in repeated}:
         members, shown = [k for k in repeated if linear.blocks[k].setup == setup], list[float]()
         for k in members:
-            # The independent differences of the runs, one fewer than these.
+            # Independent differences of the runs, whose number is smaller by 1.
             contrasts = np.linalg.svd(np.ones((1, len(deviations[k]))))[2][1:]
             shown += [rms_um(linear.blocks[k], contrast) ** 2 for contrast in contrasts @ deviations[k]]
         squares[members] = np.mean(shown)
@@ -505,7 +549,8 @@ def _scatter_squares(linear: Linearisation, deviations: Sequence[Array]) -> tupl
 
 def rms_um(block: Block, entries_mm: Array) -> float:
     """Return the root mean square in µm of a block's entries (N,) mm: per reading of a gauge, and per distance of
-    poses."""
+    poses.
+    """
     if block.sampling:
         energy, count = float((entries_mm[: len(ORDER_OF)] ** 2).sum()), 2 * GRID
     else:

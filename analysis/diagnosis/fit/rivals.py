@@ -1,5 +1,6 @@
 """Comparison of faults with their rivals: effects that could replace a fault, fitted in the same role, and the odds
-between them."""
+between fault and rival.
+"""
 
 from __future__ import annotations
 
@@ -14,31 +15,38 @@ from analysis.robot.kinematics.arm import Array
 from rigs.schema.effect import label_of, name_of, size_of
 
 _NEAR = 6.0
-"""Log evidence behind a name within which rivals are fitted on the simulator; further behind, the odds are below 1
-in 400."""
+"""Log evidence behind a name within which rivals are fitted on the simulator. Beyond it, the odds are below 1 in
+400.
+"""
 _MISSED = 0.9
 """Share of the evidence of a name, or of the linear form if that is less, above which the linear form of a rival is
 also fitted. Chosen: linear forms of similar effects miss the evidence of the fits by shares differing less than a
-tenth."""
+tenth.
+"""
 _SWAPS = 4
 """Largest number of replacements of a name by a rival. Chosen: each costs a search."""
 _RIVALS = 4
 """Largest number of fitted rivals. Chosen: others have negligible odds."""
 _CAUTIOUS = 0.25
 """Level of an arm below which odds are averaged with those at this level. Chosen: a standard deviation of the prior
-of a level below the level of a healthy arm."""
+of a level below the level of a healthy arm.
+"""
 _NEARLY = 0.5
 """Share of the smallest fault that the linear form of a rival must have to be fitted if only faults count. Chosen: a
-fit hardly doubles a size."""
+fit hardly doubles a size.
+"""
 _DOUBT = 5.0
 """Log evidence behind a name within which a rival is also fitted together with the name, to check whether it
-explains another part. Chosen: odds of 150 to 1."""
+explains a different part. Chosen: odds of 150 to 1.
+"""
 
 
 @dataclass(frozen=True)
 class RivalOdds:
-    """Odds of a name and of the rivals, the best first, each as the state with the rival in place of the name.
-    `healthy_odds` are the odds of a healthy arm showing the same."""
+    """Odds of a name and of the rivals, best first, each as the state with the rival in place of the name.
+
+    `healthy_odds`: odds of a healthy arm showing the same.
+    """
 
     odds: float
     rivals: tuple[tuple[SelectionState, float], ...] = ()
@@ -48,8 +56,8 @@ class RivalOdds:
 def compare_with_rivals(
     selection: Selection, state: SelectionState, limits: Array
 ) -> tuple[SelectionState, tuple[RivalOdds, ...]]:
-    """Return the state and the odds of each name after the comparison of each fault with its rivals. A rival with more
-    evidence replaces the fault, and the search continues from there.
+    """Compare each fault with its rivals, and return the state and the odds of each name. A rival with more evidence
+    replaces the fault, and the search continues from there.
 
     An effect of healthy size, or a fault only in this arm that changes readings by no more than the limits (b,) µm, is
     not reported as a fault: only rivals that would be faults count.
@@ -77,8 +85,8 @@ def compare_with_rivals(
 
 
 def without_needless_names(selection: Selection, state: SelectionState, limits: Array) -> SelectionState:
-    """Return the state with the faults removed that do not pay after everything else is fitted again; faults that
-    change readings by no more than the limits (b,) µm are not tried.
+    """Remove the faults that do not pay after all other terms are refitted. Faults that change readings by no more than
+    the limits (b,) µm are not tried.
 
     A name added before a large fault was fitted closely may have absorbed the residual of that fault, and then blocks
     the part. The fault of largest worth is not tried: the others are judged together with it.
@@ -105,11 +113,11 @@ def _worth(selection: Selection, state: SelectionState, place: int) -> Worth:
 
 
 def cautious_odds(selection: Selection, state: SelectionState, place: int, *, faults_only: bool = False) -> RivalOdds:
-    """Return the odds of a name and of the rivals as `rival_odds`, for a quiet arm averaged with those at a usual
-    level.
+    """Return the odds of a name and of the rivals as `rival_odds`. For a quiet arm they are averaged with the odds at a
+    usual level.
 
-    The level comes from the dominant part of the readings, mostly waves of gears. Constants that a set-up absorbs may
-    be usual in the same arm, and with them a rival may explain as much.
+    The level is estimated from the dominant part of the readings, mostly waves of gears. Constants that a set-up
+    absorbs may be usual in the same arm, and with usual constants a rival may explain as much.
     """
     odds = rival_odds(selection, state, place, faults_only=faults_only)
     if state.level >= _CAUTIOUS:
@@ -125,8 +133,11 @@ def cautious_odds(selection: Selection, state: SelectionState, place: int, *, fa
 
 
 def rival_odds(selection: Selection, state: SelectionState, place: int, *, faults_only: bool = False) -> RivalOdds:
-    """Return the odds of a name and of the rivals: effects that explain as much in place of the name and nothing in
-    addition to it; with `faults_only` only of rivals that would be faults."""
+    """Return the odds of a name and of the rivals: effects that explain as much in place of the name and add nothing to
+    it.
+
+    faults_only: only rivals that would be faults.
+    """
     forms, effect, build = selection.columns.forms, state.effects[place], selection.backgrounds.build
     without = selection.without(state, place)
     bare, whole = selection.evidence(without), selection.evidence(state)
@@ -159,7 +170,7 @@ def rival_odds(selection: Selection, state: SelectionState, place: int, *, fault
             continue
         instead = selection.evidence(tried) - bare + selection.usual_gain(tried.effects[-1], without.level)
         gain_over = instead - max(float(gains[k]), 0.0)
-        # A wave may already be fitted with the name, and have another order only if the name is removed.
+        # A wave may already be fitted with the name, and have a different order only if the name is removed.
         is_new = np.isfinite(gains[k])
         if is_new and gain_over > gain - _DOUBT:
             # A rival that explains as much in addition to the name explains a different part of the readings.

@@ -1,5 +1,6 @@
 """Search: set-ups, noise and names in turn until convergence, and detection of readings taken before joints were at
-rest."""
+rest.
+"""
 
 from __future__ import annotations
 
@@ -40,26 +41,30 @@ from rigs.text import counted
 # the columns were computed with the faults.
 #
 # A large effect displaces the ball found by a fit with no such effect, and makes the linearisation invalid. It also
-# changes the response to the errors of a healthy arm: a length that is 0.4 mm wrong makes the readings of a large gear
-# error 0.5 % smaller, ten times the uncertainty of the size. A selection therefore stops at a fault that invalidates
-# the columns, and the next starts with columns computed with the fault.
+# changes the response to the errors of a healthy arm: a length error of 0.4 mm makes the readings of a large gear error
+# 0.5 % smaller, ten times the uncertainty of the size. A selection therefore stops at a fault that invalidates the
+# columns, and the next starts with columns computed with the fault.
 
 _PLACINGS = 8
 """Largest number of fits of instrument and target to poses before a search, each about the placement of the previous
-fit. Chosen: two or three mostly suffice."""
+fit. Chosen: two or three mostly suffice.
+"""
 _GIVEN_TURNS = 4
 """Largest number of fits of given effects, each about the set-ups of the previous fit. Chosen: they move less each
-time."""
+time.
+"""
 _STOPS, _ITERATIONS = 5, 8
-"""Largest number of selections that stop at a fault, and of all. Chosen: few faults of an arm are large enough to
-change the columns of earlier faults, and of three complete selections the second mostly had the same end as the
-first."""
+"""Largest number of selections that stop at a fault, and of all selections. Chosen: few faults of an arm are large
+enough to change the columns of earlier faults, and of three complete selections the second mostly had the same
+end as the first.
+"""
 
 
 @dataclass(frozen=True)
 class SearchResult:
     """Result of a search: the selection among runs about set-ups and reference effects, the state, and each name
-    with the rivals. N counts the whitened entries of all blocks."""
+    with the rivals. N counts the whitened entries of all blocks.
+    """
 
     selection: Selection
     state: SelectionState
@@ -72,12 +77,12 @@ class SearchResult:
 
     @property
     def columns(self) -> Columns:
-        """The columns (N, p) of everything else that may change the readings."""
+        """Columns (N, p) of all other possible changes of the readings."""
         return self.selection.columns
 
     @property
     def fit(self) -> Refined:
-        """The names as they were fitted, with their parameters and residual (N,)."""
+        """The names as fitted, with their parameters and residual (N,)."""
         return self.state.refined
 
     @property
@@ -92,7 +97,7 @@ class SearchResult:
 
     @property
     def strength(self) -> Array:
-        """The variance (N,) of the residual of each entry over that of the noise."""
+        """Ratio (N,) of the variance of the residual of each entry to that of the noise."""
         return np.asarray(self.state.strength[self.columns.band], dtype=float)
 
     @cached_property
@@ -104,8 +109,9 @@ class SearchResult:
 
     @property
     def noise_share(self) -> float:
-        """The share of the assumed noise of circles, as a standard deviation, that their readings show; 1 if it was
-        measured."""
+        """Share of the assumed noise of circles, as a standard deviation, shown by the readings; 1 if it was
+        measured.
+        """
         pairs = zip(self.blocks_as_shown, self.linear.blocks, strict=True)
         shown = [(after.sd_mm, before.sd_mm) for after, before in pairs if before.sampling and not before.measured]
         if not shown:
@@ -114,7 +120,7 @@ class SearchResult:
 
     @property
     def beyond_noise(self) -> Array:
-        """The share (N,) of the residual of each entry that is beyond the noise, root mean square."""
+        """Share (N,) of the residual of each entry that is beyond the noise, root mean square."""
         return np.sqrt(np.clip(1 - 1 / np.maximum(self.strength, 1.0), 0.0, 1.0))
 
     @property
@@ -129,7 +135,7 @@ class SearchResult:
 
     @cached_property
     def initial_residual(self) -> Array:
-        """The whitened residual (N,) of the model with no names, with set-ups fitted."""
+        """The whitened residual (N,) of the model without names, with set-ups fitted."""
         return self.linear.without_set_up(self.linear.residual(()))
 
     @cached_property
@@ -152,7 +158,8 @@ class SearchResult:
     @cached_property
     def calibrated_posterior(self) -> Posterior:
         """The posterior excluding free forms and discrepancy. No model contains them, and a part shared between them
-        and the background would remain in it: 92 µm, compared with 19 for the names alone."""
+        and the background would remain in it: 92 µm, compared with 19 for the names only.
+        """
         if not self.state.free_forms and not self.state.discrepancy:
             return self.posterior
         return self.selection.posterior(self.selection.without_free_forms(self.state))
@@ -164,8 +171,9 @@ class SearchResult:
 
 
 def search(runs: Sequence[ObservedRun], progress: Callable[[str], None]) -> SearchResult:
-    """Return the names found in runs, about set-ups fitted with them; the readings of a run are (m, k) mm. Names
-    that change readings by no more than the scatter of a run have no rivals."""
+    """Search for names in runs, about set-ups fitted together with the names. The readings of a run are (m, k) mm.
+    Names that change readings by no more than the scatter of a run have no rivals.
+    """
     refitted: tuple[Effect, ...] = ()
     so_far: tuple[Effect, ...] = ()
     effort = Effort()
@@ -198,15 +206,18 @@ def fit_given(
     progress: Callable[[str], None],
     unlimited: frozenset[str] = frozenset(),
 ) -> SearchResult:
-    """Return the fit of given effects to runs of (m, k) mm, together with a healthy arm's share of everything else;
-    nothing else is named, and there are no rivals. The sizes of effects of `unlimited` names have no limit."""
+    """Fit given effects to runs of (m, k) mm, together with a healthy arm's share of all other effects. No further
+    effects are named, and there are no rivals.
+
+    `unlimited`: names of effects with no size limit.
+    """
     so_far: tuple[Effect, ...] = ()
     setups, previous = _starting_setups(runs, progress)
     for turn in range(_GIVEN_TURNS):
         progress(f"fitting {counted(len(effects), 'effect')}" + " again" * (turn > 0))
         selection = _selection(runs, setups, so_far, unlimited)
         begun = (selection.initial_state if turn else selection.state_with)(effects, previous)
-        # A fit with the strengths of the noise alone leaves much of a large effect to the background.
+        # A fit with only the noise strengths leaves much of a large effect to the background.
         state = previous = selection.settled(*beginnings(begun))
         effects = state.effects
         if selection.holds_for(state):
@@ -224,7 +235,8 @@ def _selection(
     unlimited: frozenset[str] = frozenset(),
 ) -> Selection:
     """Return a selection among all possible causes in runs, about set-ups and together with the effects in the
-    model."""
+    model.
+    """
     linear = linearise(blocks_of(runs, setups, effects), setups, effects, unlimited)
     return Selection(linear, columns_for(linear, candidates_for(linear)))
 
@@ -232,11 +244,11 @@ def _selection(
 def _starting_setups(
     runs: Sequence[ObservedRun], progress: Callable[[str], None]
 ) -> tuple[dict[str, SetUp], SelectionState | None]:
-    """Return initial fitted set-ups. Those of poses are fitted together with a healthy arm's share of every effect, in
-    the state that is returned too, with the curves of the joints.
+    """Return initial fitted set-ups, and for poses the state in which they were fitted, with the curves of the joints.
 
-    A target moves with the response of the last link to the arm's constants. With the nominal arm the target of a UR10
-    was fitted 73 mm from the place with the calibrated arm, too far for columns that are computed a single time.
+    Set-ups of poses are fitted together with a healthy arm's share of every effect. A target moves with the response of
+    the last link to the arm's constants. With the nominal arm, the target of a UR10 was fitted 73 mm from the place
+    with the calibrated arm, too distant for columns that are computed only once.
     """
     # The first run of each kind is sufficient as a starting point.
     setups = fit_run_setups(list({run.name: run for run in reversed(runs)}.values()))[0]
@@ -263,24 +275,30 @@ def _starting_setups(
 # it: the order of rows in a table is not the order of measurement.
 
 _SURE_SIGMA = 5.0
-"""Smallest size of a joint's error, in standard deviations, that is reported. Among six joints, chance exceeds 5 sigma
-once in a million diagnoses."""
+"""Smallest size of a joint's error, in standard deviations, that is reported. Among six joints, chance exceeds 5
+sigma once in a million diagnoses.
+"""
 _LEAST_SHARE = 0.2
 """Smallest share of the residual energy that must follow the direction of travel. Poses are visited in some order,
-and a small share always does: 8 % in a UR10 measured at rest (Landgraf et al. 2021)."""
+and a small share always does: 8 % in a UR10 measured at rest (Landgraf et al. 2021).
+"""
 _ALIKE, _UNABSORBED = 0.5, 0.2
 """Chosen: a contribution counts as an arrival error if at least 0.5 of the energy follows the direction of travel;
-and at least 0.2 of the energy must remain after the dependence on joint angle is removed."""
+and at least 0.2 of the energy must remain after the dependence on joint angle is removed.
+"""
 _STEPS = 19
 """Angles of a joint, equally spaced in poses, beyond which the link may be displaced. Chosen: 5 % each."""
 _ORDERS = np.array([1, 2, 3])
 """Cycles per turn of the functions of a joint's angle. Chosen: the first three orders describe gravity and eccentric
-gear wheels."""
+gear wheels.
+"""
 
 
 def early_readings(result: SearchResult) -> tuple[str, ...]:
-    """Return a message with the remedy if the joints of poses were read too early, and an empty tuple otherwise. The N
-    entries of the search result are whitened; the fitted joint errors are (axes,) rad."""
+    """Return a message with the remedy if the joints of poses were read too early, and an empty tuple otherwise.
+
+    The N entries of the search result are whitened; the fitted joint errors are (axes,) rad.
+    """
     linear = result.linear
     rows = linear.at_entries([np.full(len(block.y_mm), _moves(block) is not None) for block in linear.blocks])
     if not rows.any():
@@ -344,8 +362,10 @@ def _smooth(q: Array) -> Array:
 
 def _step_share(linear: Linearisation, rows: Mask, free: Callable[[Array], Array], y: Array) -> float:
     """Return the share of the energy of readings y (N,) explained best by a link displaced beyond some angle of the
-    joint, after a slipped tooth: a joint reaches large angles from below, and the error therefore also follows
-    the direction."""
+    joint, after a slipped tooth.
+
+    A joint reaches large angles from below, and the error therefore also follows the direction.
+    """
     steps = _by_angle(linear, lambda q: np.heaviside(q - np.quantile(q, np.linspace(0, 1, _STEPS + 2)[1:-1]), 0.0))
     columns = free(np.concatenate(steps, axis=1))[rows]
     gains = (columns.T @ y[rows]) ** 2 / np.maximum((columns**2).sum(axis=0), 1e-30)

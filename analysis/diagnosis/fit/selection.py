@@ -1,8 +1,8 @@
 """Selection of the effects that explain the readings.
 
-A state (`state.py`) contains the effects named so far, as fitted. `Selection.select` changes it round by round: it adds
-the form of a candidate whose fit gains most log evidence, drops an effect that no longer pays the penalty, and
-estimates the noise again, until neither pays. All unnamed effects remain possible as the background of columns.
+A state (`selection_state.py`) contains the fitted effects. `Selection.select` changes it round by round. It adds the
+form of a candidate whose fit gains most log evidence, drops an effect that no longer pays the penalty, and reestimates
+the noise, until neither pays. All unnamed effects remain possible as the background of columns.
 """
 
 from __future__ import annotations
@@ -52,15 +52,18 @@ from rigs.schema.effect import is_wave, name_of, size_of
 # two. Effects whose evidence no longer covers their penalty are removed.
 
 _FAULTS = 2.0
-"""Expected number of faults of an arm sent for diagnosis, before anything is measured. Chosen: between a single
-fault and the 9 to 14 of an arm that was never calibrated."""
+"""Expected number of faults of an arm sent for diagnosis, before any measurement. Chosen: between a single fault and
+the 9 to 14 of an arm that was never calibrated.
+"""
 _OFF = 0.1
-"""Share of the response of the faults by which the reference faults may differ from them. Chosen: columns computed
-with no faults missed up to 1 % of a large fault; they then miss 0.1 %."""
+"""Share of the response of the faults by which the reference faults may differ. Chosen: columns computed with no
+faults missed up to 1 % of a large fault; they then miss 0.1 %.
+"""
 _FEW_SIGMA = 100.0
 """Norm of the difference between the responses of the faults and the reference faults, in standard deviations of the
 noise, up to which columns remain valid for any size of fault. Chosen: columns with an error of 1 % of it (6 % at
-worst) miss 1 (6) standard deviations."""
+worst) miss 1 (6) standard deviations.
+"""
 _DEPTH = 40
 """Largest number of fitted effects: real arms that were never calibrated have 9 to 14 faults, and as many visible
 healthy effects."""
@@ -69,10 +72,11 @@ _SEARCH_ROUNDS = 40
 _HEALTHY_PRICE = 6.0
 """Log evidence that a single form at healthy size must gain to be fitted. Chosen: a smaller gain changes no verdict."""
 _OFF_STATED = 3.0
-"""Standard deviations from the stated value beyond which another cause is meant."""
+"""Standard deviations from the stated value beyond which the cause is a different one."""
 _SEEN = 4.0
 """Sigmas that the largest fault must have for the name to be testable. Chosen: below the 7 sigma at which an effect
-is detected, to avoid reporting names in between as hidden."""
+is detected, to avoid reporting names in between as hidden.
+"""
 _SURE_EVIDENCE = 5.0
 """Log evidence of the cavity above which an effect is not tested for removal. Chosen: odds of 150 to 1."""
 _MUCH = 50.0
@@ -82,22 +86,26 @@ _MARGIN = 1.2
 """Factor by which a free form must explain more than the best name, whose first fit is not at the optimum. Chosen."""
 _TRIED, _CLOSE = 3, 0.5
 """Largest number of names fitted before a name is added, and the share of the largest gain that the others must
-have. Chosen: each fit costs a fraction of a round."""
+have. Chosen: each fit costs a fraction of a round.
+"""
 _BENT, _PLAIN_TO_SEE = -5.0, 10.0
-"""Log evidence of a form from which the name is fitted too if no name gains much, and sigmas of the readings in
-which the form must be visible: all stretched shapes may be too far from the true shape. The spike of an axis that
-fades in 0.93 s, 21 sigma, lost 2.5 with the shape of 1 s and gained 420 when fitted; when left out, it turned a
-lag of 0.6 ms into 33 ms."""
+"""Minimum log evidence of a form whose name is also fitted if no name gains much, and minimum sigmas of the form in
+the readings. All stretched shapes may differ too much from the true shape. The spike of an axis that fades in
+0.93 s, 21 sigma, lost 2.5 with the shape of 1 s and gained 420 when fitted; when omitted, it turned a lag of 0.6
+ms into 33 ms.
+"""
 _OF_SET_UP = 0.01
 """Share of a column remaining with a free set-up, below which the column is a term of the set-up. Chosen: next to a
 soft joint the last length, which determines the torque, leaves 0.002, and was named as 24 mm for 36 µm; columns
-that are no term leave 0.6 and more."""
+of other terms leave 0.6 and more.
+"""
 _CURVE_ROUNDS, _ENOUGH_OF_CURVES = 3, 2.0
 """Largest number of fits of curves alternating with the weights of outliers, and the log evidence that a fit must
 gain for the next. Chosen: an outlier among 30 poses of a UR10 took three."""
 _FEW_ROUNDS = 3
-"""Rounds of fits that are followed by others: fits from several starts, of which only the likeliest continues, and
-fits alternating with the noise. Chosen: in a development case the first two gained nearly all that a fit gained."""
+"""Number of rounds of preliminary fits: fits from several starts, of which only the likeliest continues, and fits
+alternating with the noise. Chosen: in a development case the first two gained nearly all that a fit gained.
+"""
 
 
 @dataclass(frozen=True)
@@ -114,7 +122,7 @@ class Selection:
 
     @cached_property
     def _log_choices(self) -> Array:
-        """The logarithm (n,) of the inverse likelihood of each form among the forms of the name."""
+        """Logarithm (n,) of the inverse likelihood of each form among the forms of the name."""
         return np.asarray(-np.log(self.columns.likelihoods), dtype=float)
 
     @cached_property
@@ -123,7 +131,7 @@ class Selection:
 
     @cached_property
     def backgrounds(self) -> Backgrounds:
-        """The backgrounds of states: everything that is not fitted as an effect."""
+        """The backgrounds of states: all contributions not fitted as an effect."""
         return Backgrounds(self.columns, self.linear.blocks[0].model.rig.robot.built)
 
     @property
@@ -133,13 +141,15 @@ class Selection:
 
     @cached_property
     def _free(self) -> tuple[FreeForm, ...]:
-        # With targets alone a free form follows the scatter: on poses of a UR10 it replaced names, and the rms of
-        # held-out poses was 0.317 mm instead of the 0.141 mm with names alone.
+        # With targets only, a free form follows the scatter: on poses of a UR10 it replaced names, and the rms of
+        # held-out poses was 0.317 mm instead of the 0.141 mm with names only.
         return tuple(free_forms_of(self.linear)) if any(block.sampling for block in self.linear.blocks) else ()
 
     def initial_state(self, effects: Sequence[Effect] = (), previous: SelectionState | None = None) -> SelectionState:
-        """Return a state with the given effects fitted, in an arm at healthy level and with the estimated noise; the
-        search for the noise and the curves of joints shown by poses starts from those of the `previous` state."""
+        """Return a state with the given effects fitted, in an arm at healthy level and with the estimated noise.
+
+        The search for the noise and the curves of joints shown by poses starts from those of the `previous` state.
+        """
         strength, robust = np.ones(len(self.columns.count)), np.ones(len(self.linear.y))
         curves = JointCurves((1.0,) * max(self.linear.axes, self.columns.curves.count)) if self._shows_curves else None
         if curves is not None and previous is not None and previous.curves is not None:
@@ -162,8 +172,9 @@ class Selection:
         state = self.renewed(self.renewed(state))
         if curves is None:
             return state
-        # Gauges at few targets, and balls in sockets that move with the arm's constants, tell curves from scatter
-        # badly. Searched with the curves, the noise left 1.1 instead of 0.4 mm of a Panda at a placement left out.
+        # Gauges at few targets, and balls in sockets that move with the arm's constants, separate curves poorly from
+        # scatter. When searched with the curves, the noise left 1.1 instead of 0.4 mm of a Panda at a held-out
+        # placement.
         return self.renewed(self._with_likeliest_curves(replace(state, curves=curves), np.stack([state.strength] * 2)))
 
     @property
@@ -196,8 +207,9 @@ class Selection:
         return state
 
     def _with_likeliest_curves(self, state: SelectionState, limits: Array) -> SelectionState:
-        """Return the state with the likeliest sizes of the curves of joints, and the likeliest strengths of the
-        noise for them within `limits` (2, b)."""
+        """Return the state with the likeliest sizes of the joint curves, and the corresponding likeliest strengths
+        of the noise within `limits` (2, b).
+        """
         assert state.curves is not None  # noqa: S101 - poses alone have them
         of_curves, terms, noise = self.columns.curves.columns, state.refined.fitted_terms, self._hyperparameters
 
@@ -212,8 +224,8 @@ class Selection:
         return replace(state, curves=curves, strength=strength)
 
     def fitted_again(self, state: SelectionState, refitted: Sequence[Effect] = ()) -> SelectionState:
-        """Return the state with each fault fitted again from the best form of the name, if that explains more, except
-        the `refitted` faults.
+        """Return the state with each fault refitted from the best form of the name, if that explains more, except the
+        `refitted` faults.
 
         A shape found with other set-ups may be a local optimum: a spike of 0.18 s remained at 0.05 s, although most of
         it took four times as long.
@@ -235,10 +247,12 @@ class Selection:
         return state
 
     def select(self, state: SelectionState, *, stops: bool = False) -> SelectionState:
-        """Return the state with all effects that cover their penalty and no others. If a free form explained more
-        than the best name, the search accepting it is tried too, and the state with more evidence is returned. If
-        it `stops`, it ends at the first new fault that invalidates the columns, unless a free form explained more
-        before."""
+        """Return the state with all effects that cover their penalty and no others.
+
+        If a free form explained more than the best name, the search accepting it is tried too, and the state with more
+        evidence is returned. If `stops` is set, the search ends at the first new fault that invalidates the columns,
+        unless a free form explained more before.
+        """
         named, with_free_form = self._stepwise(state, accept_free_forms=False, stops=stops)
         if with_free_form is None:
             return named
@@ -246,7 +260,8 @@ class Selection:
 
     def holds_for(self, state: SelectionState) -> bool:
         """Return whether the columns are valid for a state: the effects hardly move the set-ups, and the reference
-        faults of the columns have nearly the response of the faults of the state."""
+        faults of the columns have nearly the response of the faults of the state.
+        """
         linear = self.linear
         if not linear.is_straight(self.moves(state)):
             return False
@@ -259,10 +274,10 @@ class Selection:
 
     def moves(self, state: SelectionState) -> Array:
         """Return the terms of the set-ups (s,) mm that fit the readings best with the effects of a state; for poses
-        with all other known contributions too.
+        also with all other known contributions.
 
-        A target moves with the response of the last link to the arm's constants, and is therefore fitted with all of
-        them.
+        A target moves with the response of the last link to the arm's constants, and is therefore fitted together with
+        all contributions.
         """
         moves, poses = self.linear.moves_with(state.effects), sorted(self.linear.terms_of_poses)
         if poses:
@@ -274,7 +289,7 @@ class Selection:
         """Whether the readings show curves of joints and no single waves of a healthy joint.
 
         Poses see long pieces of the curve of a joint's error over the angle, and no wave of a healthy joint is
-        dominant. Of a UR10, 22 waves picked singly took nine tenths of the time and left the same residual as no wave.
+        dominant. For a UR10, 22 waves picked singly took nine tenths of the time and left the same residual as no wave.
         """
         return not any(block.sampling for block in self.linear.blocks)
 
@@ -285,10 +300,12 @@ class Selection:
     def _stepwise(
         self, state: SelectionState, *, accept_free_forms: bool, stops: bool = False
     ) -> tuple[SelectionState, SelectionState | None]:
-        """Return the result of a stepwise search, and the first state in which a free form explained more than the
-        best name, if any. `accept_free_forms` states whether such a form is then used, and `stops` whether the
-        search ends at a new fault that invalidates the columns, unless there is such a form. The search also ends
-        at a series of waves."""
+        """Return the result of a stepwise search, and the first state in which a free form explained more than the best
+        name, if any.
+
+        accept_free_forms: use such a form. stops: end at a new fault that invalidates the columns, unless there is such
+        a form. The search also ends at a series of waves.
+        """
         with_free_form = None
         # Unnamed faults resemble an arm with a high level; names are therefore selected at level 1 first.
         for level_cap in (1.0, MOST_LEVEL):
@@ -297,12 +314,13 @@ class Selection:
                 break
             for _ in range(_SEARCH_ROUNDS):
                 if series_among(state.effects) or self.effort.is_spent:
-                    # further names would only describe the residual of a series approximating an error of another form
+                    # further names would only describe the residual of a series approximating an error of a different
+                    # form
                     break
                 self.effort.rounds += 1
                 posterior = self.posterior(state)
-                # Effects that pay nothing are removed first, and only then is an effect added; if none gains, doubtful
-                # ones are removed.
+                # Effects that pay nothing are removed first, and only then is an effect added. If none gains, doubtful
+                # effects are removed.
                 changed = self._backward_step(state, posterior, below=0.0)
                 if changed is None:
                     may_try_free = accept_free_forms or with_free_form is None
@@ -328,13 +346,14 @@ class Selection:
         return self.backgrounds.of(state).posterior(state.refined.fitted_terms)
 
     def without_free_forms(self, state: SelectionState) -> SelectionState:
-        """Return the state with the free forms removed, with the same effects and the noise estimated again."""
+        """Return the state with the free forms removed, with the same effects and the noise reestimated."""
         none = Response(np.empty((len(self.linear.y), 0)))
         return self.renewed(replace(state, free_forms=(), discrepancy=0.0, refined=replace(state.refined, free=none)))
 
     def not_testable(self, state: SelectionState, posterior: Posterior) -> tuple[str, ...]:
         """Return the names that these tests would not show at the size of a large fault, with all other possible
-        effects present."""
+        effects present.
+        """
         sigma = posterior.gains(self.columns.forms, state.level).sigma
         named = {name_of(effect) for effect in state.effects}
         seen = {self.columns.forms[k].name for k in np.flatnonzero(LARGEST_FAULT * sigma > _SEEN).tolist()}
@@ -347,7 +366,10 @@ class Selection:
 
     def _backward_step(self, state: SelectionState, posterior: Posterior, *, below: float) -> SelectionState | None:
         """Return the state with the effect of least evidence removed, if that does not cover the penalty, and None
-        otherwise. Only effects whose cavity gains log evidence below `below` are tested."""
+        otherwise.
+
+        Only effects whose cavity gains log evidence below `below` are tested.
+        """
         doubtful = [k for k in range(len(state.effects)) if self.gain_of(state, posterior, k) < below]
         if not doubtful:
             return None
@@ -366,7 +388,8 @@ class Selection:
 
     def _without_free_form(self, state: SelectionState) -> SelectionState | None:
         """Return the state with a free form removed if the best name in the same role, or no effect, explains as
-        much, and None otherwise."""
+        much, and None otherwise.
+        """
         whole = self.evidence(state) if state.free_forms else 0.0
         for k in range(len(state.free_forms)):
             kept = (*state.free_forms[:k], *state.free_forms[k + 1 :])
@@ -380,7 +403,8 @@ class Selection:
 
     def gain_of(self, state: SelectionState, posterior: Posterior, place: int) -> float:
         """Return the approximate log evidence of an effect over the share of a healthy arm in the form, from the
-        cavity of the size."""
+        cavity of the size.
+        """
         refined, effect = state.refined, state.effects[place]
         row = next(k for k, u in enumerate(refined.unknowns) if u.effect == place)
         unit, variance = healthy_size(effect), posterior.term_covariance[row, row]
@@ -399,7 +423,8 @@ class Selection:
 
     def _nearest_form(self, effect: Effect) -> int | None:
         """Return the index of the form of an effect's name, for waves the form of the nearest order; None if the
-        name has no form."""
+        name has no form.
+        """
         forms, order = self.columns.forms, order_of(effect)
         of_name = [k for k, form in enumerate(forms) if form.name == name_of(effect)]
         apart = np.nan_to_num([abs(order_of(forms[k].effect) - order) for k in of_name])
@@ -429,11 +454,11 @@ class Selection:
         return float(self.usual_gains([effect], np.array([size_of(effect)]), level)[0])
 
     def usual_gains(self, effects: Sequence[Effect], size: Array, level: float) -> Array:
-        """Return the log odds (n,) that effects of some sizes (n,), in healthy sizes, gain over their penalties in a
+        """Return the log odds (n,) that effects with given sizes (n,), in healthy sizes, gain over their penalties in a
         comparison of names, since they may be usual.
 
-        Every arm has a usual amount of every effect. A search ignoring it below a gain is no odds against it, and
-        neither is an arm that shows less of most others.
+        Every arm has a usual amount of every effect. Neither a search that ignores it below a given gain nor an arm
+        that shows less of most others is evidence against it.
         """
         usual = np.array([max(level, effect.usual_times(self.backgrounds.build)) for effect in effects])
         price = self._size_odds(size, level, -_HEALTHY_PRICE - 0.5 * (size / level) ** 2 - np.log(level))
@@ -442,7 +467,8 @@ class Selection:
 
     def _size_odds(self, size: Array | float, level: float, healthy: Array | float) -> Array:
         """Return the prior log odds (n,) of sizes (n,), in healthy sizes, over the wide prior of the fit: as faults,
-        or with the log odds `healthy` (n,) as effects present in every arm."""
+        or with the log odds `healthy` (n,) as effects present in every arm.
+        """
         sizes, each = fault_sizes(level), np.asarray(size, dtype=float)[..., None]
         fault = self._fault_price + np.log(np.mean(np.exp(-0.5 * (each / sizes) ** 2) / sizes, axis=-1) + 1e-300)
         wide = -0.5 * (np.asarray(size) / LARGEST_FAULT) ** 2 - np.log(LARGEST_FAULT)
@@ -450,7 +476,8 @@ class Selection:
 
     def _against_stated(self, effect: Effect) -> float:
         """Return the log evidence that readings must provide for shapes of an effect that differ from the rig file:
-        with no masses of links a soft joint and a heavy load look the same."""
+        if the link masses are unknown, a soft joint and a heavy load look the same.
+        """
         free = effect.free(self.linear.payload_kg)
         off = [abs(getattr(effect, one.field) - one.expected) > _OFF_STATED * one.spread for one in free if one.stated]
         return _HEALTHY_PRICE * float(sum(off))
@@ -481,7 +508,8 @@ class Selection:
 
     def gains(self, state: SelectionState, posterior: Posterior) -> Array:
         """Return the log odds (n,) of each form over an equal share, as a fault or as the healthy effect of the
-        name, whichever are larger."""
+        name, whichever are larger.
+        """
         gains = posterior.gains(self.columns.forms, state.level)
         curves, pieces = self.waves_of_curves
         is_usual = gains.size < FAULT * max(state.level, 1.0)  # of healthy arms or of arms of this level
@@ -492,8 +520,9 @@ class Selection:
 
     @cached_property
     def waves_of_curves(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Return the forms (n,) that are waves of a joint's curve, and the forms of such low order that the joint
-        was driven over few waves in any run."""
+        """Masks (n,) of the forms that are waves of a joint's curve, and of forms of such low order that the joint
+        was driven over few waves in any run.
+        """
         effects = [form.effect for form in self.columns.forms]
         turned = np.max([np.ptp(block.table.q, axis=0) for block in self.linear.blocks], axis=0) / (2 * np.pi)
         driven = [
@@ -504,9 +533,9 @@ class Selection:
 
     @cached_property
     def _against(self) -> Array:
-        """The log evidence (n,) that a form must gain beyond the penalty: infinite if a set-up of poses or touches
-        can do the same, as the last length is a length of the tool; less along directions that are hardly
-        visible."""
+        """Log evidence (n,) that a form must gain beyond the penalty: infinite if a set-up of poses or touches can
+        do the same, as the last length is a length of the tool; less along directions that are hardly visible.
+        """
         against = np.array([self._against_stated(form.effect) for form in self.columns.forms], dtype=float)
         if self._shows_curves:
             columns = self.columns.X[:, : self.columns.set_ups.start]
@@ -519,7 +548,8 @@ class Selection:
         self, state: SelectionState, posterior: Posterior, *, try_free_forms: bool
     ) -> tuple[SelectionState | None, SelectionState | None]:
         """Return the state with the effect of largest gain, if an effect covers the penalty, and the state with a
-        free form instead, if those are tried and any explains much more."""
+        free form instead, if those are tried and any explains much more.
+        """
         gain = self.gains(state, posterior)
         gain[[k for k in state.refused if k >= 0]] = -np.inf
         most_gain, changed, best = 0.0, None, self._worth_trying(state, posterior, gain)
@@ -541,14 +571,18 @@ class Selection:
         taken = state.replaced_forms | {form.words for form in state.free_forms}
         forms = [form for form in self._free if form.words not in taken] if try_free_forms else []
         free_form = best_free_form(forms, posterior) if forms else None
-        # A fit may be worse than the linear prediction if it moves the set-up far; the next turn corrects that.
+        # A fit may be worse than the linear prediction if it moves the set-up by a large amount; the next turn corrects
+        # that.
         if free_form is None or free_form.gain < max(_MUCH, _MARGIN * most_gain):
             return changed, None
         return changed, self.refitted(replace(state, free_forms=(*state.free_forms, free_form)))
 
     def _worth_trying(self, state: SelectionState, posterior: Posterior, gain: Array) -> list[int]:
-        """Return the best form of each of the few names that gain (n,) most, the best first; if none gains much,
-        also the form of a clearly visible name whose gain may be low only because of the stretched shape."""
+        """Return the best form of each of the few names with the largest gains (n,), best first.
+
+        If none gains much, also return the form of a clearly visible name whose gain may be low only because of the
+        stretched shape.
+        """
         forms, best_of = self.columns.forms, dict[str, int]()
         for k in np.argsort(-gain).tolist() if len(state.effects) < _DEPTH else ():
             if not gain[k] > max(_CLOSE * gain.max(), 0.0) or len(best_of) == _TRIED:
@@ -573,11 +607,11 @@ class Selection:
         return self._with_effect(state, effects[0], k)
 
     def likeliest(self, states: Sequence[SelectionState]) -> tuple[float, SelectionState]:
-        """Return the largest log evidence of some states, and the first state that has it."""
+        """Return the largest log evidence of several states, and the first state that has it."""
         return max(((self.evidence(state), state) for state in states), key=lambda both: both[0])
 
     def _with_effect(self, state: SelectionState, effect: Effect, k: int, *, begins: bool = False) -> SelectionState:
-        """Return the state with another effect, from form k, fitted, in few rounds if it only `begins`."""
+        """Return the state with an additional effect, from form k, fitted, in few rounds if `begins` is set."""
         effects, rounds = (*state.effects, effect), _FEW_ROUNDS if begins else FIT_ROUNDS
         bare = replace(state, refined=replace(state.refined, effects=effects), origins=(*state.origins, k))
         background = self.backgrounds.of(bare)
@@ -585,8 +619,9 @@ class Selection:
         return replace(bare, refined=refined)
 
     def settled(self, *begins: SelectionState, least: float = -np.inf) -> SelectionState:
-        """Return the likeliest state that is reached from some states when all effects and the noise are fitted until
-        the evidence hardly rises, or could hardly reach the log evidence `least`."""
+        """Return the likeliest state reached from several states by fitting all effects and the noise until the
+        evidence hardly rises, or could hardly reach the log evidence `least`.
+        """
         return settled(begins, lambda state: self.refitted(state, _FEW_ROUNDS), self.renewed, self.evidence, least)
 
     def refitted(self, state: SelectionState, rounds: int = FIT_ROUNDS) -> SelectionState:

@@ -36,7 +36,8 @@ from rigs.schema.vocabulary import Build
 
 FAULT = 5.0
 """Size in healthy sizes above which an effect is a fault: faults of real arms are 5 to 100 healthy sizes. In an arm
-with a level below 1, smaller effects may be faults."""
+with a level below 1, smaller effects may be faults.
+"""
 
 
 def least_fault(effect: Effect, build: Build) -> float:
@@ -48,13 +49,16 @@ DRIVEN_WAVES = 2.0
 """Waves that a joint must drive before any of them is called a gear: fewer are a piece of a smooth curve."""
 _NEAR_ORDER = 1.15
 """Ratio of orders of a gear below which they count as the same wave. Chosen: a lap does not separate closer orders
-of a slow joint."""
+of a slow joint.
+"""
 _SAME_ORDER = 0.5
 """Difference of the orders of a gear below which they are the same wave. Chosen: most orders are integers, like
-numbers of teeth."""
+numbers of teeth.
+"""
 _MOST_WAVES = 6
 """Largest number of waves of a joint that are gears. A sum of waves describes any error following the angle of a
-joint: a slipping joint was named as 22. Of 240 other generated cases none had more than three of a joint."""
+joint: a slipping joint was named as 22. Of 240 other generated cases none had more than three per joint.
+"""
 
 
 @dataclass(frozen=True)
@@ -62,11 +66,11 @@ class SelectionState:
     """A single state.
 
     `refined` contains the fitted effects and `origins` the indices of the forms of origin, -1 for none. `level` is that
-    of the background and `level_cap` the upper limit. `strength` (b,) is the variance of the residual in each band over
-    that of the noise and `robust` (N,) the weights of the entries. `refused` contains the indices of forms that did not
-    cover their penalty, `free_forms` the free forms in use and `replaced_forms` the descriptions of those replaced by a
-    name. `discrepancy` is the amplitude of causes outside the library, 0 if there is none. `curves` is the size of the
-    curves of joints, if poses alone show them, and None elsewhere.
+    of the background and `level_cap` the upper limit. `strength` (b,) is the ratio of the variance of the residual in
+    each band to that of the noise, and `robust` (N,) the weights of the entries. `refused` contains the indices of
+    forms that did not cover their penalty, `free_forms` the free forms in use and `replaced_forms` the descriptions of
+    those replaced by a name. `discrepancy` is the amplitude of causes outside the library, 0 if not used. `curves` is
+    the size of the curves of joints, None unless all readings are poses.
     """
 
     refined: Refined
@@ -91,8 +95,10 @@ class SelectionState:
         return bool(self.possible_faults([self.refined.effects[place]]))
 
     def possible_faults(self, effects: Sequence[Effect]) -> tuple[Effect, ...]:
-        """Return the effects that are larger than in healthy arms, or than in arms of this level: a search computes
-        everything else again with them, and compares them with rivals. The verdict decides about faults."""
+        """Return the effects that are larger than in healthy arms, or than in arms of this level.
+
+        A search recomputes all other terms with them, and compares them with rivals. The verdict decides about faults.
+        """
         return tuple(effect for effect in effects if abs(size_of(effect)) > FAULT * min(self.level, 1.0))
 
 
@@ -107,7 +113,9 @@ def combined_effect(effects: Sequence[Effect], size: Array) -> Effect:
 
 
 def is_alike(effect: Effect, other_effect: Effect) -> bool:
-    """Return whether two effects have the same name, with any size and shape; waves of different orders do not."""
+    """Return whether two effects have the same name, with any size and shape. Waves of different orders are not
+    alike.
+    """
     if name_of(effect) != name_of(other_effect):
         return False
     order, order_there = order_of(effect), order_of(other_effect)
@@ -115,26 +123,27 @@ def is_alike(effect: Effect, other_effect: Effect) -> bool:
 
 
 def is_one(effect: Effect, other_effect: Effect) -> bool:
-    """Return whether two effects, of any size and shape, are the same: of the same name and, for waves, the same
-    order."""
+    """Return whether two effects, of any size and shape, are the same: equal name and, for waves, equal order."""
     apart = abs(order_of(effect) - order_of(other_effect))
     return name_of(effect) == name_of(other_effect) and not apart >= _SAME_ORDER
 
 
 def is_twice(effects: Sequence[Effect]) -> bool:
-    """Return whether the last of some effects is a wave already present: of the same name and order."""
+    """Return whether the last of several effects is a wave already present, with the same name and order."""
     *others, last = effects
     return any(is_one(effect, last) for effect in others if np.isfinite(order_of(effect)))
 
 
 def series_among(effects: Sequence[Effect]) -> frozenset[str]:
-    """Return the names with too many waves for gears among some effects: the series of an error of another form."""
+    """Return the names with too many waves for gears among several effects: the series of an error of a different
+    form.
+    """
     waves = Counter(name_of(effect) for effect in effects if is_wave(effect) and effect.STAGE == "joint")
     return frozenset(name for name, count in waves.items() if count > _MOST_WAVES)
 
 
 _SHOULDER = 2
-"""The axis that yields to nearly the moment to which the base yields: the first that lies across gravity."""
+"""The axis loaded by nearly the same moment as the base: the first axis perpendicular to gravity."""
 
 
 def _is_soft_shoulder(effect: Effect) -> bool:
@@ -142,26 +151,29 @@ def _is_soft_shoulder(effect: Effect) -> bool:
 
 
 def stands_softly(effects: Sequence[Effect]) -> bool:
-    """Return whether effects contain a compliant base, and no softness of the shoulder."""
+    """Return whether effects contain a compliant base and no compliance of the shoulder."""
     yields = any(e.part == "gravity" and e.STAGE == "tool" and not hasattr(e, "axis") for e in effects)
     return yields and not any(map(_is_soft_shoulder, effects))
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# The backgrounds of selection states, of which the most recent are kept.
+# The backgrounds of selection states, with a cache of the most recent.
 
 _KEPT = 6
-"""Number of backgrounds that are cached, at some 20 MB each with their marginals (1000 columns and 150 terms of
-4600 entries). With twelve, 1495 poses of a UR10 took 145 factors instead of 153, and 25 MB more."""
+"""Number of backgrounds that are cached, at some 20 MB each with their marginals (1000 columns and 150 terms of 4600
+entries). With twelve, 1495 poses of a UR10 took 145 factors instead of 153, and 25 MB more.
+"""
 _GRAMS = 4
 """Number of weighted products of the columns that are cached, at some 8 MB each: a round tries two strengths."""
 
 
 @dataclass(frozen=True)
 class Backgrounds:
-    """Backgrounds of states about some columns, of an arm of a build. States that differ only in the fitted sizes
-    and shapes of the same names share a background; states that differ only in names and level share the weighted
-    products of the columns."""
+    """Backgrounds of states about given columns, for an arm of a build.
+
+    States that differ only in the fitted sizes and shapes of the same names share a background. States that differ only
+    in names and level share the weighted products of the columns.
+    """
 
     columns: Columns
     build: Build
@@ -170,7 +182,7 @@ class Backgrounds:
     _shares: dict[tuple[str, str], Array] = field(default_factory=dict, init=False, repr=False)
 
     def of(self, state: SelectionState) -> Background:
-        """Return the background of everything that is not fitted as an effect in a state."""
+        """Return the background of all contributions not fitted as an effect in a state."""
         columns = self.columns
         variance, mean = columns.variance(state.level, state.curves, state.discrepancy), columns.mean(state.level)
         if stands_softly(state.effects):
@@ -188,12 +200,12 @@ class Backgrounds:
 
     @cached_property
     def _usual_load(self) -> Array:
-        """Ratio of each column (p,) of the shoulder's softness to the healthy size in an arm of the build; 1 of all
+        """Ratio of each column (p,) of the shoulder's compliance to the healthy size in an arm of the build; 1 for all
         others.
 
         The foundation of the arm rotates it like a soft axis 2, about a lower point. With a soft foundation that axis
-        may have the usual softness: as stiff as that of a machine, it left the softness to the base, three times the
-        true value.
+        may have the usual compliance: if as stiff as in a machine, it left the compliance to the base, at three times
+        the true value.
         """
         usual = np.ones(len(self.columns.healthy))
         for form in self.columns.forms:
@@ -208,35 +220,42 @@ class Backgrounds:
 
 _BAND_PRICE, _TARGET_PRICE = 3.0, 8.0
 """Log evidence that the strength of a band of orders, and of targets, must gain to exceed that of the noise. Chosen:
-targets have the higher price, because their noise has heavy tails."""
+targets have the higher price, because their noise has heavy tails.
+"""
 _MOST_STRENGTH = 1e6
 """Largest strength of the noise: a thousand times the scatter of a real pose, exceeded only by a wrong arm."""
 _TAIL = 4.0
-"""Degrees of freedom of Student's distribution of readings at targets. Chosen: stops of real robots have heavy tails.
+"""Degrees of freedom of Student's distribution of readings at targets. Chosen: stops of real robots have heavy
+tails.
 """
 MOST_LEVEL = 8.0
 """Largest level of a background. Chosen: an arm that shows eight times the healthy size of every effect has faults
-instead."""
+instead.
+"""
 LEAST_LEVEL = 0.003
-"""Smallest level of a background. Chosen: a simulated arm that has named effects alone."""
+"""Smallest level of a background. Chosen: a simulated arm that has only named effects."""
 _LEVELS = np.geomspace(LEAST_LEVEL, MOST_LEVEL, 80)
 """Levels of a background that are tried; consecutive levels differ by a tenth."""
 _LEVEL_ROUNDS, _SAME_LEVEL = 12, 0.15
-"""Largest number of estimates of the level in a row, and the logarithm of their ratio at which they agree. An
-estimate moves a third of the distance; twelve rounds lead from a healthy arm to a hundred times quieter arm."""
+"""Largest number of successive estimates of the level, and the logarithm of their ratio at which they agree. An
+estimate moves a third of the distance; twelve rounds lead from a healthy arm to a hundred times quieter arm.
+"""
 _QUIETER = 1.4
 """Factor between levels that are compared by evidence. Chosen: a tenth of the width of the prior."""
 _QUIETEST = 0.03
 """Level below which no quieter level is tried by evidence: the right names of cells with a single effect win from
-0.1 on, and below it a search continues to ever smaller names."""
+0.1 on, and below it a search continues to ever smaller names.
+"""
 _SAME_STRENGTH = 0.01
-"""Largest logarithm of the ratio of strengths that are taken as the same: half a percent of an uncertainty."""
+"""Largest logarithm of the ratio of strengths treated as equal: half a percent of an uncertainty."""
 _LEVEL_TAIL = 4.0
 """Degrees of freedom of Student's distribution of the effects of an arm, which limits the weight of a fault in the
-level. Chosen."""
+level. Chosen.
+"""
 _LEVEL_SPREAD = 1.4
-"""Prior standard deviation of the logarithm of a level about that of a healthy arm: a factor of four either way.
-Chosen."""
+"""Prior standard deviation of the logarithm of a level about that of a healthy arm: a factor of four in either
+direction. Chosen.
+"""
 
 
 def _against_level(level: Array | float) -> Any:
@@ -253,13 +272,12 @@ class Hyperparameters:
 
     @cached_property
     def _targets(self) -> Mask:
-        """Whether each entry (N,) is at a target."""
+        """Mask (N,) of the entries at targets."""
         return self.linear.at_entries([np.full(len(b.y_mm), b.sampling is None) for b in self.linear.blocks])
 
     @cached_property
     def _band_price(self) -> Array:
-        """The log evidence (b,) that the strength of each band must gain; known distances have their stated
-        uncertainty."""
+        """Log evidence (b,) that the strength of each band must gain; known distances have their stated uncertainty."""
         price = np.where(np.bincount(self.columns.band, self._targets) > 0, _TARGET_PRICE, _BAND_PRICE)
         price[self.columns.band[self.linear.of_distances]] = np.inf
         return price
@@ -268,7 +286,7 @@ class Hyperparameters:
         """Return the level of the background: the ratio of the mean square of each name's effects to the expectation in
         an arm at level 1.
 
-        A name with any number of forms counts a single time, because a gear shows only a few orders; a fault has little
+        A name with any number of forms counts only once, because a gear shows only a few orders; a fault has little
         weight. Expected but unobserved effects do not count.
         """
         columns, background = self.columns, posterior.background
@@ -278,7 +296,7 @@ class Hyperparameters:
         cols = np.flatnonzero(leveled)
         freedom = np.clip(1 - posterior.variance[cols] / background.variance[cols], 0.0, 1.0)
         names, count = columns.name_of_column[cols], len(columns.among)
-        # Contribution of the prior means alone to the coefficients; readings show the rest.
+        # Contribution of the prior means to the coefficients; readings show the rest.
         unseen = posterior.covariance_times(background.pull)
         shown = (posterior.mean - unseen)[cols]
         expected = columns.healthy[cols] * freedom + ((background.mean - unseen)[cols] / state.level) ** 2
@@ -305,7 +323,8 @@ class Hyperparameters:
 
     def strength(self, state: SelectionState, posterior: Posterior) -> Array:
         """Return the strength (b,) of each band: that of the residual if it exceeds the noise by more than the
-        penalty. Assumed noise, which is wide, may also be reduced."""
+        penalty. Assumed noise, which is wide, may also be reduced.
+        """
         count = self.columns.count
         free: Array = np.maximum(count - posterior.spent / state.strength, 0.25 * count)
         ratio: Array = np.maximum(self._energy(state, posterior) / free, 1e-9)
@@ -314,8 +333,9 @@ class Hyperparameters:
 
     @cached_property
     def strength_limits(self) -> Array:
-        """Return the smallest and the largest strength (2, b) of each band, relative to the noise: at least 1 if
-        repeats show it, less if it is assumed; known distances have their stated uncertainty."""
+        """Smallest and largest strength (2, b) of each band, relative to the noise: at least 1 if repeats show it,
+        less if it is assumed. Known distances have their stated uncertainty.
+        """
         assumed = self.linear.at_entries([np.full(len(b.y_mm), not b.measured) for b in self.linear.blocks])
         least = np.where(np.bincount(self.columns.band, assumed) > 0, LEAST_ASSUMED, 1.0)
         return np.stack([least, np.where(np.isfinite(self._band_price), _MOST_STRENGTH, 1.0)])
@@ -327,7 +347,8 @@ class Hyperparameters:
 
     def nearer_strength(self, state: SelectionState, posterior: Posterior) -> Array:
         """Return the strength (b,) after a shorter step, which never makes the readings less likely (expectation
-        maximisation: Dempster, Laird and Rubin 1977)."""
+        maximisation: Dempster, Laird and Rubin 1977).
+        """
         energy = self._energy(state, posterior) + posterior.spent
         return np.clip(energy / self.columns.count, *self.strength_limits)
 
@@ -340,8 +361,8 @@ class Hyperparameters:
     ) -> SelectionState:
         """Return a state with strengths and robust weights that increase the evidence, and the level estimated from it.
 
-        Strengths are estimated from the state's posterior with everything else unchanged, and an estimate may therefore
-        go too far; then a clearly shorter step is tried, and if that does not help either, they do not change.
+        Strengths are estimated from the state's posterior with all other values unchanged, and an estimate may
+        therefore overshoot. A clearly shorter step is then tried, and if that does not help either, they do not change.
         """
         whole, robust = evidence(state), self.robust(posterior)
         whole_step, nearer = self.strength(state, posterior), self.nearer_strength(state, posterior)
@@ -356,7 +377,7 @@ class Hyperparameters:
             if abs(np.log(level / state.level)) < _SAME_LEVEL:
                 break
             tried = replace(state, level=level)
-            # Effects that are not named yet look like an arm that shows more of everything.
+            # Effects not yet named look like an arm with a higher level.
             if level > max(state.level, 1.0) and evidence(tried) <= evidence(state):
                 break
             state, posterior = tried, posterior_of(tried)
@@ -386,7 +407,7 @@ class Hyperparameters:
 # Mean of the background, as terms and as effects of the arm.
 #
 # Every form of the background is the effect at the size used for the column, with the multiple shown by the readings.
-# Single forms are rarely certain, but their sum is: it reaches a tenth of a millimetre if named effects reach half of a
+# Single forms are rarely certain, but their sum is: it reaches a tenth of a millimetre if named effects reach half a
 # millimetre.
 
 
@@ -396,7 +417,7 @@ def background_terms(posterior: Posterior) -> list[Term]:
     for form in posterior.background.columns.forms:
         for effect, column in zip(form.effects, form.columns, strict=True):
             times = float(mean[column] / form.size)
-            # Parts excluded from a model are not written either: every reader of the file has the same model.
+            # Parts excluded from a model are not written either, so that every reader of the file has the same model.
             times = 0.0 if is_nothing(effect, times) else times
             terms.append(Term.model_construct(effect=effect, times=times, named=False))
     return terms
@@ -412,7 +433,7 @@ def background_effects(posterior: Posterior) -> tuple[Effect, ...]:
 #
 # Strengths estimated before a large effect was found do not determine the shape, and a wrong shape keeps them large;
 # the residual then supports wrong names. After such an effect the fits therefore start twice: from these strengths and,
-# if different, from those of the noise alone.
+# if different, from those of the noise.
 
 _SETTLING_ROUNDS = 6
 """Largest number of fits after an update of the noise. Chosen: most states need three."""
@@ -422,7 +443,7 @@ _Change = Callable[[SelectionState], SelectionState]
 
 
 def beginnings(state: SelectionState) -> list[SelectionState]:
-    """Return a state, and the same with the strengths (b,) of the noise alone, if they differ."""
+    """Return a state and, if different, the same state with only the strengths (b,) of the noise."""
     return [state, replace(state, strength=np.ones_like(state.strength))] if (state.strength != 1).any() else [state]
 
 
@@ -433,7 +454,7 @@ def settled(
     evidence: Callable[[SelectionState], float],
     least: float = -np.inf,
 ) -> SelectionState:
-    """Return the likeliest of the states reached from some states.
+    """Return the likeliest of the states reached from several initial states.
 
     `fitted` fits all effects, `with_noise` estimates the noise, and `evidence` is the log evidence of a state. Fits end
     early if gains fall, and the remaining rounds, each with the gain of the last round, would not reach the log
@@ -454,25 +475,28 @@ def settled(
 # ----------------------------------------------------------------------------------------------------------------------
 # Initial effects for the fit of a form on the simulator.
 #
-# The response to a backlash or a wave is not linear in the width or order; a fit from a distant start therefore ends in
-# a local minimum, with a residual that supports wrong names. Widths and orders are scanned first.
+# The response to a backlash or a wave is not linear in the width or order. A fit from a distant start would therefore
+# end in a local minimum, with a residual that supports wrong names. Widths and orders are scanned first.
 
 _BETWEEN = np.linspace(-0.6, 0.6, 9)
 """Orders tried about the order of a form, as multiples of the distance to the neighbour. They cover a little more
-than half of the distance to either side."""
+than half of the distance to either side.
+"""
 _PARTS = 3
-"""Parts into which the distances between the orders of forms are divided for a large wave. Chosen: at the ends of a
-joint's range the phases of neighbours differ by 48 degrees then."""
+"""Number of parts into which the distances between the orders of forms are divided for a large wave. Chosen: the
+phases of neighbours at the ends of a joint's range then differ by 48 degrees.
+"""
 _WIDTHS = np.concatenate([0.5 ** np.arange(5.0, 1.0, -1.0), np.geomspace(0.5, 100.0, 40)])
-"""Widths of a play that are tried, in healthy sizes, up to that of the largest fault. Neighbours differ by 15 %: fits
-that start within 20 % of the width reached it. Below half a healthy size the response is nearly proportional to the
-width, and they differ by a factor of two."""
+"""Widths of a play that are tried, in healthy sizes, up to that of the largest fault. Neighbours differ by 15 %:
+fits starting within 20 % of the width converged to it. Below half a healthy size the response is nearly
+proportional to the width, and neighbours differ by a factor of two.
+"""
 
 
 def starting_effects(linear: Linearisation, columns: Columns, posterior: Posterior, form: Form) -> list[Effect]:
     """Return the initial effects for the fit of a form to the readings (N,).
 
-    A wave has the order between the neighbours that explains most, and if large, the best of all orders; every other
+    A wave has the order between the neighbours that explains most, and if large, the best of all orders. Every other
     effect except a backlash has the size of a fault.
     """
     effect = form.effect
@@ -505,11 +529,12 @@ def starting_effects(linear: Linearisation, columns: Columns, posterior: Posteri
 
 
 def _waves(columns: Columns, linear: Linearisation, posterior: Posterior, form: Form) -> list[Effect]:
-    """Return the wave of an order between the neighbours of the form that explains most and, if that is large, the wave
-    of any order between those of the forms that leaves the smallest residual (N,) with the set-ups alone.
+    """Return the best wave of an order near the form and, if large, the best wave of any order.
 
-    A joint is mostly near the ends of the range. A large wave therefore resembles most closely the waves with phases
-    that agree at both ends, and least the neighbours among the forms.
+    The first has an order between the neighbours of the form. The second has any order between those of the forms, and
+    leaves the smallest residual (N,) with only the set-ups. A joint is mostly near the ends of the range. A large wave
+    therefore resembles most closely the waves with phases that agree at both ends, and least the neighbours among the
+    forms.
     """
     effect: Any = form.effect
     orders = [order_of(neighbour.effect) for neighbour in columns.forms if neighbour.name == form.name]
@@ -529,8 +554,9 @@ def _waves(columns: Columns, linear: Linearisation, posterior: Posterior, form: 
 
 
 def _best_of_pairs(effects: Sequence[Effect], precision: Array, eta: Array) -> Effect:
-    """Return the wave that explains most, of pairs of effects that differ in phase, given the precision (2 n, 2 n) and
-    the vector eta (2 n,) of their sizes."""
+    """Return the wave that explains most, from pairs of effects that differ in phase, given the precision (2 n, 2 n)
+    and the vector eta (2 n,) of their sizes.
+    """
     pairs = [slice(2 * i, 2 * i + 2) for i in range(len(effects) // 2)]
     sizes = [np.linalg.solve(precision[pair, pair] + np.eye(2) / LARGEST_FAULT**2, eta[pair]) for pair in pairs]
     best = int(np.argmax([size @ eta[pair] for size, pair in zip(sizes, pairs, strict=True)]))

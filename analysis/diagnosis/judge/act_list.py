@@ -1,4 +1,4 @@
-"""List of actions from a diagnosis, each evaluated by its own remaining error at a validation place.
+"""List of actions from a diagnosis, each evaluated by the remaining error at a validation place.
 
 The reduction by an action is computed by applying it to the model and refitting the set-ups, as for the gap, so
 contributions of other parts are not counted. The error of the complete model at the validation place is included in the
@@ -31,14 +31,15 @@ from rigs.effects import Effect
 from rigs.schema.effect import label_of, name_of, size_field
 
 LEAST_SHARE = 0.1
-"""Share of the error above which every part has an action, or a reason for none."""
+"""Share of the error above which every part has an action, or a reason for the absence of an action."""
 _WORTH = 0.8
 """Largest remaining share of the error for a worthwhile correction. Chosen: a reduction by a fifth."""
 _REPEATS = 2
 """Runs per direction needed to show changes with time."""
 _RARE = 3.0
-"""Ratio to the usual size above which an effect causing much of the error is repaired: three arms in a thousand show as
-much without a fault."""
+"""Ratio to the usual size above which an effect causing much of the error is repaired: 0.3 % of healthy arms reach
+it.
+"""
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,7 @@ def acts_of(
 ) -> tuple[Act, ...]:
     """Return the actions in order of their reduction.
 
-    tests: tests that would identify a part of the budget, by its index. before: actions required by the readings
+    tests: tests that would identify a part of the budget, by index. before: actions required by the readings
     themselves.
     """
     if diagnosis.given:
@@ -88,7 +89,7 @@ def acts_of(
         return (*before, _check(diagnosis, judged))
     repairs, following = _repairs(diagnosis, judged)
     if diagnosis.condition == "nothing_unusual" and diagnosis.accuracy.standing == "pass" and not repairs:
-        # Within the limits a correction, or a one-sided approach, would change programs for nothing.
+        # Within the limits, a correction or a one-sided approach would change programs needlessly.
         large = tuple(k for k, part in enumerate(diagnosis.budget) if part.share > LEAST_SHARE)
         return (*before, Act("none", "sound", parts=large), *_measurements(diagnosis, judged, tests))
     acts = in_order([*repairs, *_corrections(diagnosis, judged), *_approaches(diagnosis)], diagnosis.train.before_um)
@@ -106,7 +107,9 @@ def acts_of(
 
 
 def _check(diagnosis: Diagnosis, judged: JudgedPlace) -> Act:
-    """Return the act for a parameter that is out of range, which no correction may carry: check where it comes from."""
+    """Return the action for a parameter that is out of range, which must not be corrected: check the origin of the
+    difference.
+    """
     (named,) = diagnosis.effects
     parts = tuple(k for k, part in enumerate(diagnosis.budget) if part.index == 0)
     figures = judged.removed([named.effect])
@@ -115,9 +118,9 @@ def _check(diagnosis: Diagnosis, judged: JudgedPlace) -> Act:
 
 
 def in_order(acts: Sequence[Act], now_um: float) -> list[Act]:
-    """Sort actions by their reduction, and a one-sided approach, whose gain is unknown, by the error of its part.
+    """Sort actions by their reduction, and a one-sided approach, whose gain is unknown, by the error of the part.
 
-    Usual effects are corrected first and repaired if this is not sufficient: the repair follows its correction.
+    Usual effects are corrected first and repaired if this is not sufficient: the repair follows the correction.
     """
     corrected = {k for act in acts if act.kind in ("load", "approach") for k in act.parts}
     late = [act for act in acts if act.why == "sure_and_large" and act.kind == "repair" and {*act.parts} <= corrected]
@@ -139,7 +142,7 @@ def in_order(acts: Sequence[Act], now_um: float) -> list[Act]:
 
 
 def one_after_the_other(acts: Sequence[Act], judged: JudgedPlace) -> list[Act]:
-    """Return the actions, manual ones with the error remaining after the manual actions before them."""
+    """Return the actions, manual ones with the error remaining after all preceding manual actions."""
     done: list[Effect] = []
     square_um2, ordered = 0.0, []
     for act in acts:
@@ -167,9 +170,10 @@ def _approaches(diagnosis: Diagnosis) -> list[Act]:
 
 
 def _repairs(diagnosis: Diagnosis, judged: JudgedPlace) -> tuple[list[Act], list[Act]]:
-    """Return the manual actions for faults, and for usual effects causing much of the error; and those to follow.
+    """Return the manual actions for faults and for usual effects causing much of the error, and subsequent manual
+    actions.
 
-    Among errors that cancel, removing one alone may increase the error: it is done and evaluated after the others.
+    If errors cancel, removing a single one may increase the error. Such an action is evaluated after the others.
     """
     served = [(k, named) for k, part in enumerate(diagnosis.budget) for named in _by_hand(diagnosis, part)]
     acts = [_repair(diagnosis, judged, k, named, ()) for k, named in served]
@@ -186,10 +190,10 @@ def _repairs(diagnosis: Diagnosis, judged: JudgedPlace) -> tuple[list[Act], list
 
 
 def _by_hand(diagnosis: Diagnosis, part: BudgetPart) -> list[Named]:
-    """Return the effects of a part with a manual action: its own, and faults that cancel part of it.
+    """Return the effects of a part with a manual action: the effect of the part, and faults that cancel some of it.
 
-    A certain effect of usual size causing much of the error is entered or re-mastered; it is repaired if few arms show
-    as much, or if the arm exceeds its limits.
+    A certain effect of usual size causing much of the error is entered or re-mastered. It is repaired if few arms reach
+    that size, or if the arm exceeds the limits.
     """
     of_part = [diagnosis.effects[part.index]] if part.index is not None else []
     rare = (part.times_usual or 0.0) >= _RARE or diagnosis.accuracy.standing in ("watch", "fail")
@@ -320,7 +324,7 @@ def _measurements(
 def _comes_first(measurement: Act, acts: Sequence[Act], diagnosis: Diagnosis) -> bool:
     """Return whether a measurement precedes all reducing actions.
 
-    This is so if correction is not allowed, if there are too few runs, or if rivals of the largest part leave the
+    This is the case if correction is not allowed, if the runs are too few, or if rivals of the largest part leave the
     repair open.
     """
     if measurement.why in ("revisit", "visits_differ"):

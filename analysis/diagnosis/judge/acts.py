@@ -26,27 +26,31 @@ Doubt = Literal[
     "unexplained",
 ]  # fmt: skip
 """Reason for not confirming an effect: no larger than elsewhere in this arm or in healthy arms; slow, and a single
-lap each way shows no time; a healthy arm may show it by chance; a rival is likelier; it makes held-out runs
-worse; the contribution is uncertain by more than half; set-ups show different shares; it is part of a series of
-more waves than a joint has; the model explains the runs no better with it; or it may imitate an unexplained error
-of similar size."""
+lap in each direction shows no time dependence; a healthy arm may show it by chance; a rival is likelier; it makes
+held-out runs worse; the contribution is uncertain by more than half; set-ups show different shares; it is part of
+a series of more waves than a joint has; the model explains the runs no better with it; or it may imitate an
+unexplained error of similar size.
+"""
 Objection = Literal["rivals", "doubt", "not_judged_elsewhere", "few_runs", "unexplained", "no_place"]
 """Objection to an action: a different cause is possible (`names`); the effect is doubted (`doubt`); no run of a
-different place validated it; too few runs (`runs` of each kind would decide); a large unexplained error; or no further
-test in the rig file."""
+different place validated it; too few runs (`runs` of each kind would decide); a large unexplained error; or the
+rig file has no further test.
+"""
 Reason = Literal[
     "fault", "sure_and_large", "not_enough", "correction", "rivals", "group", "few_runs", "one_lap", "unexplained",
     "not_visible", "elsewhere", "scatter", "too_small", "history", "gauges", "sound", "early", "out_of_range",
     "follows", "revisit", "visits_differ",
 ]  # fmt: skip
-"""Why an act stands in the list: a fault; a usual error that makes much of the whole and that nothing else takes away;
-such an error, where its correction for today is not enough; that correction; rivals are to be separated; a group is to
-be named; the runs are too few; one lap each way shows nothing slow; an unknown cause; the tests do not show it; how
-accurate the arm is elsewhere is not known; joints were read too early; a parameter is out of range; a test shows what
-the unexplained part follows; single visits do not separate scatter and error; visits of a target
-differ by more than such arms repeat. And why there is none: it differs from
-run to run; what a correction gains is too small; no target holds what depends on the way a joint came; it belongs to
-the gauges; nothing is wrong."""
+"""Reason for an action in the list: a fault; a usual error that is large and cannot be removed otherwise; such an
+error, if the interim correction is insufficient; the interim correction; rivals to separate; a group to identify; too
+few runs; a single lap in each direction, which shows no slow change; an unknown cause; an effect not visible in the
+tests; unknown accuracy elsewhere; joints read too early; a parameter out of range; a test of the dependence of the
+unexplained part; single visits, which do not separate scatter from error; visits of a target that differ by more than
+the usual repeatability.
+
+Reason for no action: the error differs from run to run; the gain of a correction is too small; a target cannot contain
+an error that depends on the approach; the error belongs to the gauges; the arm is sound.
+"""
 
 
 @dataclass(frozen=True)
@@ -87,17 +91,17 @@ class NamingTest:
 
 @dataclass(frozen=True)
 class Act:
-    """An action. `parts` are indices into the budget. `removes_um` is the reduction by this action alone at the
-    `place`, and `remains_um` the remaining error there, rms of the readings in µm, each with standard uncertainty. The
-    reduction is None if not computed, for example for approaching from the same side, and for actions that remove
-    nothing themselves.
+    """An action. `parts` are indices into the budget. `removes_um` is the reduction by this action only at the `place`,
+    and `remains_um` the remaining error there, rms of the readings in µm, each with standard uncertainty. The reduction
+    is None if not computed, for example for a one-sided approach, and for actions that do not reduce the error
+    themselves.
 
     `with_before_um` is the remaining error there in µm, with standard uncertainty, after all preceding manual actions
-    of the list; None if there are none.
+    of the list; None for the first.
 
-    `effect` is the effect to repair or enter, with the standard uncertainty `u` of the size; `command` the words after
-    `rig` if a command does the work, files in capitals; `test` the test to drive. `runs` is the number of runs of each
-    test if more runs decide.
+    `effect` is the effect to repair or enter, with the standard uncertainty `u` of the size. `command` contains the
+    words after `rig` if a command does the work, files in capitals. `test` is the test to drive, and `runs` the number
+    of runs of each test if more runs decide.
     """
 
     kind: ActKind
@@ -135,8 +139,11 @@ class Act:
 
 
 def acts_with(acts: Sequence[Act], model: str, again: tuple[str, ...] = ()) -> tuple[Act, ...]:
-    """Return the actions with commands for the user's `model`, or if there is no model, with the arguments `again`
-    of the command that writes the model."""
+    """Return the actions with commands for the user's `model`.
+
+    If no model is given, commands that refer to it are replaced by `again`, the arguments of the command that writes
+    the model.
+    """
     named = [tuple(model if word.startswith(FOUND) else word for word in act.command) for act in acts]
     return tuple(
         replace(act, command=again if not model and words != act.command else words)
@@ -147,8 +154,8 @@ def acts_with(acts: Sequence[Act], model: str, again: tuple[str, ...] = ()) -> t
 def is_done(kind: str, why: str, *, way: str | None, elsewhere: bool) -> bool:
     """Return whether an action of this kind and reason is done.
 
-    way: active correction, `entries` or `programs`, None if there is none; entered values include zeros, so
-    re-mastering would correct twice. elsewhere: whether a different place has validated.
+    way: active correction, `entries` or `programs`, None if inactive. Entered values include zeros, so re-mastering
+    would correct twice. elsewhere: whether a different place has validated the model.
     """
     if (kind, why) == ("measure", "elsewhere"):
         return elsewhere

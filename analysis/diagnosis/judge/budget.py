@@ -1,4 +1,4 @@
-"""Error budget, whose shares add up to one, and the size of a named effect in each set-up."""
+"""Error budget with shares that add up to 1, and the size of a named effect in each set-up."""
 
 from __future__ import annotations
 
@@ -21,16 +21,14 @@ from rigs.effects import Effect
 from rigs.schema.effect import PartKind, healthy, label_of, scaled, size_field, size_of
 
 # ----------------------------------------------------------------------------------------------------------------------
-# Budget: all parts of the gap between model and readings, with shares adding up to one.
+# Budget: all parts of the gap between model and readings, with shares adding up to 1.
 #
 # With the initial residual t of the model and the contribution e_i of part i, both without the parts absorbed by
-# set-ups,
-# t = Σ e_i. The share of part i is e_i't / t't = Σ_j e_i'e_j / t't: common contributions of two parts are halved. Every
-# test is
-# weighted by its readings, as in the gap.
+# set-ups, t = Σ e_i. The share of part i is e_i't / t't = Σ_j e_i'e_j / t't: common contributions of two parts are
+# halved. Every test is weighted by its readings, as in the gap.
 
 _CANCELS = 0.005
-"""Negative share above which a part is combined with the one it cancels; a smaller one counts as zero."""
+"""Negative share above which a part is combined with the part it cancels; a smaller negative share counts as zero."""
 _MOST_MEMBERS = 3
 """Number of listed group members, chosen for easy comparison. Their odds refer to all members."""
 _DOUBTED_SIGMA = 2.0
@@ -51,10 +49,11 @@ def group_of(effect: Effect) -> tuple[PartKind, int | None]:
 
 @dataclass(frozen=True)
 class Measure:
-    """Measures whitened changes of readings (N,) in µm, rms over the readings of all runs, without the part absorbed by
-    set-ups.
+    """Measure of whitened changes of readings (N,) in µm: rms over the readings of all runs after removal of the part
+    absorbed by set-ups.
 
-    The rule is that of the gap, in which the readings alone do not determine the ball's height above its circle.
+    The rule is that of the gap, in which the readings by themselves do not determine the height of the ball above the
+    circle.
     """
 
     linear: Linearisation
@@ -77,7 +76,7 @@ class Measure:
 
     @cached_property
     def _absorbs(self) -> tuple[Array, Array]:
-        """Return the set-up responses (N, s), and the projection of weighted changes (N,) onto them (s,).
+        """Set-up responses (N, s), and the projection of weighted changes (N,) onto them (s,).
 
         Balls of circles and hemispheres are limited as in the fit of a gap; all other terms are free.
         """
@@ -91,19 +90,20 @@ class Measure:
         return U, np.linalg.pinv(U.T @ U + np.diag(precision), rcond=_NO_FREEDOM, hermitian=True) @ U.T
 
     def of(self, changes: Array) -> Array:
-        """Return whitened changes (N, …) as vectors (N, …) whose sum of squares is the mean square in µm²."""
+        """Return whitened changes (N, …) as vectors (N, …) in µm with the mean square as their sum of squares."""
         weighted = self._root[:, None] * changes if changes.ndim == 2 else self._root * changes
         U, moves = self._absorbs
         return weighted - U @ (moves @ weighted)
 
     def without_set_up(self, changes: Array) -> Array:
-        """Return whitened changes (N, …) without the part absorbed by set-ups, for plots."""
+        """Return whitened changes (N, …) after removal of the part absorbed by set-ups, for plots."""
         _, moves = self._absorbs
         return changes - self.linear.U @ ((moves * self._root) @ changes)
 
     def scatter_mm(self) -> list[Array]:
-        """Return the responses (N, c) mm of each block to one standard deviation of all scatter between runs (joints,
-        ball, stamps), without the part absorbed by set-ups."""
+        """Return the responses (N, c) mm of each block to a standard deviation of all scatter between runs (joints,
+        ball, stamps), after removal of the part absorbed by set-ups.
+        """
         return self.linear.in_mm(self.without_set_up(np.concatenate([self.linear.Z, self.linear.stamps], axis=1)))
 
     def um(self, changes: Array) -> float:
@@ -125,10 +125,10 @@ class EffectChange:
 
 
 def effect_changes(result: SearchResult) -> list[EffectChange]:
-    """Return the contribution of each fitted effect to the readings (N,), including its departures.
+    """Return the contribution of each fitted effect to the readings (N,) in µm, including departures of its form.
 
-    The uncertainty is that of the contribution instead of a parameter: correlated size and shape leave the contribution
-    as certain as the readings show it.
+    The uncertainty refers to the contribution and not to a parameter: size and shape may be correlated, and the
+    contribution is then as certain as the readings show.
     """
     refined, posterior, measure = result.fit, result.posterior, Measure(result.linear)
     T, means, covariance = posterior.terms.T, posterior.term_means, posterior.term_covariance
@@ -170,13 +170,14 @@ class Budget:
 
     @cached_property
     def whole(self) -> Array:
-        """Gap (N,) whose sum of squares is its mean square in µm²."""
+        """Gap (N,) with the mean square in µm² as the sum of squares."""
         return self.measure.of(self.result.linear.residual(()))
 
     @cached_property
     def whole_um2(self) -> float:
-        """Mean square of the gap in µm²: that of the mean of repeated runs, plus the differences of single runs from
-        it."""
+        """Mean square of the gap in µm²: that of the mean of repeated runs plus the differences of single runs from
+        the mean.
+        """
         return max(float(self.whole @ self.whole) + self._apart_um2, 1e-12)
 
     @cached_property
@@ -236,7 +237,7 @@ class Budget:
         return sorted((replace(part, share=part.share / whole) for part in every), key=lambda part: -part.share)
 
     def _without_cancelling(self, drawn: Sequence[_Drawn]) -> list[_Drawn]:
-        """Return the parts, combining those that largely cancel each other: no share is negative."""
+        """Return the parts, with largely cancelling parts combined. No share is negative."""
         kept = list(drawn)
         while kept and (least := min(kept, key=lambda line: line.part.share)).part.share < -_CANCELS:
             others = [line for line in kept if line is not least]
@@ -281,17 +282,18 @@ class Budget:
 
     @cached_property
     def _not_shown(self) -> set[tuple[int, ...]]:
-        """Return the columns of forms not testable in these runs: invisible names, and waves of which a joint covered
-        few cycles, indistinguishable from a zero."""
+        """Columns of forms not testable in these runs: invisible names, and waves of which a joint covered few
+        cycles, indistinguishable from a zero.
+        """
         hidden = self.result.selection.not_testable(self.result.state, self.result.posterior)
         of_curves = zip(self.result.columns.forms, *self.result.selection.waves_of_curves, strict=True)
         return {form.columns for form, wave, piece in of_curves if (wave and piece) or form.name in hidden}
 
     def _members(self, forms: Sequence[Form]) -> tuple[Member, ...]:
-        """Return the possible members of a group, likeliest first: each name in its best form, with the odds that it
-        alone dominates.
+        """Return the possible members of a group, likeliest first: each name in the best form, with the odds of being
+        dominant.
 
-        Odds include the case that none does.
+        The odds include the case of no dominant member.
         """
         result = self.result
         forms = [form for form in forms if form.columns not in self._not_shown]
@@ -319,7 +321,7 @@ class Budget:
 
     @cached_property
     def _scatter_um(self) -> float:
-        """Return the rms in µm of scatter between runs and noise."""
+        """Rms in µm of scatter between runs and noise."""
         result = self.result
         forms = result.columns.set_ups.stop
         scattered = slice(forms, forms + result.columns.scattered)
@@ -331,13 +333,13 @@ class Budget:
 # ----------------------------------------------------------------------------------------------------------------------
 # Size of a named effect per set-up: an effect of the arm has the same size everywhere.
 #
-# An unexplained error can resemble an effect on one circle, or even two, but hardly with equal size at every place. So
-# if
-# set-ups disagree on the size, the effect imitates a different cause.
+# An unexplained error can resemble an effect on one circle, or even two, but hardly with equal size at every place. If
+# set-ups disagree on the size, the effect therefore imitates a different cause.
 
 _WIDE = 100.0
-"""Prior standard deviation of a share, relevant only for set-ups with hardly any information. Chosen: far beyond any
-share of interest."""
+"""Prior standard deviation of a share, relevant only for set-ups with hardly any information. Chosen: larger than
+any share of interest.
+"""
 _CHANCE = 0.05
 """False alarm probability of a disagreement between set-ups. Chosen: the usual significance level."""
 _NOTHING = 1e-300
@@ -356,19 +358,19 @@ class SizesBySetUp:
     covariance: Array
 
     def shares(self) -> tuple[Share, ...]:
-        """Share per set-up with its standard uncertainty."""
+        """Return the share per set-up with standard uncertainty."""
         sds = np.sqrt(np.diag(self.covariance))
         return tuple(Share(*share) for share in zip(self.setups, self.value.tolist(), sds.tolist(), strict=True))
 
     def directions(self) -> int:
-        """Return the number of set-ups that each show the name by themselves, and at least 1."""
+        """Return the number of set-ups that each show the name independently, and at least 1."""
         return max(int(np.sum(self.value > SURE_SIGMA * np.sqrt(np.diag(self.covariance)))), 1)
 
     def birge_ratio(self) -> float:
-        """Ratio of the scatter between set-ups to that expected from the noise of the readings; at least 1.
+        """Return the ratio of the scatter between set-ups to that expected from the noise of the readings; at least 1.
 
         A wrong form, such as a different crossing of backlash, changes the size on each path. The Birge ratio (1932),
-        used by CODATA for constants, is applied if chance explains a disagreement in fewer than one of 20 cases.
+        used by CODATA for constants, is applied if chance explains a disagreement in fewer than 5 % of cases.
         """
         if not self.setups:
             return 1.0
@@ -379,7 +381,7 @@ class SizesBySetUp:
 
 
 def _by_chance(energy: float, freedom: int) -> bool:
-    """Return whether noise alone gives such a sum of squares, in its variances, in one of 20 cases."""
+    """Return whether noise gives a sum of squares of this size, in units of the variance, in at least 5 % of cases."""
     from scipy.special import chdtri  # noqa: PLC0415 - slow to import
 
     return energy <= float(chdtri(freedom, _CHANCE))
@@ -392,7 +394,7 @@ def sizes_by_setup(result: SearchResult, k: int, limits: Array) -> SizesBySetUp:
     shown = list(dict.fromkeys(setups[worth(linear, change).um > limits].tolist()))
     if len(shown) < 2:
         return SizesBySetUp((), np.empty(0), np.empty((0, 0)))
-    # One column for each of these set-ups and one for all others, in which the effect is free too.
+    # A column for each of these set-ups and a common column for all others, in which the effect is also free.
     number = np.array([shown.index(setup) if setup in shown else len(shown) for setup in setups])
     columns = np.zeros((len(change), number.max() + 1))
     for rows, column in zip(linear.rows, number, strict=True):
@@ -407,7 +409,7 @@ def runs_apart(result: SearchResult, k: int) -> float:
     """Return the relative standard uncertainty of effect k's size from single runs beyond noise and scatter; 0 if
     explained by chance.
 
-    Noise is isotropic within a band, and scatter equal for all joints. A single joint wandering along its path is
+    Noise is isotropic within a band, and scatter equal for all joints. A single joint wandering along the path is
     neither, and resembles a lag or gear error of this joint.
     """
     linear, beside, change = result.linear, _beside_size(result, k), result.contributions[k]
@@ -427,7 +429,7 @@ def runs_apart(result: SearchResult, k: int) -> float:
 
 
 def _beside_size(result: SearchResult, k: int) -> Posterior:
-    """Return the posterior of everything else, with the fitted size of effect k fixed."""
+    """Return the posterior of all other parameters, with the fitted size of effect k fixed."""
     refined, fitted = result.fit, result.fit.fitted_terms
     field = size_field(refined.effects[k])
     kept = np.ones(len(fitted.mean), dtype=bool)

@@ -1,8 +1,8 @@
 """Calibrated model from a diagnosis: the posterior as terms with mean and covariance.
 
-The fitted effects come first. Then follows every form of the background: its effect at the size of its column, and the
-mean multiple shown by the readings. Single forms are rarely certain, but their sum is: it reaches a tenth of a
-millimetre where named effects reach half of one.
+The fitted effects come first. They are followed by every form of the background: its effect at the size of the column,
+and the mean multiple shown by the readings. Single forms are rarely certain, but their sum is: it reaches a tenth of a
+millimetre if named effects reach half a millimetre.
 """
 
 from __future__ import annotations
@@ -27,13 +27,15 @@ from rigs.calibration import TIMES, CalibratedModel, CalibratedRun, Judged, Para
 from rigs.distribution import version
 
 _LEAST = 1e-9
-"""Added to the diagonal of the correlation matrix before taking the root: twins have a correlation of one within
-rounding."""
+"""Term added to the diagonal of the correlation matrix before taking the root: twins have a correlation of 1 within
+rounding.
+"""
 
 
 def covariance_of(posterior: Posterior, unknowns: Sequence[Unknown]) -> Array:
-    """Return the covariance (P, P) of the fitted unknowns, each in the unit of its name, followed by the multiples
-    of the forms."""
+    """Return the covariance (P, P) of the fitted unknowns, each in the unit of the name, followed by the multiples
+    of the forms.
+    """
     columns = posterior.background.columns
     forms, fitted = columns.set_ups.start, len(unknowns)
     covariance = posterior.joint_covariance(forms, fitted)
@@ -52,11 +54,9 @@ def calibrated_model(
 ) -> CalibratedModel:
     """Return the calibrated model of a search.
 
-    Contains its posterior, with the effects written to the rig file marked as named, the range of each joint in the
-    `runs`, the
-    set-ups of the last of the `stages`, the residual for the runs used and for the validation, and the factor `wider`
-    of its
-    uncertainty.
+    It contains the posterior with written effects marked as named, the range of each joint in the `runs`, the set-ups
+    of the last of the `stages`, the residuals for the runs used and for the validation, and the uncertainty multiplied
+    by the factor `wider`.
     """
     rig, train, elsewhere = diagnosis.rig, diagnosis.train, diagnosis.unseen or diagnosis.held_out
     named = [name.effect for name in diagnosis.written]
@@ -94,16 +94,16 @@ def calibrated_model(
 
 
 def _beside(before: CalibratedModel, new: CalibratedModel) -> CalibratedModel:
-    """Combine a calibration with an earlier one. Multiples of a term add up, and so do their variances, as if
-    independent."""
+    """Combine a calibration with an earlier calibration. Multiples of a term add up, and so do the variances, as if
+    independent.
+    """
     terms, parameters = list(before.terms), list(before.parameters)
     times_row = {
         terms[parameter.term].effect: row for row, parameter in enumerate(parameters) if parameter.field == TIMES
     }
-    # The new terms follow the earlier ones, and so do their parameter rows. Only the multiple of an effect that exists
-    # in both
-    # moves to the earlier row and term: its own term stays with a multiple of zero, because other parameters may belong
-    # to it.
+    # The new terms follow the earlier terms, and so do their parameter rows. Only the multiple of an effect that exists
+    # in both moves to the earlier row and term. Its new term stays with a multiple of zero, because other parameters
+    # may belong to it.
     first_new, new_rows, same_term = len(terms), list[int](), dict[int, int]()
     for parameter in new.parameters:
         row = times_row.get(new.terms[parameter.term].effect) if parameter.field == TIMES else None

@@ -1,4 +1,4 @@
-"""Compare simulation and measurement: simulated from the run's feedback, with a fitted set-up."""
+"""Comparison of simulation and measurement: simulated from the run's feedback, with a fitted set-up."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from rigs.rig import Rig
 def compare(runs: Sequence[Measured], rig: Rig, unseen: Sequence[Measured] = ()) -> Compared:
     """Compare each run with the model of a rig; readings are (m, k) mm.
 
-    Runs of one test and placement share a set-up; so do `unseen` runs, of a different place or radius. Raises
+    Runs with the same test and placement share a set-up; so do `unseen` runs, of a different place or radius. Raises
     FileError.
     """
     parts = [_compared(runs, rig, "")] if runs else []
@@ -101,8 +101,9 @@ def _comparison(run: Measured, model: Model, setup: SetUp, rows: Integers, resid
 
 
 def curve(result: Evaluated, table: Table) -> tuple[Array, Array, str]:
-    """Return the compared curve of a result, the readings of its table for tests of other packages: positions (n,),
-    values (n,), unit."""
+    """Return the compared curve of a result: positions (n,), values (n,), unit. For tests of other packages it
+    consists of the readings.
+    """
     match result:
         case CircleResult():
             return np.degrees(PHI), np.degrees(result.residual), "deg"

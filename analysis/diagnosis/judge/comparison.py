@@ -1,4 +1,4 @@
-"""The result of a comparison: measured and simulated side by side, and where the model and readings disagree."""
+"""Result of a comparison: measured and simulated values, and places of disagreement between model and readings."""
 
 from __future__ import annotations
 
@@ -20,11 +20,10 @@ from rigs.rig import Rig
 @dataclass(frozen=True)
 class Disagreement:
     """Disagreements between the model of a rig and readings, largest sigma first, and residuals of circles and targets
-    without the effects of the model (before) and with them (after).
+    excluding the effects of the model (before) and including them (after).
 
-    `staircase`: a step per effect of the rig file, and one for its calibration at the end; None for a model without
-    effects.
-    `floor_um`: noise of a run.
+    `staircase`: a step per effect of the rig file, and a final step for the calibration; None for a model with no
+    effects. `floor_um`: noise of a run.
     """
 
     rig: Rig
@@ -43,13 +42,11 @@ class Disagreement:
 
 @dataclass(frozen=True)
 class Comparison(Tabular):
-    """Comparison of one run.
+    """Comparison of a run.
 
     `result` and `simulated` are evaluated equally; the curves (n,) at x (n,) are in `unit`. `rows` (m,): compared rows
-    of the
-    table, on a circle those of whole laps. `residuals_mm` (m, k): measured less simulated readings of each gauge, with
-    rms
-    `rms_um`. `correlation`: of the curves.
+    of the table, on a circle the rows of complete laps. `residuals_mm` (m, k): measured minus simulated readings of
+    each gauge, with rms `rms_um`. `correlation`: of the curves.
     """
 
     result: Result
@@ -72,7 +69,7 @@ class Comparison(Tabular):
         return pa.table({where: self.x} | {f"{name}_{self.unit}": values for name, values in curves.items()})
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the figures side by side as plain types; None without a correlation, as for an error-free model."""
+        """Return the figures as plain types; correlation None if undefined, as for an error-free model."""
         simulated = self.simulated.figures
         plain: dict[str, Any] = for_json(
             {
@@ -102,8 +99,9 @@ class PoseComparison:
 
 @dataclass(frozen=True)
 class Compared(Tabular):
-    """All runs, their fitted set-ups, and doubts as text; `poses`: runs without gauges; `disagreement`: between model
-    and readings, None if not requested."""
+    """All runs, fitted set-ups, and doubts as text. `poses`: runs without gauges. `disagreement`: between model and
+    readings, None if not requested.
+    """
 
     runs: tuple[Comparison, ...]
     setups: dict[str, SetUp]

@@ -1,8 +1,8 @@
 """Disagreement between model and readings, and the residual as parts of the error are added to the model step by step.
 
-Each model is simulated with set-ups fitted to the runs used, as for the gap, so the first and last step of a diagnosis
-are its initial and calibrated gap. Intermediate steps use some hundred readings of each circle, a thirtieth of the
-time.
+Each model is simulated with set-ups fitted to the runs used, as for the gap. The first and last step of a diagnosis are
+therefore its initial and calibrated gap. Intermediate steps use some hundred readings of each circle, which takes a
+thirtieth of the time.
 """
 
 from __future__ import annotations
@@ -39,15 +39,15 @@ _LEAST = 0.05
 """Minimum rms contribution of a part with a separate step, relative to the gap. Chosen: less is hardly visible in a
 chart."""
 _ROWS = 256
-"""Readings of a circle used for intermediate steps. Chosen: they give its rms to some percent."""
+"""Number of readings of a circle used for intermediate steps. Chosen: they give the rms to some percent."""
 
 
 def staircase_of(
     diagnosis: Diagnosis, result: SearchResult, stages: Stages, *runs_at: Sequence[ObservedRun]
 ) -> Staircase | None:
-    """Return the staircase of a diagnosis with known budget and gaps.
+    """Return the staircase of a diagnosis with known budget and gaps; None if the model has no additions.
 
-    `runs_at`: runs used, held out, and at an unseen place, of (m, k) mm. None if nothing was added to the model.
+    `runs_at`: runs used, held out, and at an unseen place, of (m, k) mm.
     """
     rungs = list(_rungs(diagnosis, result, stages))
     if len(rungs) < 2:
@@ -72,14 +72,14 @@ def staircase_of(
 def _rungs(
     diagnosis: Diagnosis, result: SearchResult, stages: Stages
 ) -> Iterator[tuple[tuple[int, ...], tuple[Effect, ...]]]:
-    """Yield the models, each with the budget indices of its additions and all its effects.
+    """Yield the models, each with the budget indices of the additions and with all effects.
 
-    The initial one, then with each large part in order of size, and the calibrated one with all others. Scatter, which
-    models cannot remove, has no step.
+    The initial model comes first, then models with each large part added in order of size, then the calibrated model
+    with all remaining parts. Scatter, which models cannot remove, has no step.
     """
     effects, budget = stages.calibrated.effects, diagnosis.budget
-    # Addition of each part, by label: fitted effects, or multiples of effects of its kind and joint in the calibrated
-    # background.
+    # Addition of each part, by label: fitted effects, or multiples of effects with the same kind and joint in the
+    # calibrated background.
     names = {label_of(effect): effect for effect in effects if effect in result.effects}
     terms: dict[str, list[tuple[Effect, float]]] = {}
     for term in background_terms(result.calibrated_posterior) if stages.has_background else ():
@@ -122,7 +122,7 @@ def disagreement(rig: Rig, used: Sequence[Measured], unseen: Sequence[Measured] 
     runs, elsewhere = ([replace(run, model=replace(run.model, effects=())) for run in part] for part in parts)
     setups, _ = fit_run_setups(runs)
     linear = linearise(blocks_of(runs, setups), setups)
-    # Effects of the rig file by their influence on the readings, then the remainder of its calibration, each with its
+    # Effects of the rig file by their influence on the readings, then the remainder of the calibration, each with an
     # index.
     measure = Measure(linear)
     um = [measure.um(linear.columns([effect])[:, 0]) for effect in rig.effects]
@@ -157,7 +157,7 @@ def _residuals_um_of(
 ) -> Iterator[list[float | None]]:
     """Yield the residuals in µm of models with these effects for the runs of each place, of (m, k) mm.
 
-    Set-ups are fitted to the runs of the first place; None for a place without runs.
+    Set-ups are fitted to the runs of the first place. None for a place without runs.
     """
     setups = None
     for effects in models:

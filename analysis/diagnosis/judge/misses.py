@@ -1,12 +1,9 @@
 """Prediction errors of the calibrated model at held-out places: widening of u, and dependence of the remaining error.
 
-Each neighbourhood of poses is held out in turn and predicted by the model of all others; the error remains. It is
-compared
-with possible dependences that no named effect has: posture, direction of joint motion, time, temperature. Each is an
-error of
-every joint, fitted to all neighbourhoods except one and evaluated there, so the explained share refers to independent
-places:
-without predictive power, a dependence is not reported.
+Each neighbourhood of poses is held out in turn and predicted by the model of all others. The prediction error is
+compared with possible dependences that no named effect has: posture, direction of joint motion, time, temperature. Each
+dependence is an error of every joint, fitted to all neighbourhoods except one and evaluated there. The explained share
+therefore refers to independent places, and a dependence with no predictive power is not reported.
 """
 
 from __future__ import annotations
@@ -38,8 +35,10 @@ from analysis.robot.model.predict import SetUp
 
 @dataclass(frozen=True)
 class Misses:
-    """Entries (n,) of held-out places: neighbourhood, squared error in mm², its noise part, and the stated variance.
-    Outliers have reduced weight as in the fit, `robust`."""
+    """Entries (n,) of held-out places: neighbourhood, squared error in mm², noise part, and stated variance.
+
+    Outliers have the reduced weight `robust` of the fit.
+    """
 
     group: Integers
     missed_mm2: Array
@@ -56,8 +55,9 @@ class Misses:
 
 @dataclass(frozen=True)
 class LeftOut(Misses):
-    """Places used, each neighbourhood or placement held out in turn and predicted by the others: whitened rows (n,) of
-    the readings, and their errors in noise standard deviations."""
+    """Places used, each neighbourhood or placement held out in turn and predicted by the others: whitened rows (n,)
+    of the readings, and their errors in noise standard deviations.
+    """
 
     rows: Integers
     missed_sigma: Array
@@ -69,7 +69,7 @@ class LeftOut(Misses):
 
 
 def places_left_out(result: SearchResult) -> LeftOut | None:
-    """Return the prediction of each neighbourhood of the poses used from all others; None without poses."""
+    """Return the prediction of each neighbourhood of the poses used from all others; None if no poses were used."""
     linear, parts, first = result.linear, list[LeftOut](), 0
     for block, of_block in zip(linear.blocks, linear.rows, strict=True):
         if block.table.kind.of_places:
@@ -82,8 +82,9 @@ def places_left_out(result: SearchResult) -> LeftOut | None:
 
 
 def _left_out(result: SearchResult, rows: Integers, group: Integers, placed: Array | None = None) -> LeftOut:
-    """Return whitened rows (n,) held out together, without the part absorbed by `placed`, orthonormal set-up columns
-    (n, s)."""
+    """Return whitened rows (n,) held out together, after removal of the part absorbed by `placed`, orthonormal
+    set-up columns (n, s).
+    """
     posterior = result.calibrated_posterior
     noise = np.minimum(result.strength[rows], 1.0)
     variance_mm2 = np.concatenate([block.sd_mm for block in result.linear.blocks])[rows] ** 2
@@ -108,10 +109,11 @@ def _neighbourhoods(run: ObservedRun) -> Integers:
 # Widening: ratio of the prediction errors to the stated uncertainty.
 
 _FAR, _ROUNDS = 4.0, 8
-"""Mean square relative to its expectation above which a neighbourhood has reduced weight: for three normal coordinates
-fewer than one in a hundred; and the rounds to convergence."""
+"""Mean square relative to the expectation above which a neighbourhood has reduced weight, exceeded for three normal
+coordinates in fewer than 1 % of cases; and number of rounds to convergence.
+"""
 _FREEDOM = 3.0
-"""Degrees of freedom of the error of a neighbourhood: one vector, common to its poses."""
+"""Degrees of freedom of the error of a neighbourhood: a vector common to its poses."""
 _LONGEST = 1500
 """Number of readings above which a placement is not held out: inverting their covariance takes a second."""
 
@@ -120,8 +122,9 @@ _LONGEST = 1500
 class Widening:
     """Excess of prediction errors at held-out places over the stated uncertainty.
 
-    `factor`: multiplies the uncertainty, at least 1. unexplained_mm: constant contribution per coordinate; None without
-    validation places. reach_mm: largest validated distance from the touched sockets, None unless all runs are touches.
+    `factor`: multiplies the uncertainty, at least 1. unexplained_mm: constant contribution per coordinate; None if
+    there are no validation places. reach_mm: largest validated distance from the touched sockets, None unless all runs
+    are touches.
     """
 
     factor: float = 1.0
@@ -136,8 +139,9 @@ class Widening:
 
 @dataclass(frozen=True)
 class _Neighbourhoods:
-    """Errors of neighbourhoods (g,): mean square of a coordinate in mm², its noise part, and the variance stated by the
-    model; and the weight of the entries in each."""
+    """Errors of neighbourhoods (g,): mean square of a coordinate in mm², noise part, variance stated by the model,
+    and weight of the entries.
+    """
 
     missed_mm2: Array
     noise_mm2: Array
@@ -156,8 +160,7 @@ class _Neighbourhoods:
 
     @cached_property
     def _ratio_and_weight(self) -> tuple[float, Array]:
-        """Return the excess over the noise as a multiple of the stated variance, and the weight (g,) of each
-        neighbourhood.
+        """The excess over the noise as a multiple of the stated variance, and the weight (g,) of each neighbourhood.
 
         Neighbourhoods with twice the error of the others, such as one placement of nine, have reduced weight: u
         describes most places.
@@ -170,9 +173,8 @@ class _Neighbourhoods:
             error = float(np.sqrt(count / max(count - 1, 1)) * np.linalg.norm(excess - ratio * stated) / stated.sum())
             expected = max(ratio, 1.0) * self.stated_mm2 + self.noise_mm2
             weight = self.weight * np.minimum(1.0, _FAR * expected / np.maximum(self.missed_mm2, 1e-12))
-        # With few neighbourhoods the ratio is uncertain, as their differences show: one standard error more is the
-        # upper end of their
-        # range.
+        # With few neighbourhoods the ratio is uncertain, as their differences show. A standard error is added to reach
+        # the upper end of the range.
         return ratio + error, weight
 
     @property
@@ -181,10 +183,10 @@ class _Neighbourhoods:
         return self._ratio_and_weight[0]
 
     def parted(self) -> Widening:
-        """Split the excess into a factor and a constant contribution, each with its likelihood from the neighbourhoods.
+        """Split the excess into a factor and a constant contribution, each with the likelihood from the neighbourhoods.
 
-        A factor is largest where little was measured, as for gaps in the model; errors outside its forms, such as a
-        cable or backlash, are not.
+        A factor is largest for sparsely measured regions, like gaps in the model. Errors outside the forms of the
+        model, such as a cable or backlash, do not follow this pattern.
         """
         ratio, weight = max(self.ratio, 1.0), self._ratio_and_weight[1]
         mean = float(weight @ self.stated_mm2 / weight.sum())
@@ -205,9 +207,9 @@ def widening_of(
 ) -> Widening:
     """Return the excess of prediction errors over the calibrated model's uncertainty.
 
-    It is the largest ratio of: places used, with each neighbourhood (`left_out`) and each placement held out in turn;
-    held-out runs; runs elsewhere. A model that is too smooth, or assumes equal behaviour in postures, on days or at
-    placements, has larger errors than its covariance. Residuals are (m, k) mm.
+    It is the largest ratio of three: places used, with each neighbourhood (`left_out`) and each placement held out in
+    turn; held-out runs; runs elsewhere. A model that is too smooth, or assumes equal behaviour in postures, on days or
+    at placements, has larger errors than the covariance indicates. Residuals are (m, k) mm.
     """
     sets: list[Misses | None] = [left_out, _placements_left_out(result)]
     setups = dict(stages.calibrated.setups)
@@ -223,10 +225,10 @@ def widening_of(
 
 
 def _placements_left_out(result: SearchResult) -> LeftOut | None:
-    """Return the prediction of each placement of the poses used from all others, with its set-up fitted; None below two
+    """Return the prediction of each placement of the poses used from all others, with the set-up fitted; None below two
     placements.
 
-    Long series only predict, and are not held out.
+    Long series are used for prediction but not held out.
     """
     linear, parts, first = result.linear, list[LeftOut](), 0
     blocks = [k for k, block in enumerate(linear.blocks) if block.table.kind.of_places]
@@ -246,8 +248,9 @@ def _placements_left_out(result: SearchResult) -> LeftOut | None:
 def _misses_of(
     runs: Sequence[ObservedRun], setups: Mapping[str, SetUp], stages: Stages, result: SearchResult
 ) -> Misses:
-    """Return the prediction errors of the calibrated model for held-out runs, in the set-ups of the runs used, or in
-    their own."""
+    """Return the prediction errors of the calibrated model for held-out runs, in the set-ups of the runs used or in
+    separately fitted set-ups.
+    """
     parts, first, shown = list[Misses](), 0, noise_shown(result)
     for run, calibrated in zip(runs, with_effects(runs, stages.calibrated.effects), strict=True):
         residual = residual_of(calibrated, setups)
@@ -261,8 +264,9 @@ def _misses_of(
 
 
 def _stated_variances(run: ObservedRun, setups: Mapping[str, SetUp], result: SearchResult) -> tuple[Array, Array]:
-    """Return the variances (N,) mm² of the noise of a pose run, and of the calibrated model's prediction: in the set-up
-    of the runs used, or in a separate fitted one."""
+    """Return the variances (N,) mm² of the noise of a pose run, and of the calibrated model's prediction: in the
+    set-up of the runs used, or in a separately fitted set-up.
+    """
     effects, columns, unknowns = result.effects, result.columns, result.fit.unknowns
     of_run = linearise(blocks_of([run], setups, effects), setups, effects)
     of_effect = [[unknown for unknown in unknowns if unknown.effect == k] for k in range(len(effects))]
@@ -286,7 +290,7 @@ def _stated_variances(run: ObservedRun, setups: Mapping[str, SetUp], result: Sea
 # Remaining error of the poses used, and its dependences.
 
 _UNIT_RAD = np.radians(1e-3)
-"""Unit of a joint error, without influence on the result, because the strength is scaled."""
+"""Unit of a joint error. It has no influence on the result, because the strength is scaled."""
 _STRENGTHS = 4.0 ** np.arange(-8, 7)
 """Squares of a form's strength in this unit, from a 256th of a unit to 64; the best is used."""
 _FEWEST_GROUPS = 4
@@ -295,7 +299,7 @@ _Functions = Callable[[Block], Array]
 
 
 def remains_of(result: SearchResult, left_out: LeftOut | None, temperature: Array | None) -> Remains | None:
-    """Return the remaining error of held-out places, None if there are none.
+    """Return the remaining error of held-out places; None if no places were held out.
 
     temperature (n,): in °C of the rows of a single table, None if unknown.
     """
@@ -310,9 +314,9 @@ def remains_of(result: SearchResult, left_out: LeftOut | None, temperature: Arra
     subjects: dict[Subject, _Functions | None] = {
         "posture": _of_places(lambda block: np.concatenate([f(block.table.q) for f in (np.cos, np.sin)], axis=1)),
         "approach": _of_places(sides_of) if any(_states_sides(block) for block in linear.blocks) else None,
-        "time": None,  # tables of places have no times, and the order of their rows states none
+        "time": None,  # tables of places have no times, and their row order is no time order
         "temperature": None if warmth is None else _of_places(lambda _: warmth),
-        "speed": None,  # a standing robot has none
+        "speed": None,  # undefined for a stationary robot
     }
     off = np.sqrt(left_out.robust) * left_out.missed_sigma
     looked = []
@@ -341,19 +345,22 @@ def _of_places(of_rows: Callable[[Block], Array]) -> _Functions:
 
 
 def sides_of(block: Block) -> Array:
-    """Return the way (n, axes) in which each joint came, zero if the rows do not state it."""
+    """Return the approach direction (n, axes) of each joint as a sign; zero if unknown."""
     sides = block.table.kind.sides(block.table)
     return np.zeros(block.table.q.shape) if sides is None else sides.astype(float)
 
 
 def _states_sides(block: Block) -> bool:
-    """Return whether the rows of a block state from where each joint came."""
+    """Return whether the rows of a block state the approach direction of each joint."""
     return block.table.kind.of_places and block.table.kind.sides(block.table) is not None
 
 
 def share_left_out(columns: Array, off: Array, group: Integers) -> float:
-    """Return the share of the square of a residual (n,) that columns (n, c) explain where each group (n,) is left out,
-    at the strength that explains most; 0 if none explains anything."""
+    """Return the share of the square of a residual (n,) explained by columns (n, c) in cross-validation over groups
+    (n,).
+
+    The strength with the largest share is used. 0 if no strength explains any of it.
+    """
     order = np.argsort(group, kind="stable")
     ends = [0, *(np.flatnonzero(np.diff(group[order])) + 1).tolist(), len(order)]
     groups = [order[begin:end] for begin, end in pairwise(ends)]

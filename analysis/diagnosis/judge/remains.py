@@ -1,4 +1,4 @@
-"""The part of the readings that no name explains, as values: what remains of places, and what it follows."""
+"""The unexplained part of the readings as values: residual of places, and possible dependences."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ Subject = Literal["posture", "approach", "time", "temperature", "speed"]
 
 @dataclass(frozen=True)
 class Looked:
-    """A subject compared with the residual: `share` is the explained part of the mean square at left-out places,
-    None if these runs do not contain the subject."""
+    """A subject compared with the residual. `share`: explained part of the mean square at validation places, None if
+    these runs do not contain the subject.
+    """
 
     subject: Subject
     share: float | None
@@ -19,8 +20,9 @@ class Looked:
 
 @dataclass(frozen=True)
 class Remains:
-    """Residual of each neighbourhood of places for a model fitted to all others, rms in µm of a distance; the noise
-    of a reading; and the subjects compared."""
+    """Residual of each neighbourhood of places for a model fitted to all others, rms in µm of a distance; noise of a
+    reading; and subjects compared.
+    """
 
     um: float
     noise_um: float
@@ -32,13 +34,15 @@ What = Literal["angle", "load", "approach", "speed", "time", "place"]
 place of the target."""
 FOLLOWED = 0.2
 """Share from which the unexplained part is said to follow a subject. Chosen: the best of twenty subjects explains up
-to a tenth of plain noise of 40 poses."""
+to a tenth of plain noise of 40 poses.
+"""
 
 
 @dataclass(frozen=True)
 class Followed:
-    """A dependence of the unexplained part: the subject, the joint (None for time and place), and the share of the
-    variance explained at left-out places."""
+    """A dependence of the unexplained part: subject, joint (None for time and place), and share of the variance
+    explained at validation places.
+    """
 
     what: What
     axis: int | None
@@ -47,10 +51,12 @@ class Followed:
 
 @dataclass(frozen=True)
 class Unexplained:
-    """Part explained by no name and no usual error, rms in µm, and the subjects that it `follows`, the likeliest
-    first. `scatter_um` is the scatter of a coordinate of poses if scatter explains the part and no target was
-    visited twice; else None. `visits_um` is the rms distance between a visit of a target and the mean of its visits if
-    it exceeds the repeatability of such arms; else None."""
+    """Part explained by no name and no usual error, rms in µm, and the subjects that it `follows`, likeliest first.
+
+    `scatter_um`: scatter of a coordinate of poses if scatter explains the part and targets were visited only once;
+    otherwise None. `visits_um`: rms distance between a visit of a target and the mean of its visits if it exceeds the
+    usual repeatability of the build; otherwise None.
+    """
 
     rms_um: float
     follows: tuple[Followed, ...] = ()
@@ -63,5 +69,5 @@ class Unexplained:
         return next((followed for followed in self.follows if followed.share >= FOLLOWED), None)
 
     def to_dict(self) -> dict[str, Any]:
-        """In plain types."""
+        """Return plain types."""
         return asdict(self)

@@ -1,4 +1,4 @@
-"""Residuals: which orders and targets hold more than noise, where on the circle, and the curves that plots show."""
+"""Residuals above the noise: orders, targets and places on the circle, and the curves for plots."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from rigs.schema.vocabulary import Direction, TestName
 
 @dataclass(frozen=True)
 class Place:
-    """A place where measurement and simulation disagree by more than the noise and what differs from run to run.
+    """A place of disagreement between measurement and simulation beyond noise and scatter between runs.
 
     `part` is `distance` (mean of the gauges) or `angle` (their difference over the baseline). `from_deg` and `to_deg`
     are circle angles, or the numbers of the first and last target for tests at targets. `joint` is the joint that
-    reverses there, if one does. `rms_um` is the rms of the residual there and `sigma` the ratio of its largest value to
-    both together.
+    reverses there, if any. `rms_um` is the rms of the residual there, and `sigma` the ratio of the largest value to
+    noise and scatter.
     """
 
     test: TestName
@@ -41,14 +41,15 @@ class Place:
     sigma: float
 
     def to_dict(self) -> dict[str, Any]:
-        """In plain types."""
+        """Return plain types."""
         return {"channel": self.test, **{key: value for key, value in asdict(self).items() if key != "test"}}
 
 
 @dataclass(frozen=True)
 class ResidualBand:
-    """The unexplained residual in one band of orders (cycles per lap), or at targets: the ratio of chi-square to its
-    expectation from noise, and a description."""
+    """The unexplained residual in a band of orders (cycles per lap), or at targets: ratio of chi-square to the
+    expectation from noise, and description.
+    """
 
     test: TestName
     direction: Direction | None
@@ -60,8 +61,9 @@ class ResidualBand:
 
 @dataclass(frozen=True)
 class Curve(Tabular):
-    """The residuals (n, 2) µm of the two gauges of a circle at the circle angles phi_deg (n,), averaged over its runs
-    with the set-up fitted. `turns` lists (circle angle in degrees, joint) where joints reverse."""
+    """Residuals (n, 2) µm of the two gauges of a circle at the circle angles phi_deg (n,), averaged over the runs
+    with the set-up fitted. `turns` lists (circle angle in degrees, joint) of joint reversals.
+    """
 
     test: TestName
     direction: Direction
@@ -71,7 +73,7 @@ class Curve(Tabular):
     turns: tuple[tuple[float, int], ...]
 
     def to_table(self) -> pa.Table:
-        """A row for each circle angle: phi_deg, and before and after of each gauge, as g1_before_um."""
+        """Return a row for each circle angle: phi_deg, and before and after of each gauge, as g1_before_um."""
         both = {"before": self.before_um, "after": self.after_um}
         gauges = {f"g{k + 1}_{when}_um": values[:, k] for when, values in both.items() for k in range(values.shape[1])}
         return pa.table({"phi_deg": self.phi_deg} | gauges)
@@ -79,8 +81,9 @@ class Curve(Tabular):
 
 @dataclass(frozen=True)
 class Map(Tabular):
-    """Residuals (n,) µm at targets, with the number, polar angle and azimuth (n,) in degrees of each. For poses the
-    residual is the remaining distance (n,), and the numbers are those of rows."""
+    """Residuals (n,) µm at targets, with number, polar angle and azimuth (n,) in degrees. For poses, the residual is
+    the remaining distance (n,), and the numbers are row numbers.
+    """
 
     test: TestName
     target: Array
@@ -90,24 +93,25 @@ class Map(Tabular):
     after_um: Array
 
     def to_table(self) -> pa.Table:
-        """A row for each reading, one column for each field but the test."""
+        """Return a row for each reading, with a column for each field except the test."""
         return pa.table({name: values for name, values in vars(self).items() if name != "test"})
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# The unexplained residual: the bands of orders, and the targets, where more remains than noise explains, with a
-# description.
+# The unexplained residual: bands of orders, and targets, with a residual above the noise, and a description.
 
 _REPORTED = 4
-"""Number of bands that are reported. Chosen: more do not help a reader."""
+"""Number of reported bands. Chosen: more do not help a reader."""
 _LEAST = 2.0
-"""Ratio of the energy to that of the noise above which a band is reported. Chosen: at 2 the residual beyond the noise
-is as large as the noise."""
+"""Ratio of the energy to that of the noise above which a band is reported. Chosen: at 2 the residual beyond the
+noise equals the noise.
+"""
 _CLEAR = 6.0
-"""Standard deviations of chi-square by which a band must exceed its noise, so that bands of few readings are not
-reported by chance: among bands of five readings, noise alone exceeds it once in some thousands."""
+"""Standard deviations of chi-square by which a band must exceed the noise, so that bands of few readings are not
+reported by chance: for bands of five readings, noise exceeds it once in some thousands.
+"""
 _SLOW = 30
-"""Orders below this are compared between the directions. Chosen: as for the level of slow noise in `noise`."""
+"""Orders below this limit are compared between the directions. Chosen: as for the level of slow noise in `noise`."""
 
 
 Part = Literal["distance", "angle"]
@@ -115,12 +119,13 @@ _PARTS: tuple[tuple[Part, slice], ...] = (
     ("distance", slice(0, len(ORDER_OF) // 2)),
     ("angle", slice(len(ORDER_OF) // 2, len(ORDER_OF))),
 )
-"""The entries of a circle that belong to the mean of its gauges, and to their difference."""
+"""Entries of a circle that belong to the mean of the gauges, and to their difference."""
 
 
 def bands_above_noise(blocks: Sequence[Block], residual: Array) -> tuple[ResidualBand, ...]:
-    """Return the bands that exceed their noise, those with the largest energy in mm² first, given the `residual`
-    (N,) in standard deviations of the noise."""
+    """Return the bands above the noise, largest energy in mm² first, given the `residual` (N,) in standard
+    deviations of the noise.
+    """
     clear: list[tuple[float, ResidualBand]] = []
     parity, begin = _parity(blocks, residual), 0
     for block in blocks:
@@ -174,10 +179,10 @@ def _parity(blocks: Sequence[Block], residual: Array) -> dict[tuple[TestName, st
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# The places where measurement and simulation disagree: stretches of a circle, or targets, where the residual exceeds
-# its noise.
+# Places of disagreement between measurement and simulation: stretches of a circle, or targets, with a residual above
+# the noise.
 #
-# A residual that is too small to be detected at any single place may still be detected by its form over the whole
+# A residual that is too small to be detected at any single place may still be detected by its form over the complete
 # lap, which the search uses.
 
 _SMOOTH = 60
@@ -185,21 +190,24 @@ _SMOOTH = 60
 _SIGMA = 4.0
 """Sigmas above which a residual is reported: with 512 correlated values, noise alone rarely exceeds 4 sigma."""
 _GAP = GRID // 60
-"""Steps of the grid between two stretches that are reported as one: 6 degrees, the resolution of the smoothed residual.
-"""
+"""Grid steps between two stretches that are reported together: 6 degrees, the resolution of the smoothed residual."""
 _NEAR_DEG = 4.0
-"""Distance from a reversal within which a stretch or jump is attributed to it. Chosen: a play is crossed within some
-degrees."""
+"""Distance from a reversal within which a stretch or jump is attributed to it. Chosen: backlash is crossed within
+some degrees.
+"""
 _UNUSUAL = 5.0
 """Ratio to the median change over the same distance above which a change is a jump. Chosen: the largest change of a
 wave is 1.4 times its median change."""
 _MOST = 50
-"""Number of places that are reported. Chosen: pictures shade all of most cells; lists stop at the worst of them."""
+"""Number of reported places. Chosen: pictures shade all places of most cells; lists stop at the worst."""
 
 
 def places(blocks: Sequence[Block], left_mm: Sequence[Array], scatter_mm: Sequence[Array]) -> tuple[Place, ...]:
-    """Return the worst places, the largest sigma first, given the residual of each block as its entries (N,) mm, and
-    what one standard deviation of all that differs from run to run adds to them, (N, c) mm."""
+    """Return the worst places, largest sigma first.
+
+    left_mm: residual of each block as entries (N,) mm. scatter_mm: contribution of a standard deviation of all scatter
+    between runs, (N, c) mm.
+    """
     all_places: list[Place] = []
     for block, residual, scattered in zip(blocks, left_mm, scatter_mm, strict=True):
         all_places += (_on_circle if block.sampling else _at_targets)(block, residual, scattered)
@@ -228,8 +236,8 @@ def _on_circle(block: Block, residual: Array, scatter_mm: Array) -> list[Place]:
             gauges.mean(axis=1) if part == "distance" else gauges[:, 1] - gauges[:, 0] for gauges in curves
         )
         scattered = np.reshape(others, (-1, GRID))
-        # Sum and difference are unitary: the mean of the gauges has 1/sqrt 2 of the sum's noise, their difference
-        # sqrt 2 of its own.
+        # Sum and difference are unitary: the noise of the gauge mean is 1/√2 of that of the sum, the noise of the gauge
+        # difference √2 of that of the unitary difference.
         scale = np.sqrt(0.5) if part == "distance" else np.sqrt(2)
         kept = ORDER_OF[entries] <= _SMOOTH
         alike = scale * float(np.sqrt((block.sd_mm[entries][kept] ** 2).sum() / GRID))
@@ -254,9 +262,11 @@ def _on_circle(block: Block, residual: Array, scatter_mm: Array) -> list[Place]:
 def _jumps(
     values: Array, where: Sequence[tuple[float, int]], alike: float, scattered: Array
 ) -> list[tuple[float, int, float, float]]:
-    """Return the reversals at which the residual (GRID,) jumps more than elsewhere, given its noise that is alike
-    everywhere and what one standard deviation of scatter adds (c, GRID): circle angle in degrees, joint, size of the
-    jump, and sigma."""
+    """Return the reversals with a jump of the residual (GRID,) larger than elsewhere: circle angle in degrees, joint,
+    size of the jump, and sigma.
+
+    alike: uniform noise. scattered (c, GRID): contribution of a standard deviation of scatter.
+    """
     step = max(1, round(_NEAR_DEG / 360 * GRID))
     over, apart = (np.roll(of, -step, axis=-1) - np.roll(of, step, axis=-1) for of in (values, scattered))
     over = np.abs(over)
@@ -273,8 +283,9 @@ def _jumps(
 
 
 def _stretches(over: Array) -> list[tuple[int, int]]:
-    """Return the first and last index of each stretch on the closed circle. Small gaps are bridged, and an end may lie
-    beyond the end of the lap."""
+    """Return the first and last index of each stretch on the closed circle. Small gaps are bridged, and an end may
+    exceed the end of the lap.
+    """
     if over.all():
         return [(0, GRID)]
     start = int(np.argmin(over))
@@ -289,8 +300,9 @@ def _stretches(over: Array) -> list[tuple[int, int]]:
 
 
 def _why(where: Sequence[tuple[float, int]], values: Array, begin_deg: float, end_deg: float) -> tuple[int | None, str]:
-    """Return the joint that reverses in a stretch, if the stretch is short enough to belong to one reversal, and what
-    the residual (GRID,) looks like there."""
+    """Return the joint that reverses in a stretch, if the stretch is short enough for a single reversal, and a
+    description of the residual (GRID,).
+    """
     if end_deg - begin_deg <= 90:
         middle, reach = (begin_deg + end_deg) / 2, (end_deg - begin_deg) / 2 + _NEAR_DEG
         near = [(abs((phi - middle + 180) % 360 - 180), joint) for phi, joint in where]

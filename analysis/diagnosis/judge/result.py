@@ -27,15 +27,16 @@ from rigs.schema.vocabulary import WITHOUT_GAUGES, TestName
 # ----------------------------------------------------------------------------------------------------------------------
 # Answer of a diagnosis as values: condition of the arm, accuracy, and error budget.
 #
-# The words for a screen, a page or another language are chosen by the output; no decision compares words.
+# Each output chooses the wording for a screen, a page or a language; no decision compares text.
 
 Condition = Literal[
     "named", "ambiguous", "out_of_range", "outside_library", "undecided", "uncalibrated", "nothing_unusual",
     "not_testable_here",
 ]  # fmt: skip
-"""Condition of the arm: effects are named; effects are named, but a rival is possible; one parameter exceeds the
-range that rig corrects, and is the only name; the cause is in no library; the runs are too few; many usual errors
-that a calibration was shown to remove; nothing unusual; or the runs cannot show effects."""
+"""Condition of the arm: effects are named; effects are named, but a rival is possible; a single parameter exceeds
+the range that rig corrects, and is the only name; the cause is not in the library; the runs are too few; many
+usual errors that a calibration was shown to remove; nothing unusual; or the runs cannot show effects.
+"""
 Rank = Literal["unusual", "usual", "undecided"]
 """Whether an effect is larger than in healthy arms and elsewhere in this arm."""
 
@@ -57,7 +58,7 @@ class Member:
         return {field: abs(getattr(self.effect, field)) * self.u_um / self.um} if self.um > 0 else {}
 
     def to_dict(self) -> dict[str, Any]:
-        """In plain types."""
+        """Return plain types."""
         return _of_effect(self.effect, self.sd, self.odds) | {"um": self.um, "u_um": self.u_um}
 
 
@@ -68,8 +69,9 @@ class BudgetPart:
 
     `um` is the root mean square in the readings in µm with set-ups fitted, and `u_um` the standard uncertainty of that
     change. `share` is the share of the energy of the gap. Shares add up to 1 and are never negative; two parts divide a
-    common contribution equally, and a part that cancels another is counted with it (`cancelled`). `times_usual` is the
-    ratio to a healthy arm, None if undefined. `odds`, `held_out_gain`, `doubt` and `name` belong to a fitted effect.
+    common contribution equally, and a part that cancels a different part is counted with it (`cancelled`).
+    `times_usual` is the ratio to a healthy arm, None if undefined. `odds`, `held_out_gain`, `doubt` and `name` belong
+    to a fitted effect.
     """
 
     kind: PartKind | Literal["effect", "scatter", "unexplained"]
@@ -84,11 +86,11 @@ class BudgetPart:
     held_out_gain: float | None = None
     doubt: Doubt | None = None
     index: int | None = None
-    """The index of the fitted effect among the effects of the diagnosis."""
+    """Index of the fitted effect among the effects of the diagnosis."""
     members: tuple[Member, ...] = ()
-    """Candidate effects of a group with more than a third of the gap, the likeliest first."""
+    """Candidate effects of a group with more than a third of the gap, likeliest first."""
     together: tuple[BudgetPart, ...] = ()
-    """Parts that partly cancel each other and are counted together, each as if alone, this part first."""
+    """Parts that partly cancel each other and are counted together, each with the individual size, this part first."""
 
     @property
     def cancelled(self) -> tuple[str, ...]:
@@ -97,7 +99,7 @@ class BudgetPart:
 
     @property
     def shown_together(self) -> tuple[BudgetPart, ...]:
-        """This part and the parts cancelling more of it than 2 u and a twentieth; empty if there are none."""
+        """This part and the parts cancelling more of it than 2 u and a twentieth; empty if no such part exists."""
         large = [part for part in self.together[1:] if part.um > max(2 * part.u_um, self.together[0].um / 20)]
         return (self.together[0], *large) if large else ()
 
@@ -119,7 +121,7 @@ class BudgetPart:
         return self.um / self.u_um if self.u_um > 0 else float("inf")
 
     def to_dict(self) -> dict[str, Any]:
-        """In plain types."""
+        """Return plain types."""
         parts = {name: [part.to_dict() for part in getattr(self, name)] for name in ("together", "members")}
         return {**vars(self), **parts, "class": self.rank, "cancelled": self.cancelled}
 
@@ -129,7 +131,7 @@ class Accuracy:
     """Error of the arm now and after calibration, in µm of the readings.
 
     `standing` compares the present error with the limits of the rig file, a tolerance or the data sheet (`limit`); None
-    if there is no limit. `now_um` and `now_largest_um` are of the runs used. `calibrated_um` is the residual of the
+    if no limit is given. `now_um` and `now_largest_um` refer to the runs used. `calibrated_um` is the residual of the
     calibrated model at the `place`: on places or runs not used in the fit, if available.
     """
 
@@ -142,7 +144,7 @@ class Accuracy:
     place: JudgedOn
 
     def to_dict(self) -> dict[str, Any]:
-        """In plain types."""
+        """Return plain types."""
         return {**asdict(self), "standing": self.standing or "not_judged"}
 
 
@@ -160,12 +162,13 @@ ODDS = 20.0
 
 
 SURE_SIGMA = 3.0
-"""Standard uncertainties from which an effect that has no rival is sure. Chosen: odds of 400 to 1."""
+"""Standard uncertainties from which an effect with no rival is certain. Chosen: odds of 400 to 1."""
 CERTAIN_ODDS = ODDS / (1 + ODDS)
 """Share of the evidence from which a name has no rival."""
 LARGE_SHARE = 1 / 3
 """Share of the error from which a part of any size is mentioned in the first sentence, and a group lists candidate
-effects."""
+effects.
+"""
 CERTAIN_SIGMA = 7.0
 """Standard uncertainties from which the contribution of an effect of any size is certain: the detection limit of the
 plan."""
@@ -182,8 +185,9 @@ class Share:
 
 @dataclass(frozen=True)
 class Rival:
-    """Another effect that could replace a name, with the standard uncertainties of the parameters and the share of
-    the evidence."""
+    """A rival effect that could replace a name, with the standard uncertainties of the parameters and the share of
+    the evidence.
+    """
 
     effect: Effect
     sd: dict[str, float]
@@ -192,7 +196,7 @@ class Rival:
     """Whether the rival would be a fault: larger than in arms of the same build."""
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain types: kind and seats of the effect, parameters with their standard uncertainties."""
+        """Return plain types: kind and seats of the effect, parameters with their standard uncertainties."""
         return _of_effect(self.effect, self.sd, self.posterior)
 
 
@@ -227,7 +231,8 @@ class Named:
     """Whether the cause was shown: a wave over fewer than two periods driven by the joint does not identify a gear."""
     directions: int = 1
     """Number of independent directions showing the effect: set-ups that each show the size, and runs not used in the
-    fit."""
+    fit.
+    """
 
     @property
     def stands(self) -> bool:
@@ -236,20 +241,21 @@ class Named:
 
     @property
     def is_term(self) -> bool:
-        """Whether the effect is part of a series of waves of a joint that approximates an error of another form."""
+        """Whether the effect belongs to a series of waves of a joint that approximates an error of a different form."""
         return self.doubt == "series"
 
     @property
     def contradicted(self) -> bool:
-        """Whether the effect imitates another cause: two set-ups show clearly different shares, or it is part of a
-        series of waves."""
+        """Whether the effect imitates a different cause: two set-ups show clearly different shares, or it belongs to
+        a series of waves.
+        """
         if self.is_term or not self.shares:
             return self.is_term
         least, most = (of(self.shares, key=lambda share: share.value) for of in (min, max))
         return most.value - least.value > max(_DIFFERS, _DIFFERS_SIGMA * math.hypot(least.sd, most.sd))
 
     def to_dict(self) -> dict[str, Any]:
-        """In plain types, rivals with it."""
+        """Return plain types, including the rivals."""
         return {
             **_of_effect(self.effect, self.sd, self.posterior),
             "rivals": [rival.to_dict() for rival in self.rivals],
@@ -269,8 +275,9 @@ class Named:
 
 
 def _of_effect(effect: Effect, sd: Mapping[str, float], posterior: float) -> dict[str, Any]:
-    """Return an effect in plain types, with the parameters and their standard uncertainties sd, each in the
-    parameter's unit."""
+    """Return an effect in plain types, with the parameters and their standard uncertainties sd, in the units of the
+    parameters.
+    """
     return {
         "effect": effect.effect,
         **{key: getattr(effect, key) for key in SEATS if hasattr(effect, key)},
@@ -284,8 +291,9 @@ def _of_effect(effect: Effect, sd: Mapping[str, float], posterior: float) -> dic
 class Remainder:
     """Remainder beyond the noise after the names and a healthy arm's share of every effect, including the
     contribution of contradicted names: rms in µm, at most the gap; share of the energy of the gap; and a description of
-    the pattern. `healthy_um` is the rms of the healthy share. `at_new_places` states whether the remainder is the error
-    at places without part in the fit, which the runs used do not show as large."""
+    the pattern. `healthy_um` is the rms of the healthy share. `at_new_places`: whether the remainder is the error at
+    places not used in the fit, because it is larger there.
+    """
 
     um: float
     share: float
@@ -305,14 +313,15 @@ class TestGap:
     calibrated_largest_um: float
 
     def to_dict(self) -> dict[str, float]:
-        """Plain types in µm, excluding the test."""
+        """Return plain types in µm, excluding the test."""
         return {key: value for key, value in asdict(self).items() if key != "test"}
 
 
 _SHAPES = 2.0
-"""Independent shapes of the residual at a place: half of the residual is then the standard uncertainty of the
-residual at the next place, 1 / √(2 · 2). Chosen: the smallest number for which an rms has a standard uncertainty
-at all."""
+"""Independent shapes of the residual at a place. Half of the residual is then the standard uncertainty of the
+residual at the next place, 1 / √(2 · 2). Chosen: the smallest number for which the standard uncertainty of an rms
+is defined.
+"""
 
 
 @dataclass(frozen=True)
@@ -334,7 +343,7 @@ class Gap:
 
     @property
     def u_um(self) -> float:
-        """Standard uncertainty of each figure in µm: that of the mean of all runs, each with the noise."""
+        """Standard uncertainty of each figure in µm, from the mean of all runs, each with the noise."""
         return self.noise_floor_um / math.sqrt(max(len(self.runs), 1))
 
     @property
@@ -345,7 +354,7 @@ class Gap:
         return math.hypot(self.u_um, missed_um / math.sqrt(2 * _SHAPES))
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain types; the keys omit the unit, µm."""
+        """Return plain types; the keys omit the unit, µm."""
         return {
             "before": self.before_um,
             "after": self.after_um,
@@ -371,13 +380,13 @@ class Diagnosis(Tabular):
     """The complete result.
 
     `rig` is the initial model and `runs` names the runs used. `effects` lists the effects supported by evidence, faults
-    first, ordered by worth. `budget` contains every part of the gap, the largest first, and `runs_to_decide` the number
-    of runs of each kind that would decide an undecided condition. `calibrated` is the calibrated model, and `given`
-    states whether the effects were given to be fitted. `groups` lists named effects that these tests cannot
-    distinguish, and `not_testable` the names that are invisible here at any size. `repeated` states whether the noise
-    comes from repeats, `shows_noise` whether it comes from repeats or residuals; otherwise it is assumed. `level` is
-    the level of the healthy background, 1 in a typical healthy arm. `doubts` lists reasons for limited trust in the
-    result. `staircase` is the gap as parts of the budget are added to the model, None if no part is added.
+    first, ordered by worth. `budget` contains every part of the gap, largest first, and `runs_to_decide` the number of
+    runs of each kind that would decide an undecided condition. `calibrated` is the calibrated model, and `given` states
+    whether the effects were given to be fitted. `groups` lists named effects that these tests cannot distinguish, and
+    `not_testable` the names that are invisible here at any size. `repeated` states whether the noise is estimated from
+    repeats, `shows_noise` whether it is estimated from repeats or residuals; otherwise it is assumed. `level` is the
+    level of the healthy background, 1 in a typical healthy arm. `doubts` lists reasons for limited trust in the result.
+    `staircase` is the gap as parts of the budget are added to the model, None if no part is added.
     """
 
     condition: Condition
@@ -408,20 +417,21 @@ class Diagnosis(Tabular):
     shows_noise: bool = False
     staircase: Staircase | None = None
     remains: Remains | None = None
-    """Residual of places after the calibrated model, and the subjects compared with it; None if there are no places."""
+    """Residual of places after the calibrated model, and the subjects compared with it; None if no places were
+    measured.
+    """
     only_commanded: bool = False
-    """Whether measured joint angles are missing in some run, which means that a name may be an angle that was not
-    reached."""
+    """Whether measured joint angles are missing in some run; a name may then be an angle that was not reached."""
     unexplained: Unexplained | None = None
     """The unexplained part, and the subjects it follows if it is large."""
     acts: tuple[Act, ...] = ()
-    """Actions, the first one first; every output prints this list."""
+    """Actions in order; every output prints this list."""
     movements: tuple[Movement, ...] = ()
     """Movements between the runs or between rows of a run."""
 
     @property
     def is_testable(self) -> bool:
-        """Whether the runs can show effects; if not, the residual after a calibration by them is unknown."""
+        """Whether the runs can show effects. If not, the residual of a calibration from these runs is unknown."""
         return self.condition != "not_testable_here"
 
     @property
@@ -437,8 +447,9 @@ class Diagnosis(Tabular):
 
     @property
     def written(self) -> tuple[Named, ...]:
-        """Effects written to a rig file: the faults, or all effects if they were given to be fitted; none that is
-        out of range."""
+        """Effects written to a rig file: the faults, or all effects if they were given to be fitted. Effects out of
+        range are not written.
+        """
         if self.condition == "out_of_range":
             return ()
         return self.effects if self.given else self.standing
@@ -450,7 +461,7 @@ class Diagnosis(Tabular):
 
     @property
     def contradicted(self) -> tuple[Named, ...]:
-        """Effects that imitate another cause."""
+        """Effects that imitate a different cause."""
         return tuple(name for name in self.effects if name.contradicted)
 
     @property
@@ -468,9 +479,9 @@ class Diagnosis(Tabular):
         return table_of_rows(("name", "parameter", "value", "sd", "posterior", "worth_um", "stands"), rows)
 
     def to_dict(self) -> dict[str, Any]:
-        """Everything in plain types, with the keys of docs/diagnosis.md: the output of `rig diagnose --json`.
+        """Return plain types with the keys of docs/diagnosis.md: the output of `rig diagnose --json`.
 
-        Angles in degrees, gaps in µm, each parameter in the unit of its name, None for unknown values.
+        Angles are in degrees, gaps in µm, each parameter in the unit of the name. None means unknown.
         """
         outside = {"held_out": self.held_out, "unseen_place": self.unseen}
         gaps = {"train": self.train.to_dict()} | {name: gap and gap.to_dict() for name, gap in outside.items()}
@@ -526,13 +537,17 @@ def fault_rivals(named: Named) -> list[Rival]:
 
 
 def is_open(part: BudgetPart, named: Named) -> bool:
-    """Return whether an effect with a large share of the error is open: it is no fault, or usual errors may show the
-    same, and its odds are below the odds of a certain name."""
+    """Return whether an effect with a large share of the error is open.
+
+    It is open if it is no fault, or usual errors may show the same, and its odds are below those of a certain name.
+    """
     return part.share > LARGE_SHARE and named.doubt in ("usual", "healthy_shows_it") and named.posterior < CERTAIN_ODDS
 
 
 def is_there(diagnosis: Diagnosis, part: BudgetPart) -> bool:
-    """Return whether the contribution of a part is certain, although its cause may be any of a few similar effects."""
+    """Return whether the contribution of a part is certain, although the cause may be any of several similar
+    effects.
+    """
     if part.index is None:
         return part.sigma >= CERTAIN_SIGMA
     # If usual errors may show the same, the cause is open and the contribution certain.

@@ -1,9 +1,9 @@
-"""What the unexplained part of the readings follows: the angle, load or speed of a joint, time, or place.
+"""Dependence of the unexplained part of the readings on the angle, load or speed of a joint, on time, or on place.
 
-Each is fitted as an error of one joint that is a smooth function of it, to all readings but some, and held against
-those: the share is of readings that had no part in the fit, so that noise gives about zero. Poses are left out by
-neighbourhoods of joint space, and what is explained there is what the model of all others misses; of circles every
-fifth entry of the spectrum is left out.
+Each dependence is modelled as an error of a joint that is a smooth function of the subject. It is fitted to a part of
+the readings and evaluated on the others. The share therefore refers to readings outside the fit, and noise gives about
+zero. Poses are held out by neighbourhoods of joint space, and their error is the prediction error of the model fitted
+to all others. On circles, every fifth entry of the spectrum is held out.
 """
 
 from __future__ import annotations
@@ -23,23 +23,26 @@ from analysis.runs.noise.cell_noise import TARGET_MM
 from rigs.effects import play_of_joint
 
 _UNIT_RAD, _UNIT_MM = np.radians(1e-3), 1e-3
-"""Units of an error of a joint and of a place. They have no effect on the result, because the strength is scaled."""
+"""Units of an error of a joint and of a place. They do not affect the result, because the strength is scaled."""
 _ORDERS = np.arange(1, 9)
-"""Waves a turn of an error over the angle of a joint. Chosen: 45° of a wave, as finely as a hundred poses show it."""
+"""Waves per turn of an error over the joint angle. Chosen: a period of 45°, the finest that a hundred poses show."""
 _DEGREES = np.arange(1, 6)
-"""Powers of the torque. Chosen: a cubic spring and a knee on either side are within a tenth of these."""
+"""Powers of the torque. Chosen: they approximate a cubic spring and a one-sided knee within a tenth."""
 _HALF_WAVES = np.arange(1, 5)
 """Half waves over the duration of a run: warming, a shift of the instrument, a day's cycle."""
 _FOLDS = 5
-"""Parts of the spectrum of a circle of which each is left out once."""
+"""Number of parts of a circle's spectrum, each held out once."""
 _NOTHING = 0.06
-"""Share below which the residual follows no subject, and readings without repeats may be scatter. Source: plain noise
-of 30 to 50 poses, nine seeds, in which the largest share of any subject was 0.054."""
+"""Share below which the residual follows no subject, and readings without repeats may be scatter. Source: plain
+noise of 30 to 50 poses, nine seeds, in which the largest share of any subject was 0.054.
+"""
 
 
 def unexplained_of(result: SearchResult, left_out: LeftOut | None, rms_um: float) -> Unexplained:
-    """Return what the unexplained part of the readings, rms_um in all, follows; `left_out` are the (n,) entries of
-    places as all others predict them."""
+    """Return the dependences of the unexplained part of the readings, of rms_um in total.
+
+    left_out: entries (n,) of places as predicted by all others.
+    """
     linear = result.linear
     whole = linear.without_set_up(result.posterior.residual + result.free_share)
     groups = _folds(result)
@@ -78,7 +81,7 @@ def most_usual_visits_um(result: SearchResult) -> float:
 
 
 def _folds(result: SearchResult) -> Integers:
-    """Return the part (N,) that each entry is left out with."""
+    """Return the index (N,) of the fold of each entry."""
     folds = np.zeros(len(result.linear.y), dtype=np.int64)
     for k, rows in enumerate(result.linear.rows):
         folds[rows] = _FOLDS * k + np.arange(rows.stop - rows.start) % _FOLDS
@@ -86,7 +89,7 @@ def _folds(result: SearchResult) -> Integers:
 
 
 def _subjects(result: SearchResult) -> list[tuple[What, int | None, Array]]:
-    """Return each subject with the changes (N, c) of the readings by errors that follow it."""
+    """Return each subject with the changes (N, c) of the readings caused by errors that depend on it."""
     linear, subjects = result.linear, list[tuple[What, int | None, Array]]()
     joints = range(1, linear.axes + 1)
     of_joint: dict[What, Callable[..., Array]] = {
@@ -114,7 +117,7 @@ def _load(block: Block, joint: int) -> Array:
 
 
 def _speed(block: Block, joint: int) -> Array:
-    """Speed, its sign and its square, of a joint that moves while it is read."""
+    """Return speed, sign and signed square of the speed of a joint that moves during the readings."""
     t_s, q = block.path.t_s, block.path.q[:, joint]
     if block.table.kind.of_places or not block.sampling or np.diff(t_s).min() <= 0:
         return np.zeros((len(q), 3))
@@ -124,7 +127,7 @@ def _speed(block: Block, joint: int) -> Array:
 
 
 def _approach(block: Block, joint: int) -> Array:
-    """The side from which a joint came to each place."""
+    """Return the approach side of a joint at each place."""
     count = len(block.path.q)
     if not block.table.kind.of_places:
         return np.zeros((count, 1))
@@ -141,7 +144,7 @@ def _time(block: Block) -> Array:
 
 
 def _place(block: Block) -> Array:
-    """Errors of each coordinate that are second and third powers of the place, whitened; zero for other tests."""
+    """Return errors of each coordinate as second and third powers of the place, whitened; zero for other tests."""
     if not block.table.kind.of_tracker:
         return np.zeros((len(block.y_mm), 3 * 16))
     at = block.values - block.values.mean(axis=0)
@@ -154,8 +157,9 @@ def _place(block: Block) -> Array:
 
 
 def _scatter_um(result: SearchResult) -> float:
-    """Return the standard deviation in µm of one coordinate of places: that of the residual, of which the set-ups took
-    as many degrees of freedom as they have terms."""
+    """Return the standard deviation in µm of a coordinate of places from the residual, with set-up terms subtracted
+    from the degrees of freedom.
+    """
     linear = result.linear
     residuals = linear.in_mm(linear.without_set_up(result.posterior.residual + result.free_share))
     square_mm2 = sum(float(np.sum(residual**2)) for residual in residuals)

@@ -1,4 +1,4 @@
-"""Validation: residuals of a frozen model on runs used, held out and of another place, and the gain of each name."""
+"""Validation: residuals of a frozen model on used, held-out and unseen runs, and the gain of each name."""
 
 from __future__ import annotations
 
@@ -28,14 +28,15 @@ class FrozenModel:
     setups: Mapping[str, SetUp]
 
     def residuals(self, runs: Sequence[ObservedRun]) -> list[Array]:
-        """Return the residuals (m, k) mm of each run. Runs in a set-up used before keep it; a set-up is fitted to
-        each other run."""
+        """Return the residuals (m, k) mm of each run. Runs in a known set-up keep it; a set-up is fitted to each
+        other run.
+        """
         modelled = with_effects(runs, self.effects)
         setups = self.setups_with(modelled)
         return [residual_of(run.on_lap, setups) for run in modelled]
 
     def setups_with(self, runs: Sequence[ObservedRun]) -> dict[str, SetUp]:
-        """Return the set-ups of the model, with fitted ones added for runs (m, k) mm in no known set-up."""
+        """Return the set-ups of the model, with fitted set-ups added for runs (m, k) mm in no known set-up."""
         new = [run for run in runs if run.setup not in self.setups]
         return {**self.setups, **(fit_run_setups(new)[0] if new else {})}
 
@@ -59,8 +60,10 @@ class Stages:
 
 
 def stages_of(fitted: FittedRuns, result: SearchResult) -> Stages:
-    """Return the models of a search, with set-ups fitted to the runs used, (m, k) mm. If the complete model explains
-    these runs worse than the names alone, the calibrated model contains only the names."""
+    """Return the models of a search, with set-ups fitted to the runs used, (m, k) mm.
+
+    If the complete model explains these runs worse than the names, the calibrated model contains only the names.
+    """
     names = result.effects
     whole = (*names, *background_effects(result.calibrated_posterior))
     bare, named, calibrated = (FrozenModel(effects, fitted.beside(effects)[0]) for effects in ((), names, whole))
@@ -71,8 +74,8 @@ def stages_of(fitted: FittedRuns, result: SearchResult) -> Stages:
 def gap(runs: Sequence[ObservedRun], stages: Stages, result: SearchResult, run_names: Sequence[str]) -> Gap:
     """Return the gap of runs with the initial model, with the names, and calibrated; residuals are (m, k) mm.
 
-    The noise and scatter of a run come from repeats, or else from the assumed noise; for touches and many poses, as far
-    as the readings show it. Runs of another place use the noise of their test.
+    The noise and scatter of a run are estimated from repeats, or else assumed. For touches and many poses, the estimate
+    is limited by the residuals. Runs of a different place use the noise of their test.
     """
     bare, named, calibrated = (model.residuals(runs) for model in (stages.bare, stages.named, stages.calibrated))
     before_um, after_um, calibrated_um = (1e3 * rms(residuals) for residuals in (bare, named, calibrated))
@@ -96,12 +99,14 @@ def gap(runs: Sequence[ObservedRun], stages: Stages, result: SearchResult, run_n
 
 
 _SHOW_NOISE = 20
-"""Poses from which the residuals show the noise, partly absorbed by a set-up and an arm. Source: 24 poses of an
-independent generator with noise of 21.5 µm show 17.5, 50 with 51 show 44, 47 with 39 show 36; assumed were 71."""
+"""Number of poses from which the residuals show the noise, partly absorbed by a set-up and an arm. Source: 24 poses
+of an independent generator with noise of 21.5 µm show 17.5, 50 with 51 show 44, 47 with 39 show 36; the assumed
+noise was 71.
+"""
 
 
 def shows_noise(block: Block) -> bool:
-    """Return whether readings (m, k) show their noise even if nothing is repeated: touches, or enough poses."""
+    """Return whether readings (m, k) show their noise even if not repeated: touches, or enough poses."""
     return block.table.kind.of_places and (block.table.kind.constants_apart or len(block.rows) >= _SHOW_NOISE)
 
 
@@ -113,10 +118,10 @@ def noise_shown(result: SearchResult) -> Array:
 
 
 def held_out_gains(result: SearchResult, runs: Sequence[ObservedRun]) -> list[float | None]:
-    """Return, for each name, the share of the energy of the gap on held-out runs removed by the name in addition to all
-    other effects, or None if no held-out run shows the name beyond the scatter of a run.
+    """Return the share of the gap's energy on held-out runs that each name removes in addition to all other effects.
+    None if no held-out run shows the name beyond the scatter of a run.
 
-    The set-up is fitted again to each run; a healthy arm's share of every effect comes from the runs used. Residuals
+    The set-up is refitted to each run. A healthy arm's share of every effect is estimated from the runs used. Residuals
     are (m, k) mm.
     """
     whole, gained, shown = 0.0, np.zeros(len(result.contributions)), np.zeros(len(result.contributions), dtype=bool)
@@ -133,7 +138,8 @@ def held_out_gains(result: SearchResult, runs: Sequence[ObservedRun]) -> list[fl
 
 @dataclass(frozen=True)
 class _JudgedRun:
-    """A run judged by the names and the healthy share determined by other runs, in standard deviations of a block (N,).
+    """A validation run with the names and the healthy share determined by other runs, in standard deviations of a block
+    (N,).
 
     `before` is the residual of the initial model and `residual` that of the complete model. `free_share` is the
     additional contribution of free forms, zero if unknown. `contributions` are the changes when each name is removed.
@@ -164,8 +170,9 @@ class _JudgedRun:
 
 
 def _at_places_used(result: SearchResult, run: ObservedRun) -> _JudgedRun | None:
-    """Return a run at places used by runs of the same kind, or None if there are none or the standstill periods
-    differ."""
+    """Return a run at places used by runs of the same kind; None if no such runs exist or the standstill periods
+    differ.
+    """
     linear = result.linear
     kinds = [(block.name, block.targets_key) for block in linear.blocks]
     kind = (run.name, run.targets_key)
@@ -194,8 +201,9 @@ def _at_places_used(result: SearchResult, run: ObservedRun) -> _JudgedRun | None
 
 
 def _at_other_places(result: SearchResult, run: ObservedRun, setups: Mapping[str, SetUp]) -> _JudgedRun:
-    """Return a run at places or under conditions absent from the runs used: other poses, another radius, another
-    speed."""
+    """Return a run at places or under conditions absent from the runs used: other poses, a different radius or
+    speed.
+    """
     effects = result.effects
     placed = setups if run.setup in setups else fit_run_setups(with_effects([run], effects))[0]
     of_run = linearise(blocks_of([run], placed, effects), placed, effects)
@@ -207,6 +215,8 @@ def _at_other_places(result: SearchResult, run: ObservedRun, setups: Mapping[str
 
 
 def residual_um(runs: Sequence[ObservedRun], used: FittedRuns, effects: Sequence[Effect]) -> float:
-    """Return the rms residual (m, k) of runs with some effects only, in µm: the error remaining after their remedy.
-    As in the gap, runs in a set-up of the runs used keep it, and a set-up is fitted to each other run."""
+    """Return the rms residual (m, k) of runs with given effects only, in µm: the error that their remedy would leave.
+
+    As in the gap, runs in a set-up of the runs used keep it, and a set-up is fitted to each other run.
+    """
     return 1e3 * rms(FrozenModel(tuple(effects), used.beside(effects)[0]).residuals(runs))

@@ -50,9 +50,9 @@ from rigs.schema.limits import Limit, Limits, Standing
 from rigs.schema.vocabulary import TestName
 
 # ----------------------------------------------------------------------------------------------------------------------
-# Standing of runs against limits: every figure with a limit, judged with its uncertainty, and the worst of them.
+# Standing of runs against limits: every figure with a limit, judged with its uncertainty, and the worst figure.
 #
-# A diagnosis and the page of a report both use this judgement and therefore cannot differ.
+# A diagnosis and the page of a report share this judgement and therefore cannot differ.
 
 _WORST: tuple[Standing, ...] = ("fail", "watch", "pass")
 
@@ -76,7 +76,7 @@ class JudgedFigure:
 
     @property
     def straddled(self) -> bool:
-        """Whether another measurement may decide otherwise."""
+        """Whether a repeated measurement may decide otherwise."""
         return self.limit.straddled(self.figure.value, self.figure.u)
 
     @property
@@ -100,9 +100,12 @@ def judged_figures(results: Sequence[Result], limits: Limits) -> tuple[JudgedFig
 
 
 def standing_of(rig: Rig, runs: Sequence[Measured]) -> tuple[Standing | None, Literal["rig_file", "data_sheet"] | None]:
-    """Return the worst standing of the figures of runs that have a limit, and the origin of the limit; None and None
-    if no figure has a limit. Runs that cannot be evaluated have no figures. Limits apply to the arm as it drives,
-    not to the residual of a calibrated model."""
+    """Return the worst standing of the figures of runs that have a limit, and the origin of the limit; None and None if
+    no figure has a limit.
+
+    Runs that cannot be evaluated have no figures. Limits apply to the arm as it drives, not to the residual of a
+    calibrated model.
+    """
     results = []
     for run in runs:
         if rig.limits.judge(run.run.manifest.test):
@@ -110,7 +113,7 @@ def standing_of(rig: Rig, runs: Sequence[Measured]) -> tuple[Standing | None, Li
                 results.append(result_of(run))
             except RigError:
                 continue
-    for borrower in borrowers(results):  # a single lap uses the noise of another run of the same test
+    for borrower in borrowers(results):  # a single lap uses the noise of a second run of the same test
         place, result = evaluated_again(borrower)
         results[place] = result
     judged = judged_figures(results, rig.limits)
@@ -124,47 +127,55 @@ def standing_of(rig: Rig, runs: Sequence[Measured]) -> tuple[Standing | None, Li
 
 _CRUMBS = 0.05
 """Share of the energy of the gap up to which a remainder is negligible: false verdicts of generated cells had 0.03
-to 0.5 %, and a UR10 predicted by the calibrated model within a tenth of the error 1 to 5 %."""
+to 0.5 %, and a UR10 predicted by the calibrated model within a tenth of the error 1 to 5 %.
+"""
 _SURE_ODDS = 0.999
-"""Odds from which a name is confirmed even if it alone does not reduce the gap. A gear of 97 % replaced a twist of
-96 %."""
+"""Odds from which a name is confirmed even if it does not reduce the gap by itself. A gear of 97 % replaced a twist
+of 96 %.
+"""
 _SAME_SIGMA = 0.5
 """Change of the readings in standard deviations of the noise up to which an effect and a rival are twins. Chosen: at
 1.0, both would be confused in a third of all repeats."""
 _NEGLIGIBLE = 1e-4
 """Odds of rivals that are not listed."""
 _NO_WORSE = 0.97
-"""Ratio below which a gap is smaller than another: 3 % of an rms is more than a set-up fitted again gains by chance."""
+"""Ratio below which a gap counts as smaller: 3 % of an rms is more than a refitted set-up gains by chance."""
 _FAR, _WORSE, _LEAST_GAIN = 1.5, 1.1, 0.3
-"""Limits at another place: multiple of the noise floor from which a gap is real, factor by which the calibrated
-model must be worse than the names alone, and smallest share of the energy that a correct model gains. Source: a
-rule tried on the answers of generated cells; foreign cells found 4 of 5, false ones 5 to 2."""
+"""Limits at an unseen place: multiple of the noise floor from which a gap is real, factor by which the calibrated
+model must be worse than the names, and smallest share of the energy gained by a correct model. Source: a rule
+tried on the answers of generated cells. It detected 4 of 5 unknown causes, and false verdicts fell from 5 to 2.
+"""
 _MUCH_MORE, _MORE = 4.0, 2.0
-"""Smallest ratio of an error visible in one independent direction, and in several, to the unexplained error. Source: of
-24 cells with causes outside the library wrong names stood in 15; of names that do three (four) times as much in 5 (2).
-Poses left out of one table are a weak second direction: a scale of axis 6 that imitated cable drag did as much there as
-what stayed unexplained."""
+"""Smallest ratio of an error visible in a single independent direction, and in several, to the unexplained error.
+Source: in 24 cells with causes outside the library, wrong names were confirmed in 15; names above three (four) times
+the unexplained error in 5 (2). Poses held out of the same table are a weak second direction: a scale of axis 6 that
+imitated cable drag was as large there as the unexplained error.
+"""
 _MOST_RUNS = 20
 """Largest number of runs advised; a fault requiring more is not found in this way."""
 _ENOUGH = 3
-"""Smallest number of readings per set-up term with which anything can be tested. Chosen: with fewer the set-up absorbs
-a third of the readings."""
+"""Smallest number of readings per set-up term for a test. Chosen: with fewer, the set-up absorbs a third of the
+readings.
+"""
 _HEALTHY = 0.05
 """Odds of a healthy arm showing the same, above which an effect is not reported as a fault: 5 % of the cases."""
 _LIKELY = 0.2
 """Odds among rivals below which a name is not confirmed: three names with the same response have a third each, and
-each of them remains above this limit."""
+all remain above this limit.
+"""
 _SIGMA = 2.0
-"""Uncertainties of the contribution up to which a name is not confirmed. With gauges exchanged in all runs a length
-of -23 ± 23 mm had odds above 99.9 %."""
+"""Uncertainties of the contribution up to which a name is not confirmed. With gauges exchanged in all runs, a length
+of -23 ± 23 mm had odds above 99.9 %.
+"""
 
 
 @dataclass(frozen=True)
 class Gaps:
-    """Gap on the runs used, on held-out runs and at an unseen place. `predicted_um`: rms in µm by which the complete
-    model of all other places misses each neighbourhood of the places used, None if the runs used are not places alone.
-    `unexplained_um`: rms distance in µm by which the complete model misses places not used in its fit, beyond noise and
-    stated uncertainty.
+    """Gap on the runs used, on held-out runs and at an unseen place.
+
+    `predicted_um`: rms in µm by which the complete model of all other places misses each neighbourhood of the places
+    used, None if the runs used include other tests. `unexplained_um`: rms distance in µm by which the complete model
+    misses places not used in its fit, beyond noise and stated uncertainty.
     """
 
     train: Gap
@@ -175,16 +186,16 @@ class Gaps:
 
     @property
     def judged(self) -> Gap:
-        """The gap used to judge a model: on runs not used in the fit, if there are any."""
+        """The gap used to judge a model: on runs not used in the fit, if available."""
         return self.unseen or self.held_out or self.train
 
     @property
     def names_do_better(self) -> bool:
-        """Whether the names alone leave less than the complete model on runs not used in the fit, by more than the
-        noise of a gap.
+        """Whether the names leave less than the complete model on runs not used in the fit, by more than the noise of a
+        gap.
 
-        One part of the poses held out does not decide it where the complete model predicts every neighbourhood in turn
-        better than the names explain the poses they were fitted to, as of a WAM: 2.0 mm against 3.1 mm.
+        A single held-out part of the poses does not decide this if the complete model predicts every neighbourhood in
+        turn better than the names explain the poses they were fitted to. Example: a WAM with 2.0 mm against 3.1 mm.
         """
         if self.predicted_um is not None and self.predicted_um < self.train.after_um:
             return False
@@ -200,8 +211,9 @@ class Gaps:
 
     @property
     def is_foreign(self) -> bool:
-        """Whether another place contradicts the model: there the complete model is no better than the names alone,
-        or hardly better than no names, although it explained the runs used."""
+        """Whether an unseen place contradicts the model. There the complete model is no better than the names, or
+        hardly better than no names, although it explained the runs used.
+        """
         unseen = self.unseen
         if unseen is None or unseen.before_um <= _FAR * unseen.noise_floor_um:
             return False
@@ -221,7 +233,10 @@ def named_effects(
     result: SearchResult, fitted: FittedRuns, gains: Sequence[float | None], changes: Sequence[EffectChange]
 ) -> list[Named]:
     """Return the fitted effects of a search result, each with the change of the readings (N,) and the reason for not
-    confirming it, if any. `gains` contains the gain of each effect on held-out runs."""
+    confirming it, if any.
+
+    `gains` contains the gain of each effect on held-out runs.
+    """
     effects = result.effects
     named = [
         _named(result, k, gain, change, fitted.residual_um([*effects[:k], *effects[k + 1 :]]))
@@ -239,11 +254,11 @@ def alone_out_of_range(named: Sequence[Named], beyond: OutOfRange, fitted: Fitte
 
 def without_useless(named: Sequence[Named], train: Gap) -> list[Named]:
     """Return the names with none confirmed if the calibrated model explains the runs used no better than no names: the
-    cause is no effect, for example exchanged gauges.
+    cause is then not an effect, but for example exchanged gauges.
 
-    A name that increases the gap when added to the others is never confirmed, whatever the odds: it cancels another
-    name that may be absent too. If the names alone explain nothing, only almost certain names are confirmed: the others
-    cancel each other or usual errors.
+    A name that increases the gap when added to the others is never confirmed, whatever the odds: it cancels a different
+    name that may also be absent. If the names by themselves do not reduce the gap, only almost certain names are
+    confirmed: the others cancel each other or usual errors.
     """
     if train.calibrated_um >= train.before_um:
         return [replace(name, doubt="no_better") if name.stands else name for name in named]
@@ -293,9 +308,10 @@ def _named(result: SearchResult, k: int, gain: float | None, change: EffectChang
 def _doubt(
     result: SearchResult, k: int, change: EffectChange, odds: float, gain: float | None, u: float
 ) -> Doubt | None:
-    """Return why the diagnosis does not stand by an effect, whatever its set-ups show, or None if it does.
+    """Return the reason for not confirming an effect, independent of the set-ups; None if it is confirmed.
 
-    What is certain and larger than arms of its build show is never too small to say. u: uncertainty of the size.
+    An effect that is certain and larger than in arms of the same build is confirmed even if small. u: uncertainty of
+    the size.
     """
     state, healthy_odds = result.state, result.rival_odds[k].healthy_odds
     effect = state.effects[k]
@@ -306,7 +322,8 @@ def _doubt(
         (healthy_odds >= _HEALTHY, "healthy_shows_it"),
         (odds <= _LIKELY, "rival"),
         (change.um <= _SIGMA * change.u_um, "unsure"),
-        # A size that may be zero is no fault, however certain its shape: a play that rests on one flank at each pose.
+        # A size compatible with zero is no fault, however certain the shape: for example a play resting on the same
+        # flank in every pose.
         (abs(getattr(effect, size_field(effect))) <= u, "unsure"),
     )
     return next((doubt for holds, doubt in reasons if holds), None)
@@ -319,9 +336,11 @@ def shows_time(blocks: Sequence[Block]) -> bool:
 
 
 def named_vibration(swing: FoundVibration, limits: Array, gap_um: float) -> list[Named]:
-    """Return a vibration of the link as a name, if its worth exceeds a limit (b,) µm and the odds of any vibration
-    are at least 20 to 1. The phase is new in each run; therefore no model removes the vibration from the
-    readings."""
+    """Return a vibration of the link as a name, if the rms change exceeds a limit (b,) µm and the odds of any vibration
+    are at least 20 to 1.
+
+    The phase is new in each run; therefore no model removes the vibration from the readings.
+    """
     if swing.gain < np.log(ODDS):
         return []
     moves = Worth(np.full(len(limits), 1e3 * swing.amplitude_mm / np.sqrt(2)))
@@ -332,8 +351,9 @@ def named_vibration(swing: FoundVibration, limits: Array, gap_um: float) -> list
 
 
 def doubts_of_phases(vibrations: Sequence[Named], left: FoundVibration) -> tuple[str, ...]:
-    """Return a doubt about each vibration that was fitted with a common phase and frequency in all runs, if the
-    residual `left` after removing it swings by more than the uncertainty of the fit."""
+    """Return a doubt about each vibration fitted with a common phase and frequency in all runs. The condition is a
+    remaining vibration `left` larger than the uncertainty of the fit.
+    """
     size = size_field(left.effect)
     return tuple(
         f"once the fitted vibration is taken off, the runs still show a {left.effect.plain('')} of "
@@ -345,10 +365,13 @@ def doubts_of_phases(vibrations: Sequence[Named], left: FoundVibration) -> tuple
 
 
 def remainder_of(result: SearchResult, named: Sequence[Named], limits: Array, gaps: Gaps) -> tuple[Remainder, bool]:
-    """Return the remainder beyond the noise, at most the gap of the runs used, and whether it exceeds the limits
-    (b,) µm. The remainder includes the contributions of contradicted effects and the residual of the calibrated
-    model beyond the noise: a non-repeating error looks like scatter about the mean of the runs. The error not predicted
-    at places without part in the fit replaces it if that is larger and not negligible."""
+    """Return the remainder beyond the noise, at most the gap of the runs used, and whether it exceeds the limits (b,)
+    µm.
+
+    The remainder includes the contributions of contradicted effects and the residual of the calibrated model beyond the
+    noise: a non-repeating error looks like scatter about the mean of the runs. The prediction error at places not used
+    in the fit replaces it if that error is larger and not negligible.
+    """
     train = gaps.train
     imitating = [name for name in named if name.contradicted]
     effects = result.effects
@@ -405,8 +428,10 @@ def _in_words(result: SearchResult, imitating: Sequence[Named]) -> str:
 def condition_of(
     result: SearchResult, named: Sequence[Named], remainder: Remainder, gaps: Gaps, *, is_material: bool, early: bool
 ) -> Condition:
-    """Return the condition of the arm. `is_material` states whether the remainder exceeds the scatter of a run, and
-    `early` whether poses were read before the joints came to rest."""
+    """Return the condition of the arm.
+
+    `is_material`: the remainder exceeds the scatter of a run. `early`: poses were read before the joints came to rest.
+    """
     if not _is_testable(result, early=early):
         return "not_testable_here"
     outside = gaps.is_foreign
@@ -420,7 +445,7 @@ def condition_of(
     if any(name.stands for name in named):
         open_ones = ambiguous_names(named)
         sure = [name for name in named if name.stands and name not in open_ones]
-        # The condition is that of most of the confirmed share: a small name with a rival does not label the others.
+        # The condition follows the larger confirmed share: a small name with a rival does not label the others.
         sure_um2, open_um2 = (sum(name.worth_um**2 for name in names) for names in (sure, open_ones))
         return "named" if sure_um2 > open_um2 else "ambiguous"
     if is_undecided(named):
@@ -429,8 +454,9 @@ def condition_of(
 
 
 def as_scatter(diagnosis: Diagnosis) -> Diagnosis:
-    """Return a diagnosis of an unknown cause as scatter: the unexplained part does not repeat, as far as places
-    visited a single time can show."""
+    """Return a diagnosis of an unknown cause as scatter: the unexplained part does not repeat, as far as single
+    visits of places can show.
+    """
     merged = [part for part in diagnosis.budget if part.kind in ("unexplained", "scatter")]
     um = float(np.sqrt(sum(part.um**2 for part in merged)))
     scatter = BudgetPart("scatter", um, 0.0, sum(part.share for part in merged))
@@ -441,8 +467,11 @@ def as_scatter(diagnosis: Diagnosis) -> Diagnosis:
 
 
 def _is_testable(result: SearchResult, *, early: bool) -> bool:
-    """Return whether the runs can show effects at all: enough readings, and joints at rest. A posture of poses
-    counts three, also if visited again: the cube of ISO 9283 has 450 numbers, of which 15 differ."""
+    """Return whether the runs can show effects: enough readings, and joints at rest.
+
+    A posture of poses counts as three readings, even if visited repeatedly: the cube of ISO 9283 has 450 values, of
+    which 15 differ.
+    """
     readings = sum(
         3 * int(groups(block.table.q, SAME_RAD).max() + 1) if block.table.kind.of_places else len(block.y_mm)
         for block in result.linear.blocks
@@ -465,9 +494,12 @@ def needs_runs(named: Sequence[Named]) -> bool:
 
 
 def within_unexplained(named: Sequence[Named], unexplained_um: float, noise_um: float) -> list[Named]:
-    """Return the names with the ones that an unexplained error may imitate no longer confirmed: a name shown by a
-    single direction that is not much larger than the unexplained error; with several directions, a name less than
-    twice as large. Their odds are those of readings with the unexplained error as part of the noise."""
+    """Return the names, with those that an unexplained error may imitate no longer confirmed.
+
+    A name shown by a single direction must be much larger than the unexplained error; a name shown by several
+    directions must be twice as large. The odds of the others are those of readings whose noise includes the unexplained
+    error.
+    """
     weight = noise_um**2 / max(noise_um**2 + unexplained_um**2, 1e-12)
     return [
         replace(_with_odds_to_the(weight, name), doubt="unexplained")
@@ -490,7 +522,8 @@ def _with_odds_to_the(power: float, name: Named) -> Named:
 
 def runs_to_decide(result: SearchResult, named: Sequence[Named]) -> int:
     """Return the number of runs of each kind that would decide an undecided condition: at least two, to show the
-    noise, and enough to make the change of the most doubtful effect certain."""
+    noise, and enough to make the change of the most doubtful effect certain.
+    """
     most = max((block.count for block in result.linear.blocks), default=1)
     sigmas = [name.worth_um / name.u_um for name in named if not name.stands and name.u_um > 0 and name.worth_um > 0]
     factor = max((CERTAIN_SIGMA / min(max(sigmas), CERTAIN_SIGMA)) ** 2, 1.0) if sigmas else 1.0
@@ -498,8 +531,10 @@ def runs_to_decide(result: SearchResult, named: Sequence[Named]) -> int:
 
 
 def judged_of(diagnosis: Diagnosis, whole: Gaps, gaps: Gaps, unexplained_mm: float | None) -> Judged:
-    """Return the judgement of the model for the file that is handed over: of the `whole` model and of the part
-    handed over. unexplained_mm: per coordinate; if no places show it, the residual at the judged runs is used."""
+    """Return the judgement of the model for the calibration file: of the `whole` model and of the part in the file.
+
+    unexplained_mm: per coordinate; if no places show it, the residual at the validation runs is used.
+    """
     judged = gaps.judged
     excess_um2 = max(judged.calibrated_um**2 - judged.noise_floor_um**2, 0.0)
     if unexplained_mm is None or any(not kind_named(tested.test).of_places for tested in judged.tests):
@@ -513,8 +548,9 @@ def judged_of(diagnosis: Diagnosis, whole: Gaps, gaps: Gaps, unexplained_mm: flo
 
 
 def standing_within(tolerance_um: float, used: FittedRuns) -> tuple[Standing, Literal["tolerance"]]:
-    """Return the standing of the arm as it drives, excluding the model of its rig file, against a tolerance of the
-    residuals (m, k), rms."""
+    """Return the standing of the arm as it drives, excluding the model of the rig file, against a tolerance of the
+    residuals (m, k), rms.
+    """
     bare = [replace(run, model=replace(run.model, effects=())) for run in used.runs]
     return "pass" if FittedRuns(bare).residual_um(()) <= tolerance_um else "fail", "tolerance"
 
@@ -522,8 +558,7 @@ def standing_within(tolerance_um: float, used: FittedRuns) -> tuple[Standing, Li
 def accuracy_of(
     gaps: Gaps, standing: Standing | None, limit: Literal["tolerance", "rig_file", "data_sheet"] | None
 ) -> Accuracy:
-    """Return the error now and after the calibration, on runs not used in the fit if runs of such a place were
-    given."""
+    """Return the error now and after the calibration, on runs not used in the fit if available."""
     place: JudgedOn = "unseen" if gaps.unseen else "held_out" if gaps.held_out else "used"
     judged = gaps.unseen or gaps.held_out or gaps.train
     largest = max((tested.before_largest_um for tested in gaps.train.tests), default=gaps.train.before_um)

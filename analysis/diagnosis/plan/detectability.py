@@ -1,4 +1,4 @@
-"""Test planning: effects that tests can detect and distinguish, known in advance, and helpful further tests."""
+"""Test planning: prediction of effects that tests can detect and distinguish, and of useful further tests."""
 
 from __future__ import annotations
 
@@ -38,12 +38,15 @@ from rigs.schema.vocabulary import CIRCLES, TestName
 # Further tests: the other tests of the rig file, and circles with a different set-up.
 
 _RADII_MM = (140.0, 50.0)
-"""Radii of further circles. Chosen: twice the 70 mm of the paper's circle, and a smaller one possible for most arms."""
+"""Radii of further circles. Chosen: twice the 70 mm of the paper's circle, and a smaller radius possible for most
+arms.
+"""
 _NEAR = 0.2
 """Difference of the logarithms of two radii that count as equal. Chosen."""
 _ASIDE_MM = 100.0
 """Displacement of the centre of a further circle. Chosen: enough to change the posture by several degrees on a
-one-metre arm."""
+one-metre arm.
+"""
 FASTER = 4
 """Speed factor of a further circle. Chosen: time effects grow by the same factor."""
 OFF_AXIS_MM = 40.0
@@ -56,8 +59,9 @@ _APART_MM = 100.0
 
 @dataclass(frozen=True)
 class FurtherTest:
-    """Further test. `choices`: rigs set up for it, each with a description; the first one possible for the arm is
-    used."""
+    """Further test. `choices`: rigs set up for it, each with a description; the first that the arm can drive is
+    used.
+    """
 
     tests: tuple[TestName, ...]
     why: str
@@ -127,14 +131,15 @@ def ball_off_axis(rig: Rig) -> Rig | None:
 
 
 def with_circle(rig: Rig, circle: Circle, **changed: Any) -> Rig:
-    """Return a rig with its circle changed."""
+    """Return a rig with the circle changed."""
     tests = rig.tests.model_copy(update={"circle": circle.model_copy(update=changed)})
     return rig.model_copy(update={"tests": tests})
 
 
 def places(rig: Rig, circle: Circle) -> list[tuple[str, tuple[float, ...]]]:
     """Return displaced circle centres, each with a description: towards axis 1 and away from it, along it down and
-    up."""
+    up.
+    """
     T, centre = transform(rig.robot.base), np.array(circle.centre_mm)
     up, out = T[:3, 2], centre - T[:3, 3]
     out = out - (out @ up) * up
@@ -153,7 +158,9 @@ _ELSEWHERE = " further"
 
 @dataclass(frozen=True)
 class SeparatingTest:
-    """Further test, separation in sigmas of the two closest rivals together with the existing tests, and the reason."""
+    """Further test, separation in sigmas of the two closest rivals in combination with the existing tests, and
+    reason.
+    """
 
     test: str
     sigma: float
@@ -162,8 +169,9 @@ class SeparatingTest:
 
 @dataclass(frozen=True)
 class PossibleTest:
-    """Further test, reason, expected posterior together with the existing runs, and cost: minutes of driving, programs,
-    and set-ups of ball and gauges."""
+    """Further test, reason, expected posterior in combination with the existing runs, and cost: minutes of driving,
+    programs, and set-ups of ball and gauges.
+    """
 
     test: str
     why: str
@@ -172,11 +180,13 @@ class PossibleTest:
     programs: int
     set_ups: int
     is_other_kind: bool = False
-    """Whether it measures something else than the runs used, and not only elsewhere or at another speed."""
+    """Whether it measures a different quantity than the runs used, and not only at a different place or speed."""
 
 
 FurtherTests = Callable[[], tuple[list[PossibleTest], list[tuple[str, str]]]]
-"""Returns the further tests possible for an arm, and the impossible ones with the reason; simulated on demand."""
+"""Function that returns the further tests possible for an arm, and the impossible tests with the reason; simulated
+on demand.
+"""
 
 
 def sigma_between(effect: Effect, rival: Effect) -> Callable[[PossibleTest], float]:
@@ -191,11 +201,11 @@ def sigma_between(effect: Effect, rival: Effect) -> Callable[[PossibleTest], flo
 def shortest(
     possible: Sequence[PossibleTest], sigma: Callable[[PossibleTest], float], enough: Callable[[float], bool]
 ) -> tuple[PossibleTest, float] | None:
-    """Return the possible test of the fewest minutes whose sigmas are enough, with these; None where none has enough.
-    A test is simulated whole for its sigmas, some seconds for a circle, so longer ones than it are not simulated.
+    """Return the shortest test with a sufficient separation, and the separation in sigmas; None if no test suffices.
 
-    Tests of another kind precede the same kind elsewhere or at another speed, which an error that no effect describes
-    may change in the same way.
+    The complete simulation of a test takes some seconds for a circle, so tests longer than the result are not
+    simulated. Tests of a different kind precede the same kind at a different place or speed, because an error outside
+    the library may change the latter in the same way.
     """
 
     def effort(test: PossibleTest) -> tuple[bool, float]:
@@ -217,8 +227,11 @@ def possible_tests(
     runs: int = 3,
     noise_share: float = 1.0,
 ) -> tuple[list[PossibleTest], list[tuple[str, str]]]:
-    """Return each further test that the arm can drive, beside the existing blocks, and those that it cannot drive, with
-    the reason. `noise_share` is the share of the assumed noise, as a standard deviation, that the runs used show."""
+    """Return each further test that the arm can drive in addition to the existing blocks, and the undrivable tests with
+    the reason.
+
+    `noise_share`: ratio of the noise shown by the runs used to the assumed noise, as a standard deviation.
+    """
     possible, impossible = [], []
     shared = [SharedBlock(block, (), setups[block.setup]) for block in without_bands(blocks)]
     for further in further_tests(rig, tests):
@@ -245,23 +258,24 @@ def possible_tests(
 # Detectability of one name in planned runs: expected uncertainty of its size, or the reason against detection.
 
 _ON_AXIS = 0.02
-"""Share of the largest response of a joint's zero below which the axis passes through the ball. Chosen: a ball within 2
-% of the reach."""
+"""Share of the largest response of a joint's zero below which the axis passes through the ball. Chosen: a ball
+within 2 % of the reach.
+"""
 _NUDGE_DEG = 0.02
 """Joint rotation for comparing responses; only ratios matter."""
 _OWN_SHARE = 0.02
 """Share of an effect's response outside any set-up, below which the set-up is reported as the reason. Smaller shares
 are within the linearisation error of curved responses."""
 _NOTHING = 1e-3
-"""Sigmas below which a response counts as zero: far below any detection, and above rounding errors."""
+"""Sigmas below which a response counts as zero: well below any detection, and above rounding errors."""
 
 
 @dataclass(frozen=True)
 class Detectability:
-    """Detectability of one name.
+    """Detectability of a name.
 
-    `effect`: at a healthy size. `sd`: standard uncertainty of a fault's size in the effect's own unit. `hidden`: reason
-    against detection, or empty. `further`: tests by the sigmas of a healthy size.
+    `effect`: at a healthy size. `sd`: standard uncertainty of a fault's size in the unit of the effect. `hidden`:
+    reason against detection, or empty. `further`: tests by the sigmas of a healthy size.
     """
 
     name: str
@@ -272,13 +286,14 @@ class Detectability:
 
     @property
     def limit(self) -> float:
-        """Size detected at 7 sigma, in the effect's own unit."""
+        """Size detected at 7 sigma, in the unit of the effect."""
         return DETECTABLE * self.sd
 
 
 def detectabilities_of(expected: ExpectedPosterior) -> tuple[list[Candidate], list[Detectability]]:
     """Return the candidates representing each name (for a gear by order, in the median form), and their
-    detectabilities."""
+    detectabilities.
+    """
     forms: dict[str, list[Candidate]] = {}
     for candidate in expected.candidates:
         forms.setdefault(label_of(candidate.effect), []).append(candidate)
@@ -316,7 +331,7 @@ class Detected:
 
     @property
     def names(self) -> dict[str, tuple[Detectability, ...]]:
-        """Each name with its detectabilities: one, or one per gear order."""
+        """Each name with its detectabilities, for gears with an entry per order."""
         named: dict[str, tuple[Detectability, ...]] = {}
         for detectability in self.detectabilities:
             name = name_of(detectability.effect)
@@ -333,14 +348,14 @@ class Detected:
 # Judgement of planned runs: detection limit of each name, and names that look alike.
 #
 # Two names look alike if one of them, at a detectable fault size, is so close to the other at some size that the odds
-# dismiss
-# neither.
+# dismiss neither.
 
 
 @dataclass(frozen=True)
 class ClosePair:
     """Closest forms of two names at a detectable fault size, in healthy sizes, their separation in sigmas, and the
-    number of other close forms of these names."""
+    number of other close forms of these names.
+    """
 
     candidates: tuple[Candidate, Candidate]
     sizes: tuple[float, float]
@@ -355,18 +370,18 @@ class ClosePair:
 
     @property
     def first(self) -> tuple[Effect, ...]:
-        """Effects of the first name at its size."""
+        """Effects of the first name at the given size."""
         return _at_size(self.candidates[0], self.sizes[0])
 
     @property
     def second(self) -> tuple[Effect, ...]:
-        """Effects of the second name at its size."""
+        """Effects of the second name at the given size."""
         return _at_size(self.candidates[1], self.sizes[1])
 
 
 @dataclass(frozen=True)
 class Judgement(Detected):
-    """Capability of runs: detectability of each name, and pairs that look alike, the closest first."""
+    """Capability of runs: detectability of each name, and pairs that look alike, closest first."""
 
     pairs: tuple[ClosePair, ...]
 
@@ -398,15 +413,14 @@ def _at_size(candidate: Candidate, size: float) -> tuple[Effect, ...]:
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# Plan: effects that a set of tests can detect and distinguish, known in advance, and further tests that separate names
-# that look
-# alike.
+# Plan: effects that a set of tests can detect and distinguish, and further tests that separate names that look alike.
 
 
 @dataclass(frozen=True)
 class Pair:
-    """Two names that look alike, for a gear with the closest order. `sigma`: separation of one, as a detectable fault,
-    from the other at any size. `others`: number of other orders that look alike."""
+    """Two names that look alike, for a gear with the closest order. `sigma`: separation of a detectable fault from
+    the other name at any size. `others`: number of other orders that look alike.
+    """
 
     names: tuple[str, str]
     sigma: float
@@ -428,9 +442,8 @@ class Gain:
 class Plan(Detected):
     """Capability of a set of tests.
 
-    `gains`: further tests, the most useful first. `impossible`: tests this arm cannot drive, each with the reason.
-    `level`: of
-    all other errors of the arm, 1 if usual.
+    `gains`: further tests, most useful first. `impossible`: tests this arm cannot drive, each with the reason. `level`:
+    of all other errors of the arm, 1 if usual.
     """
 
     tests: tuple[TestName, ...]
@@ -483,8 +496,10 @@ def plan(rig: Rig, tests: Sequence[TestName], runs: int = 3, level: float = 1.0)
 
 
 def tests_named(rig: Rig, names: str | None) -> tuple[TestName, ...]:
-    """Return the tests of a comma-separated list, or, for None, those that the rig is set up for. Raises UseError for
-    an unknown name, and FileError for a rig that lacks something for a test that is named, or for all of them."""
+    """Return the tests of a comma-separated list, or, for None, the tests that the rig is set up for.
+
+    Raises UseError for an unknown name, and FileError for a rig that is not set up for a named test, or for any test.
+    """
     if names is None:
         at_targets = next(kind.test for kind in kinds() if kind.part == "hemisphere")
         offered: tuple[TestName, ...] = (*CIRCLES, at_targets)
@@ -508,8 +523,9 @@ def tests_named(rig: Rig, names: str | None) -> tuple[TestName, ...]:
 def _further_tests(
     possible: Sequence[PossibleTest], judgement: Judgement
 ) -> tuple[dict[str | tuple[str, str], tuple[SeparatingTest, ...]], tuple[Gain, ...]]:
-    """Return the further tests for each pair of names and each undetectable name, the best first, and the benefit of
-    each test, the largest first."""
+    """Return the further tests for each pair of names and each undetectable name, best first, and the benefit of
+    each test, largest first.
+    """
     hidden, near = judgement.undetectable, judgement.pairs
     asked: list[str | tuple[str, str]] = [*hidden, *(pair.names for pair in near)]
     further: dict[str | tuple[str, str], list[SeparatingTest]] = {key: [] for key in asked}

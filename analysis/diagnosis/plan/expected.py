@@ -1,4 +1,4 @@
-"""Expectations for runs not yet measured: planned runs, their information about forms, and the posterior."""
+"""Expectations for runs not yet measured: planned runs, information about forms, and posterior."""
 
 from __future__ import annotations
 
@@ -43,19 +43,20 @@ from rigs.schema.vocabulary import CIRCLES, WITHOUT_GAUGES, TestName
 
 # ----------------------------------------------------------------------------------------------------------------------
 # Knowledge of each form of each name before measurements: posterior covariance of the forms' sizes in a healthy arm,
-# which
-# gives the uncertainty of a name and the separation of two names.
+# which gives the uncertainty of a name and the separation of two names.
 
 DETECTABLE = 7.0
 """Significance in sigmas of a detected effect. Chosen: 7 sigma are a log evidence of 24.5, well above the price of a
-choice among some hundred forms."""
+choice among some hundred forms.
+"""
 SEPARABLE = float(np.sqrt(2 * np.log(ODDS)))
-"""Separation in sigmas below which the odds between two names are within ODDS, at which a diagnosis dismisses a rival:
-odds of o need a log evidence of ln o = sigma² / 2."""
+"""Separation in sigmas below which the odds between two names are within ODDS, at which a diagnosis dismisses a
+rival: odds of o need a log evidence of ln o = sigma² / 2.
+"""
 
 
 def is_separable(sigma: float) -> bool:
-    """Return whether two names separated by this many sigmas can be distinguished."""
+    """Return whether two names with this separation in sigmas can be distinguished."""
     return sigma >= SEPARABLE
 
 
@@ -66,8 +67,9 @@ def is_detectable(sd: float) -> bool:
 
 @dataclass(frozen=True)
 class FormPosterior:
-    """Posterior covariance A (p, p) of the coefficients of `forms` together with everything else, and prior variances
-    (p,), in healthy sizes."""
+    """Posterior covariance A (p, p) of the coefficients of `forms`, fitted together with all other terms, and prior
+    variances (p,), in healthy sizes.
+    """
 
     forms: tuple[Form, ...]
     A: Array
@@ -80,14 +82,15 @@ class FormPosterior:
 
     def sd(self, candidate: Candidate) -> float:
         """Return the standard uncertainty of a candidate's size, in healthy sizes, for a known shape, averaged over
-        free phases."""
+        free phases.
+        """
         k = self._number.get(candidate.effects)
         if k is None:
             return float("inf")
         shares = shares_beside(self.forms, candidate.effect)
         taken = [column for j in np.flatnonzero(shares < 1).tolist() for column in self.forms[j].columns]
         columns = list(self.forms[k].columns)
-        # information of the readings together with everything except the removed part
+        # information of the readings together with all parts except the removed part
         cavity = np.linalg.inv(self.A[np.ix_(taken, taken)]) - np.diag(1 / self.variance[taken])
         places = [taken.index(column) for column in columns]
         precision = np.linalg.eigvalsh(cavity[np.ix_(places, places)])
@@ -96,10 +99,10 @@ class FormPosterior:
     def sigmas_apart(self, chosen: Sequence[Candidate], sizes: Array, pairs: Integers) -> Array:
         """Return the separations (m,) in sigmas of candidate pairs (m, 2), at sizes (n,) in healthy sizes.
 
-        All other forms of either name are present too.
+        All other forms of either name are also present.
         """
         p = len(self.A)
-        # A dummy column without information completes forms with a single column.
+        # A dummy column with no information completes forms with a single column.
         A, variance = np.eye(p + 2), np.append(self.variance, [1.0, 1.0])
         A[:p, :p] = self.A
         own_columns = [self.forms[self._number[candidate.effects]].columns for candidate in chosen]
@@ -121,7 +124,7 @@ class FormPosterior:
 
 def _sigmas_beside(precision: Array, across: Array, other_precision: Array, width: Array) -> Array:
     """Return the rms significance (n,) in sigmas of a coefficient, over its width (n,), in the presence of a second,
-    free one.
+    free coefficient.
 
     Precisions (n, 2, 2).
     """
@@ -131,12 +134,13 @@ def _sigmas_beside(precision: Array, across: Array, other_precision: Array, widt
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# Information of runs about the forms of all names: one additive matrix per set of runs.
+# Information of runs about the forms of all names: an additive matrix per set of runs.
 
 
 def without_bands(blocks: Sequence[Block]) -> list[Block]:
-    """Return blocks with all entries in one band: without readings there is no residual, so bands have no separate
-    strength."""
+    """Return blocks with all entries in the same band: without readings there is no residual, and bands have no
+    separate strength.
+    """
     return [replace(block, band=np.zeros_like(block.band)) for block in blocks]
 
 
@@ -159,7 +163,7 @@ class FormInformation:
         """Return the information (p, p) of runs about the coefficients in healthy sizes, with set-ups and scatter
         eliminated.
 
-        Invisible forms have none.
+        It is zero for invisible forms.
         """
         columns = columns_for(linearise(without_bands(blocks), setups), self.candidates)
         is_nuisance = columns.fixed > 0
@@ -184,24 +188,26 @@ class FormInformation:
 # Planned runs as used by a diagnosis: simulated, with the noise of real cells.
 
 _SET_BY_HAND_MM = (0.6, -0.4, 0.1)
-"""Displacement of the ball from the circle's centre, unless given in the rig file. Chosen: a ball placed by hand is off
-by about
-0.7 mm, and effects that scale the readings are visible only if these vary."""
+"""Displacement of the ball from the circle's centre, unless given in the rig file. Chosen: a ball placed by hand is
+off by about 0.7 mm, and effects that scale the readings are visible only if the readings vary.
+"""
 _ASSUMED_UM = {
     "gauges, white": 1e3 * WHITE_MM.rms,
     "along a lap, slow": 1e3 * SLOW_MM.rms,
     "the ball, from run to run": 1e3 * BALL_MM.rms,
     "a target, from stop to stop": 1e3 * TARGET_MM.rms,
 }
-"""Assumed noise of planned runs, rms in µm of one run, from the ranges of real cells
-(`analysis.runs.noise.cell_noise`)."""
+"""Assumed noise of planned runs, rms in µm of a run, from the ranges of real cells
+(`analysis.runs.noise.cell_noise`).
+"""
 ASSUMED_JOINT_DEG = JOINT_DEG.rms
 """Assumed scatter of each joint between planned runs, from the range of real cells."""
 
 
 def assumed_um(tests: Sequence[TestName]) -> dict[str, float]:
-    """Return the assumed noise of planned tests, rms in µm of one run; a ball seated by hand scatters as much as a
-    robot stop."""
+    """Return the assumed noise of planned tests, rms in µm of a run; a ball seated by hand scatters as much as a
+    robot stop.
+    """
     if set(tests) <= set(WITHOUT_GAUGES):
         return {"a touch, each coordinate": 1e3 * TARGET_MM.rms}
     return _ASSUMED_UM
@@ -216,8 +222,7 @@ def planned_blocks(
     """
     model = model_of(rig)
     # Only the path of a simulated table is used. Yaw and roll share a motion, and a cw program reverses the joint
-    # angles of the acw
-    # program.
+    # angles of the acw program.
     tables = [simulate(rig, test, None, None) for test in tests if test not in CIRCLES]
     if circles := [test for test in CIRCLES if test in tests]:
         acw = simulate(rig, circles[0], "acw", None)
@@ -248,14 +253,14 @@ def planned_blocks(
 # Expected posterior: knowledge of a diagnosis about each name from runs not yet measured.
 #
 # It uses the columns and the healthy background of a diagnosis. The uncertainty of a size is independent of the
-# readings, so it
-# is known in advance.
+# readings and therefore predictable.
 
 
 @dataclass(frozen=True)
 class ExpectedPosterior:
     """Posterior of runs of a linearisation about their set-ups, at a level of the healthy background, with unknown
-    readings."""
+    readings.
+    """
 
     linear: Linearisation
     level: float = 1.0
@@ -305,8 +310,10 @@ class ExpectedPosterior:
         return self.sd(min(forms, key=self._form_posterior.sd)) if forms else float("inf")
 
     def separation_sigma(self, ones: Sequence[Effect], others: Sequence[Effect]) -> float:
-        """Return the separation in sigmas of a name at its size from a second name of any size; each is given as one
-        effect, or two for a free phase."""
+        """Return the separation in sigmas of a name at a given size from a second name of any size.
+
+        Each is given as a single effect, or as two effects for a free phase.
+        """
         # Extrapolated from a small size; backlash is not proportional to its width and not scaled.
         effects = [*ones, *others]
         small = [

@@ -1,7 +1,7 @@
-"""Test that identifies a part of the error: choice, duration, and expected certainty.
+"""Tests that identify a part of the error: choice, duration, and expected certainty.
 
-For an effect with a rival, the test that separates both; for a group, the test that determines the likeliest member
-best in the presence of everything else. Runs of a different place used for validation may suffice, with no driving.
+For an effect with a rival, the test separates both. For a group, the test determines the likeliest member best in the
+presence of all other terms. Runs of a different place used for validation may suffice, without driving.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from rigs.errors import FileError
 from rigs.schema.effect import is_play, label_of, name_of, size_of
 
 JOINED = "--unseen"
-"""Test that needs no driving: runs so far used for validation only."""
+"""Test without driving: runs previously used only for validation."""
 _MUCH = 0.1
 """Minimum share of the error for a test."""
 
@@ -37,12 +37,13 @@ class NamingTests:
     possible: Sequence[PossibleTest]
 
     def for_rivals(self, effect: Effect, rival: Effect) -> tuple[NamingTest, Cost] | None:
-        """Return the test that separates an effect from a rival, the cheapest certain test; None if there is none."""
+        """Return the cheapest test that certainly separates an effect from a rival; None if no test does."""
         return self._cheapest(sigma_between(effect, rival), 1, (name_of(effect), name_of(rival)))
 
     def for_member(self, effect: Effect, among: int) -> tuple[NamingTest, Cost] | None:
-        """Return the test that determines an effect, among `among` candidates, best at the fitted size; None if none
-        identifies it."""
+        """Return the test that determines an effect, among `among` candidates, best at the fitted size; None if no
+        test identifies it.
+        """
 
         def sigma(test: PossibleTest) -> float:
             alike = [form for form in test.expected.candidates if form.name == name_of(effect)]
@@ -96,7 +97,7 @@ def naming_tests(
     except FileError:
         possible = []
     used, elsewhere = judges
-    if elsewhere:  # no driving is needed if these runs are used too
+    if elsewhere:  # no driving is needed if these runs are also used
         setups = {**fit_run_setups(elsewhere)[0], **result.linear.setups}
         linear = linearise(without_bands(blocks_of([*used, *elsewhere], setups)), setups)
         expected = ExpectedPosterior(linear, result.state.level)

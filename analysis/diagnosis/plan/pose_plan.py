@@ -1,10 +1,10 @@
-"""Pose planning: the poses after which the arm is known best over its workspace.
+"""Pose planning: the poses after which the arm is known best over the workspace.
 
 A calibration has a normal prior for each reading: effects of an arm, set-up and noise, in the columns of a diagnosis.
-The information of a pose about all others follows in advance, so poses are chosen sequentially, each minimising the
+The information of a pose about all others is therefore predictable. Poses are chosen sequentially, each minimising the
 remaining variance of the tool position over the pool (I- or V-optimal design; Atkinson, Donev and Tobias, Optimum
 Experimental Designs, 2007, ch. 10). D-optimal poses would determine the constants best, but none of a thousand terms is
-of interest. Backlash is left out, because it depends on the order of poses.
+of interest. Backlash is excluded, because it depends on the order of poses.
 """
 
 from __future__ import annotations
@@ -35,23 +35,26 @@ _SEED, _SHUFFLES = 0, 5
 """Seed of the draw, for reproducible plans, and number of random choices compared. Chosen."""
 _LEVEL = 5.0
 """Level of the background, in healthy sizes: the angle errors of a real UR10 are five to eight times the usual
-(docs/trials.md)."""
+(docs/trials.md).
+"""
 _SET_UP_SIGMA = 30.0
-"""Prior of instrument and target: their influence on a reading, in noise standard deviations. Practically unknown; a
-larger value would only add rounding errors to the covariance of all positions."""
+"""Prior of instrument and target: their influence on a reading, in noise standard deviations. They are practically
+unknown; a larger value would only add rounding errors to the covariance of all positions.
+"""
 
 
 @dataclass(frozen=True)
 class Pool:
-    """Candidate poses with their prior: joints q (n, 6) rad; covariance (3 n, 3 n) of their positions in noise standard
-    deviations sd_mm (3 n,)."""
+    """Candidate poses with the prior: joints q (n, 6) rad; covariance (3 n, 3 n) of their positions in noise
+    standard deviations sd_mm (3 n,).
+    """
 
     q: Array
     covariance: Array
     sd_mm: Array
 
     def choose(self, count: int) -> Integers:
-        """Return the indices (count,) of the poses to measure, the most informative first."""
+        """Return the indices (count,) of the poses to measure, most informative first."""
         covariance, chosen = self.covariance.copy(), list[int]()
         for _ in range(min(count, len(self.q))):
             # reduction of the total position variance by each pose (n,), mm²
@@ -79,9 +82,9 @@ class PlannedPoses:
     """Planned poses in driving order, and expectations.
 
     Joints q (n, 6) rad; positions of the nominal tool xyz_mm (n, 3) in the world; u_mm: uncertainty of the tool
-    position over the workspace afterwards, and after as many random poses. as_good: number of random poses with equal
-    uncertainty, None if none tried has, or for one axis at a time. one_axis: whether each axis moves down, up and back
-    while the others stand.
+    position over the workspace afterwards, and after the same number of random poses. as_good: number of random poses
+    with equal uncertainty, None if larger than tried, or for motion of single axes. one_axis: whether each axis moves
+    down, up and back while the others stand.
     """
 
     q: Array
@@ -141,7 +144,8 @@ class PlannedPoses:
 def planned_poses(rig: Rig, count: int, sight: Sight | None = None, *, one_axis: bool = False) -> PlannedPoses:
     """Plan poses of a rig's arm, reachable, collision-free and visible to a tracker.
 
-    Spread over the workspace, or one_axis at a time down, up and back. Raises FileError.
+    The poses are spread over the workspace, or with one_axis move a single axis at a time down, up and back. Raises
+    FileError.
     """
     if rig.robot.rail:
         problem = "stands on a rail, and poses are planned of an arm that stands"

@@ -32,14 +32,14 @@ from rigs.schema.vocabulary import CIRCLES, TestName
 
 # ----------------------------------------------------------------------------------------------------------------------
 # Additional circles: the rig's circle at other places, tilts, radii and speeds, and with the ball away from axis 6, as
-# far as
-# the arm can drive them.
+# far as the arm can drive them.
 
 _TILT_DEG = 30.0
 """Tilt of a further circle's plane. Chosen: enough to change the wrist posture, and possible for most arms."""
 SET_UP_MIN = 10.0
 """Minutes to move the ball, adjust the link and load the program for a different circle. Chosen: for an experienced
-operator."""
+operator.
+"""
 
 _REASONS: dict[Undrivable, str] = {
     "limits": "beyond the limits of a joint",
@@ -51,7 +51,7 @@ _REASONS: dict[Undrivable, str] = {
 
 @dataclass(frozen=True)
 class CircleCandidate:
-    """Rig with a further circle, its differences, and the minutes for set-up and runs."""
+    """Rig with a further circle, the differences, and the minutes for set-up and runs."""
 
     rig: Rig
     words: str
@@ -89,8 +89,9 @@ def circle_candidates(rig: Rig, tests: Sequence[TestName], runs: int) -> CircleC
 
 
 def _circles(rig: Rig, circle: Circle) -> Iterator[tuple[str, Rig]]:
-    """Yield every further circle with a description and its rig: each radius at each place; and the rig's circle
-    tilted, faster, and with the ball away from axis 6."""
+    """Yield every further circle with a description and rig: each radius at each place; and the rig's circle tilted,
+    faster, and with the ball away from axis 6.
+    """
     aside = [(words, tuple(np.round(centre, 3).tolist())) for words, centre in places(rig, circle)]
     for where, centre in [("", circle.centre_mm), *aside]:
         for radius in (circle.radius_mm, *other_radii(circle)):
@@ -114,7 +115,8 @@ def _circles(rig: Rig, circle: Circle) -> Iterator[tuple[str, Rig]]:
 
 _FAINT = 0.1
 """Share of a goal below which additional information does not count: an undetectable name must not outweigh all
-others. Chosen."""
+others. Chosen.
+"""
 
 
 @dataclass(frozen=True)
@@ -131,11 +133,11 @@ class Reached:
         return float(np.log(then / now).sum())
 
     def newly(self, before: Reached) -> tuple[int, ...]:
-        """Return the indices of the aims that are testable now and were not before."""
+        """Return the indices of the goals that became testable."""
         return tuple(np.flatnonzero((self.share >= 1) & (before.share < 1)).tolist())
 
     def split(self, aims: tuple[int, ...]) -> tuple[tuple[str, ...], tuple[tuple[str, str], ...]]:
-        """Return the names and the pairs of some aims."""
+        """Return the names and the pairs among given goals."""
         count = len(self.names)
         return (
             tuple(self.names[k] for k in aims if k < count),
@@ -144,7 +146,7 @@ class Reached:
 
 
 class Aims:
-    """What a judgement found not to be testable."""
+    """Goals of a proposal: names and pairs that a judgement found untestable."""
 
     def __init__(self, forms: FormInformation, judgement: Judgement) -> None:
         self._forms = forms
@@ -157,8 +159,10 @@ class Aims:
         self._sizes = np.array([size for pair in self._pairs for size in pair.sizes])
 
     def reached(self, information: Array) -> Reached:
-        """Return how near runs with an information (p, p) come to the aims. The shapes of effects count as known; the
-        final judgement fits them."""
+        """Return the progress of runs with an information (p, p) towards the goals, as a share of the required sigmas.
+
+        The shapes of effects count as known; the final judgement fits them.
+        """
         posterior = self._forms.posterior(information)
         sds = np.array([min(map(posterior.sd, self._of_name[name])) for name in self._names])
         named = LARGEST_FAULT / (DETECTABLE * sds)
@@ -170,19 +174,20 @@ class Aims:
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# The proposal: circles to drive in addition, so that effects become testable which the planned tests cannot show, or
-# cannot distinguish.
+# Proposal: circles to drive in addition, which make effects testable that the planned tests cannot show or distinguish.
 #
-# The information of independent runs adds up: what a circle says about the sizes of all forms, its set-up and scatter
-# eliminated, is one matrix G, and the posterior covariance beside a choice of circles is (V⁻¹ + Σ G)⁻¹. So every
-# circle is simulated once. The choice is greedy: of the circles that make something testable, the one that gains most
-# information per minute about what is not testable yet, until the time is used or none is left. The judgement with
-# the chosen circles is then computed in full.
+# The information of independent runs is additive. The information of a circle about the sizes of all forms, with set-up
+# and scatter eliminated, is a matrix G, and the posterior covariance with a choice of circles is (V⁻¹ + Σ G)⁻¹. Every
+# circle is therefore simulated only once. The choice is greedy: among the circles that reach a goal, select the circle
+# that gains most information per minute about the remaining goals, until the time is used or no such circle remains.
+# The judgement with the chosen circles is then computed in full.
 
 
 @dataclass(frozen=True)
 class ProposedCircle:
-    """A circle to drive, the names that it makes testable and the pairs that it separates, beside those before it."""
+    """A circle to drive, with the names it makes testable and the pairs it separates, in addition to the circles
+    before it.
+    """
 
     candidate: CircleCandidate
     testable: tuple[str, ...]
@@ -191,10 +196,10 @@ class ProposedCircle:
 
 @dataclass(frozen=True)
 class Proposal:
-    """Circles to drive in addition to `tests`, the best first, with the judgements without and with them.
+    """Circles to drive in addition to `tests`, best first, with the judgements before and after.
 
-    `runs` is the number of runs of each test in each direction and `minutes` the time allowed; `feasible` counts the
-    circles that the arm can drive and `refused` those that it cannot, by reason.
+    `runs`: number of runs of each test in each direction. `minutes`: available time. `feasible`: number of circles that
+    the arm can drive; `refused`: number of the others by reason.
     """
 
     rig: Rig
@@ -209,13 +214,13 @@ class Proposal:
 
     @property
     def used_min(self) -> float:
-        """The minutes that the proposed circles take."""
+        """Duration of the proposed circles in minutes."""
         return sum(circle.candidate.minutes for circle in self.circles)
 
 
 @dataclass(frozen=True)
 class _Simulated:
-    """A circle with the blocks of its planned runs, their set-ups, and its information (p, p)."""
+    """A circle with the blocks of the planned runs, their set-ups, and the information (p, p)."""
 
     candidate: CircleCandidate
     blocks: list[Block]
@@ -226,10 +231,10 @@ class _Simulated:
 def propose(
     rig: Rig, tests: Sequence[TestName], runs: int, minutes: float, progress: Callable[[str], None] = lambda _: None
 ) -> Proposal:
-    """Return circles that make testable what `tests`, driven `runs` times in each direction, cannot show.
+    """Propose circles that make effects testable which `tests`, driven `runs` times in each direction, cannot show.
 
-    Raises UseError for tests without a circle, and FileError for a rig without one and where the arm cannot drive a
-    test.
+    Raises UseError if `tests` contains no circle test, and FileError for a rig that has no circle or if the arm cannot
+    drive a test.
     """
     hold_six(rig)
     circle_tests = [test for test in tests if test in CIRCLES]
@@ -261,8 +266,9 @@ def propose(
 def _chosen(
     aims: Aims, information: Array, simulated: Sequence[_Simulated], minutes: float
 ) -> list[tuple[_Simulated, tuple[str, ...], tuple[tuple[str, str], ...]]]:
-    """Return the circles to drive beside tests with an information (p, p), the best first, each with the names that it
-    makes testable and the pairs that it separates."""
+    """Return the circles to drive in addition to tests with an information (p, p), best first, each with newly
+    testable names and newly separated pairs.
+    """
     chosen = []
     remaining, now = list(simulated), aims.reached(information)
     while remaining := [circle for circle in remaining if circle.candidate.minutes <= minutes]:

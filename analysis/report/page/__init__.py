@@ -1,1 +1,1 @@
-"""The page for the person who decides: verdict, findings, each test with its pictures, and the trace, in one file."""
+"""The page for decision makers: verdict, findings, charts of each test, and traceability, in a single file."""

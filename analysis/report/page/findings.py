@@ -1,5 +1,6 @@
-"""A diagnosis on the page: its faults in sentences (what is wrong, where it shows, what it makes of the error), and
-tables with a bar in each row: the parts of the error, the largest first, and the staircase of the gap."""
+"""The diagnosis on the page: faults in sentences, and tables of the error budget and the staircase with a bar in
+each row.
+"""
 
 from __future__ import annotations
 
@@ -17,13 +18,15 @@ from rigs.schema.vocabulary import CIRCLES
 
 _MOST_GROUPS = 3
 _SAME_DEG = 15.0
-"""Places on the circle nearer than this are one reversal, seen in two runs."""
+"""Distance below which places on the circle count as the same reversal, seen in two runs."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One fault in sentences: what is wrong and how much, where it shows, what it makes of the error, and what it could
-    be instead or together with. What to do stands in the acts."""
+    """A fault in sentences: cause and size, place, share of the error, rivals and indistinguishable effects, and odds.
+
+    The recommended acts are listed separately.
+    """
 
     what: str
     where: str
@@ -33,14 +36,14 @@ class Finding:
 
 
 def findings_of(diagnosis: Diagnosis, texts: Texts) -> list[Finding]:
-    """The faults of a diagnosis, the one that makes most of the error first."""
+    """Return the faults of a diagnosis, largest part of the error first."""
     words, findings = AnswerWords(diagnosis, texts), []
     for named in sorted(diagnosis.standing, key=lambda named: -named.worth_um):
         rivals = " · ".join(_sentence(words, rival.effect, rival) for rival in likely_rivals(named))
         twins = texts("and").join(words.noun(twin) for twin in named.twins)
         others = [texts("rivals", others=rivals)] if rivals else []
         others += [texts("twins", others=twins)] if twins else []
-        part = part_of(diagnosis, named)  # what it makes of the error, where that is known
+        part = part_of(diagnosis, named)  # share of the error, if known
         made = ""
         if part is not None and math.isfinite(part.um):
             made = texts("made_of_error", share=percent(part.share), um=micrometres(part.um))
@@ -56,7 +59,7 @@ def findings_of(diagnosis: Diagnosis, texts: Texts) -> list[Finding]:
 
 
 def _sentence(words: AnswerWords, effect: Effect, named: Named | Rival) -> str:
-    """The sentence of an effect; one for which the language has none is said as what it is called, and its size."""
+    """Return the sentence of an effect. If the language has none, return name and size."""
     template = words.texts.effects.get(effect.effect)
     if template is None:
         noun = words.noun(effect)
@@ -68,7 +71,7 @@ def _sentence(words: AnswerWords, effect: Effect, named: Named | Rival) -> str:
 
 
 def _where(diagnosis: Diagnosis, named: Named, texts: Texts) -> str:
-    """At which places of the circle the fault's joint turns back and the readings disagree."""
+    """Return the places on the circle with a reversal of the faulty joint and a disagreement of the readings."""
     axis = getattr(named.effect, "axis", None)
     places = [place for place in diagnosis.where if axis is not None and place.joint == axis and place.test in CIRCLES]
     if not places:
@@ -83,8 +86,7 @@ def _where(diagnosis: Diagnosis, named: Named, texts: Texts) -> str:
 
 
 def diagnosis_words(diagnosis: Diagnosis) -> str:
-    """What remains unexplained, what these tests cannot distinguish, and which test to run next, in the diagnosis' own
-    words."""
+    """Return the unexplained rest, the indistinguishable effects and the next test, in the English of the diagnosis."""
     remainder = diagnosis.remainder
     lines = [f"Unexplained: {micrometres(remainder.um)}, {remainder.words}."]
     lines += [f"These tests cannot distinguish {' from '.join(group)}." for group in diagnosis.groups[:_MOST_GROUPS]]
@@ -94,14 +96,16 @@ def diagnosis_words(diagnosis: Diagnosis) -> str:
 
 
 _TENTHS = 1000
-"""Tenths of a percent in a whole."""
+"""Tenths of a percent in 100 %."""
 
 
 @dataclass(frozen=True)
 class BudgetRow:
-    """A part of the error. beside: its size and why it is no fault; share: in percent; width: of its bar in percent of
-    the column; rank: its class, empty where it has none; rank_words: the class in words; times: how many times as much
-    as usual it does."""
+    """A part of the error.
+
+    beside: size, doubt, and sizes of cancelling parts. share: in percent. width: of the bar, in percent of the column.
+    rank: class, possibly empty. rank_words: class as text. times: multiple of the usual size.
+    """
 
     part: str
     beside: tuple[str, ...]
@@ -114,7 +118,7 @@ class BudgetRow:
 
 
 def budget_rows(diagnosis: Diagnosis, texts: Texts) -> list[BudgetRow]:
-    """The rows of the parts of a diagnosis, and of the small ones together; the shares that are shown add up to 100."""
+    """Return a row for each part of the error, and a row for all small parts. The shown shares add up to 100 %."""
     large, small = shown_parts(diagnosis)
     shares = [part.share for part in large] + ([sum(part.share for part in small)] if small else [])
     words, rows = AnswerWords(diagnosis, texts), []
@@ -140,8 +144,10 @@ def budget_rows(diagnosis: Diagnosis, texts: Texts) -> list[BudgetRow]:
 
 
 def _tenths(shares: Sequence[float]) -> list[int]:
-    """Shares that add up to 1 in whole tenths of a percent that add up to 1000: what rounding leaves goes to those that
-    lost most by it."""
+    """Round shares, which add up to 1, to tenths of a percent that add up to 1000.
+
+    The shares with the largest rounding losses are rounded up.
+    """
     exact = [_TENTHS * share for share in shares]
     whole = [math.floor(tenths) for tenths in exact]
     lost = _TENTHS - sum(whole)
@@ -152,8 +158,9 @@ def _tenths(shares: Sequence[float]) -> list[int]:
 
 @dataclass(frozen=True)
 class StepRow:
-    """A step: its name, what is left at each place in words, the width of each place's bar in percent of the column,
-    and the step in a sentence, which a screen reader says."""
+    """A step: name, formatted residual at each place, bar widths in percent of the column, and a sentence for screen
+    readers.
+    """
 
     name: str
     left: tuple[str, ...]
@@ -163,14 +170,14 @@ class StepRow:
 
 @dataclass(frozen=True)
 class StepTable:
-    """The rows, and the headings of the places of their figures."""
+    """Rows of the steps, and column headings of the places."""
 
     places: tuple[str, ...]
     rows: tuple[StepRow, ...]
 
 
 def step_table(diagnosis: Diagnosis, texts: Texts) -> StepTable | None:
-    """The table of the staircase of a diagnosis; None where it has none."""
+    """Return the table of the staircase of a diagnosis, if it has any."""
     stairs = stairs_of(diagnosis, texts)
     if stairs is None:
         return None

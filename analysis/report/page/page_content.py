@@ -1,6 +1,8 @@
-"""All that the page is made of, gathered once: results, measured beside simulated, the diagnosis, and what a correction
-did: what the error was, is, was expected to be, and over the work; and the verdict on accuracy: every figure that has a
-limit, decided with its uncertainty, and the worst of them."""
+"""Contents of the page: results, comparison with simulation, diagnosis, effect of a correction, and verdict on
+accuracy.
+
+The verdict compares figures with limits, including the uncertainty, and takes the worst standing.
+"""
 
 from __future__ import annotations
 
@@ -29,8 +31,12 @@ _MOST_NAMED = 3
 
 @dataclass(frozen=True)
 class Verdict:
-    """overall: that of the tolerance which a diagnosis was given, else the worst standing, `unjudged` without limits;
-    judged: the worst first; tests: those that were made; by_tolerance: whether a tolerance decided."""
+    """Verdict on accuracy.
+
+    overall: standing by the tolerance given to the diagnosis, otherwise the worst standing; `unjudged` if no limits are
+    given. judged: figures, worst first. tests: the tests made. by_tolerance: whether a tolerance determined the
+    verdict.
+    """
 
     overall: Overall
     judged: tuple[JudgedFigure, ...]
@@ -38,12 +44,12 @@ class Verdict:
     by_tolerance: bool = False
 
     def with_standing(self, standing: Overall) -> list[JudgedFigure]:
-        """The figures that stand so."""
+        """Return the figures with a given standing."""
         return [figure for figure in self.judged if figure.standing == standing]
 
 
 def judge(results: Sequence[Result], limits: Limits, diagnosis: Diagnosis | None = None) -> Verdict:
-    """The verdict on runs by the limits of a rig file, or by the tolerance that a diagnosis of them was given."""
+    """Judge runs by the limits of a rig file, or by the tolerance given to their diagnosis."""
     judged = judged_figures(results, limits)
     tests = tuple(dict.fromkeys(result.measured.run.manifest.test for result in results))
     if diagnosis is not None and diagnosis.accuracy.limit == "tolerance" and diagnosis.accuracy.standing is not None:
@@ -52,7 +58,7 @@ def judge(results: Sequence[Result], limits: Limits, diagnosis: Diagnosis | None
 
 
 def verdict_sentence(verdict: Verdict, texts: Texts) -> str:
-    """Why the verdict is what it is, in one sentence."""
+    """Return the reason for the verdict as a sentence."""
     if verdict.by_tolerance:
         return texts("why_tolerance")
     if verdict.overall == "unjudged":
@@ -62,7 +68,7 @@ def verdict_sentence(verdict: Verdict, texts: Texts) -> str:
     bad = verdict.with_standing(verdict.overall)
     worst = []
     for figure in bad[:_MOST_NAMED]:
-        # The limit that it fails, or those between which it is, and that its uncertainty reaches over one
+        # The limit that failed, or the limits around the figure, and a remark if the uncertainty reaches across one
         watch = None if figure.standing == "fail" else figure.limit.watch
         bounds = (("watch_above", watch), ("fail_above", figure.limit.fail))
         limits = [f"{texts(key)} {bound:g} {figure.figure.sign}" for key, bound in bounds if bound is not None]
@@ -75,15 +81,17 @@ def verdict_sentence(verdict: Verdict, texts: Texts) -> str:
 
 
 def named(figure: JudgedFigure, texts: Texts) -> str:
-    """What a figure is of, and its label."""
+    """Return the test, the direction and the label of a figure."""
     title = title_of(figure.column, texts)
     of = texts.test(figure.test) + (f" {title}" if title else "")
     return f"{of}: {whole_label(figure.name, texts.label)}"
 
 
 def example_limits(verdict: Verdict) -> str:
-    """The lines of a rig file by which a figure of each test is judged, with bounds to be replaced; none of tests that
-    have no limits there."""
+    """Return an example of the limits section of a rig file for the tests made, with bounds to replace.
+
+    Tests that cannot have limits are omitted.
+    """
     bounds = {
         kind.test: {name: {"watch": watch, "fail": fail}}
         for kind in kinds()
@@ -94,23 +102,23 @@ def example_limits(verdict: Verdict) -> str:
 
 
 def rule(texts: Texts) -> str:
-    """The decision rule in words."""
+    """Return the decision rule as text."""
     return texts("rule", coverage=f"{COVERAGE:g}")
 
 
 def title_of(column: FigureColumn, texts: Texts) -> str:
-    """What a column is of: a direction, or both against each other; empty where the test has no direction."""
+    """Return the title of a column: a direction, or the comparison of both; empty for a test without directions."""
     return texts("acw_against_cw") if column.kind == "pairs" else column.direction
 
 
 @dataclass(frozen=True)
 class BeforeAfter:
-    """What was corrected, by what, and the error before and after on the same circle and at the other place.
+    """A correction, and the error before and after it on the same circle and at the other place.
 
-    way: the tense and the words of the page follow from it. work: None where nothing was corrected. judged: what the
-    other place said of the model before its runs joined the last diagnosis, µm rms before and with it; None where none
-    judged. verdict: the figures of the runs afterwards against their limits, on the same circle, None where there were
-    no such runs. own_programs: the command that corrects programs of the reader's own.
+    way: the kind of correction, which determines the wording of the page. work: None if nothing was corrected. judged:
+    rms in µm before and with the model at the other place, before the runs joined the last diagnosis; None if the model
+    was not validated. joined: number of the runs that joined. verdict: figures of the runs after the correction on the
+    same circle; None if these runs do not exist. own_programs: the command that corrects the user's programs.
     """
 
     correction: str
@@ -124,20 +132,23 @@ class BeforeAfter:
 
     @property
     def driven(self) -> tuple[Deviation, Deviation] | None:
-        """The error before and after on the same circle; None where nothing was driven afterwards."""
+        """The error before and after on the same circle; None if no run followed the correction."""
         return next(((row.before, row.after) for row in self.rows if row.place == "same" and row.after), None)
 
     @property
     def elsewhere(self) -> tuple[Deviation, Deviation] | None:
-        """The same at the other place."""
+        """The error before and after at the other place; None if that place was not measured."""
         return next(((row.before, row.after) for row in self.rows if row.place == "elsewhere" and row.after), None)
 
 
 @dataclass(frozen=True)
 class Report:
-    """Runs of one robot, evaluated. rig: the model and the limits; simulated: the runs beside the model; corrected:
-    beside the model with all parts that were found, None where there are none; undiagnosed: why there is no diagnosis;
-    left_out: the errors of runs that could not be evaluated."""
+    """Evaluated runs of a robot.
+
+    rig: model and limits. simulated: the runs compared with the model; corrected: with the model including the found
+    parts, if any. undiagnosed: the reason for a missing diagnosis. left_out: errors of runs that could not be
+    evaluated.
+    """
 
     rig: Rig
     results: tuple[Result, ...]
@@ -147,11 +158,11 @@ class Report:
     undiagnosed: str
     left_out: tuple[str, ...]
     after: BeforeAfter | None = None
-    """What a correction did, measured on the robot."""
+    """Measured effect of a correction."""
 
     @property
     def title(self) -> str:
-        """The robot that was measured: the name of its rig, which no other robot has, and its type."""
+        """Name of the rig, which is unique, and type of the robot."""
         return f"{self.results[0].measured.rig.name} – {self.rig.robot.name}"
 
 
@@ -165,15 +176,16 @@ def gather(
     after: BeforeAfter | None = None,
     progress: Callable[[str], None],
 ) -> Report:
-    """Compare and diagnose runs that were evaluated. found: a diagnosis made already; diagnosed: whether to make one;
-    left_out: why other runs could not be evaluated; after: what a correction did.
+    """Compare and diagnose evaluated runs.
 
-    Runs that cannot be compared or diagnosed are reported all the same, with the reason. Raises FileError for runs of
-    several robots.
+    diagnosis: an existing diagnosis; diagnosed: whether to make one. left_out: errors of runs that could not be
+    evaluated. after: measured effect of a correction.
+
+    Runs that cannot be compared or diagnosed are reported with the reason. Raises FileError for runs of several robots.
     """
     runs = [result.measured for result in results]
     model = rig if rig is not None else runs[0].rig
-    # Two robots of one type differ in the names of their rigs; the model may have a rig file of its own
+    # Two robots of one type differ in rig names; the model may come from a separate rig file
     for run in runs:
         if run.rig.robot.name != model.robot.name:
             problem = f"is of {run.rig.robot.name}, and the report is about {model.robot.name}"
@@ -198,7 +210,7 @@ def gather(
 
 
 def _compared(results: Sequence[Result], rig: Rig) -> Compared | None:
-    """The runs beside a model; None where it cannot be simulated beside them, as of poses."""
+    """Compare runs with a model; None if the runs cannot be simulated, such as poses."""
     runs = [result.measured for result in results if result.measured.table.kind.gauges]
     try:
         return compare(runs, rig) if runs else None

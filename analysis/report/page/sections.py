@@ -1,4 +1,4 @@
-"""The part of the page about one test: its own words, figures, reversals, pictures and doubts."""
+"""Section of the page about a test: description, figures, reversals, charts and remarks."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from analysis.report.texts import LEADING, Texts, in_order
 from rigs.schema.vocabulary import TestName
 
 _UNPLACED_DEG = 15.0
-"""Standard uncertainty beyond which a place on the circle is no place: 2 u to either side are then a sixth of it."""
+"""Standard uncertainty beyond which a place on the circle is not shown: ± 2 u would cover a sixth of the circle."""
 
 
 @dataclass(frozen=True)
 class Column:
-    """Figures by name; title: `acw`; note: what they are of; sd: between the runs, of those that were repeated."""
+    """Figures by name. title: `acw`. note: origin of the figures. sd: standard deviations between repeated runs."""
 
     title: str
     note: str
@@ -36,7 +36,7 @@ class Column:
 
 
 def columns_of(group: Sequence[Result], texts: Texts) -> list[Column]:
-    """The columns of the runs of one test."""
+    """Return the columns for the runs of a test."""
     columns, words = [], {"mean": "mean_of_runs", "pairs": "pairs"}
     for column in figure_columns(group):
         note = column.run if column.kind == "run" else texts(words[column.kind], count=column.count)
@@ -45,7 +45,7 @@ def columns_of(group: Sequence[Result], texts: Texts) -> list[Column]:
 
 
 def shown(name: str, figure: Quantity, texts: Texts) -> str:
-    """A figure as people read it: rounded to two digits of its u; a place that may be anywhere is said to be so."""
+    """Return a figure rounded to two digits of u, or a remark if it is a place with too large an uncertainty."""
     if name.endswith("_at_deg") and not figure.u < _UNPLACED_DEG:
         return texts("no_place")
     return figure_in_words(name, figure)
@@ -53,14 +53,14 @@ def shown(name: str, figure: Quantity, texts: Texts) -> str:
 
 _ORDER = get_args(TestName)
 _MOST_DRAWN = 2
-"""Runs at targets that are drawn: browsers show no more than some sixteen rotatable pictures."""
+"""Number of drawn runs at targets: browsers show at most some sixteen rotatable charts."""
 _NOMINAL_DEG = 30.0
-"""A turn of a joint belongs to the nominal one of the same sense that is not further away."""
+"""Largest distance between a measured reversal and the nominal reversal of the same sense."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """A figure of each column, with the standard deviation between runs below it where they were repeated."""
+    """A figure in each column, with the standard deviation between repeated runs below."""
 
     label: str
     cells: tuple[tuple[str, str], ...]
@@ -69,7 +69,7 @@ class Row:
 
 @dataclass(frozen=True)
 class ReversalRow:
-    """A joint turns back: where by its own feedback, where by the rig file, and from rising to falling or otherwise."""
+    """A reversal of a joint: measured and nominal place on the circle. upper: from increasing to decreasing angle."""
 
     joint: str
     measured: str
@@ -79,7 +79,7 @@ class ReversalRow:
 
 @dataclass(frozen=True)
 class Section:
-    """One test of one place; words: what the test is and how its pictures are read."""
+    """A test at a given place. words: description of the test and of the charts."""
 
     test: str
     title: str
@@ -93,10 +93,10 @@ class Section:
 
 
 def sections_of(report: Report, texts: Texts) -> list[Section]:
-    """A section for each test, in the order of the vocabulary."""
+    """Return a section for each test, in the order of the vocabulary."""
     groups = sorted(by_test(report.results), key=lambda group: _ORDER.index(group[0].test))
     first_circle = next((group for group in groups if isinstance(group[0].found, CircleResult)), None)
-    joints = [joint_chart(first_circle, texts)] if first_circle else []  # yaw and roll have one circle
+    joints = [joint_chart(first_circle, texts)] if first_circle else []  # yaw and roll share one circle
     sections = []
     for group in groups:
         test, place = group[0].test, group[0].measured.run.manifest.placement
@@ -107,7 +107,7 @@ def sections_of(report: Report, texts: Texts) -> list[Section]:
             charts += [chart for result in group[:_MOST_DRAWN] for chart in target_charts(result, texts)]
             about += f" {texts('first_drawn', count=_MOST_DRAWN)}" if len(group) > _MOST_DRAWN else ""
         charts += simulated_charts(report.simulated, report.corrected, group, texts)
-        # What u means here, and what was seen of lags and pairs
+        # Meaning of u for these runs, and remarks on lags and pairs
         remarks = [what_u_is(group, [means for means in pooled(group) if means.figures])]
         remarks += [*lag_in_words(pairs_of(group), group), *eccentricities_in_words(group)]
         columns = columns_of(group, texts)
@@ -140,7 +140,7 @@ def _rows(columns: Sequence[Column], texts: Texts) -> list[Row]:
 
 
 def _doubts(group: Sequence[Result]) -> tuple[str, ...]:
-    """What limits the trust in the figures, with the runs that it is of; each doubt once."""
+    """Return the limitations of the figures, each with the runs it concerns."""
     runs_of_doubt: dict[str, list[str]] = {}
     for result in group:
         for doubt in result.doubts:
@@ -152,7 +152,7 @@ def _doubts(group: Sequence[Result]) -> tuple[str, ...]:
 
 
 def _reversals(result: Result, texts: Texts) -> tuple[ReversalRow, ...]:
-    """The turns of the joints by the run's own feedback, each beside the nominal one."""
+    """Return the reversals of the joints by feedback, each with the nominal reversal."""
     if not isinstance(result.found, CircleResult):
         return ()
     rows = []

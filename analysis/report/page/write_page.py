@@ -1,11 +1,12 @@
-"""The page as one HTML file: rendered from templates, pictures and plotting library inside, no request to anywhere. At
-its head and end: whom and what it is for, who measured what, when, with which instruments and programs, and the hashes
-of the files.
+"""The page as a single HTML file, rendered from templates with embedded charts and plotting library. It makes no
+requests.
 
-A Content-Security-Policy allows the two scripts of the page by their SHA-256 and nothing else. plotly's script is
-large, so it lies in the page compressed, as it lies in this package (`scripts/dev plotting_script` puts it there, with
-version and licence beside it), and the browser unpacks it; what needs no script (text, tables, the still
-pictures) is plain HTML and SVG.
+The head and the end contain the recipients and the traceability: operator, dates, instruments, programs, and file
+hashes.
+
+A Content-Security-Policy allows the two scripts of the page by SHA-256 and blocks all others. The large plotly script
+is embedded as it is packaged, in compressed form (`scripts/dev plotting_script` creates it, with version and licence),
+and the browser unpacks it. Text, tables and still pictures are plain HTML and SVG.
 """
 
 from __future__ import annotations
@@ -44,19 +45,19 @@ from rigs.rig import Rig
 from rigs.schema.probe import Certificate
 
 _LONGEST = 200
-"""Characters of a field, as the name of an operator may have: a name fits, a page that was pasted does not."""
+"""Maximum length of a field, in characters: enough for a name, but not for an accidentally pasted page."""
 
 
 @dataclass(frozen=True)
 class Heading:
-    """What a person gives for the head of a report; a field that is empty is left out."""
+    """User input for the head of a report; empty fields are omitted."""
 
     serial: str = ""
     customer: str = ""
     order: str = ""
 
     def check(self) -> None:
-        """Raise UseError for a field that does not fit in one line of the page."""
+        """Raise UseError for a field that does not fit in a line of the page."""
         for name, text in vars(self).items():
             if len(text) > _LONGEST:
                 raise UseError(f"--{name}", f"has {len(text)} characters", f"write at most {_LONGEST}")
@@ -68,9 +69,9 @@ NO_HEADING = Heading()
 
 
 def fields_of(heading: Heading, results: Sequence[Result], texts: Texts) -> list[tuple[str, str]]:
-    """Return the fields of the head as name and value: what was given, then what rig file and runs say.
+    """Return the fields of the head as name and value, from the user first, then from rig file and runs.
 
-    The serial number is that of the rig files of the runs where none is given, since the model may be of another robot.
+    The default serial number is taken from the rig files of the runs, since the model may belong to a different robot.
     """
     serials = dict.fromkeys(result.measured.rig.robot.serial for result in results)
     operators = dict.fromkeys(result.measured.run.manifest.operator for result in results)
@@ -85,7 +86,7 @@ def fields_of(heading: Heading, results: Sequence[Result], texts: Texts) -> list
 
 @dataclass(frozen=True)
 class RunTrace:
-    """A run: where it lies, when and by whom it was measured, with which program, and its files with their SHA-256."""
+    """Traceability of a run: path, time, operator, program, and files with SHA-256."""
 
     name: str
     title: str
@@ -101,7 +102,7 @@ class RunTrace:
 
 @dataclass(frozen=True)
 class Instrument:
-    """A gauge, the ball or the link, with its certificate."""
+    """A gauge, the ball or the link, with the certificate."""
 
     name: str
     kind: str
@@ -111,7 +112,7 @@ class Instrument:
 
 
 def runs_of(results: Sequence[Result]) -> list[RunTrace]:
-    """The runs of a report, in its order."""
+    """Return the runs of a report in order."""
     return [
         RunTrace(
             name=result.name,
@@ -131,7 +132,7 @@ def runs_of(results: Sequence[Result]) -> list[RunTrace]:
 
 
 def instruments_of(rig: Rig) -> list[Instrument]:
-    """The gauges of a rig, its ball and its link."""
+    """Return gauges, ball and link of a rig."""
     parts = [_instrument(name, gauge.interface, gauge.certificate, gauge.calibrated) for name, gauge in rig.gauges]
     others = (("ball", rig.ball), ("link", rig.link))
     return parts + [_instrument(name, "", part, None) for name, part in others if part is not None]
@@ -144,10 +145,10 @@ def _instrument(name: str, kind: str, certificate: Certificate | None, calibrate
 
 
 def write_page(report: Report, file: Path, language: Language = "en", heading: Heading = NO_HEADING) -> Path:
-    """Write the page of a report, in place of a file that is there, which stays until the new one is whole; as a PDF
-    where the name of the file is one.
+    """Write the page of a report as HTML, or as PDF by the suffix. An existing file stays until the new one is
+    complete.
 
-    Raises FileError where nothing can be written, and CellError where a PDF cannot be made.
+    Raises FileError if the file cannot be written, and CellError if a PDF cannot be made.
     """
     write = write_pdf if is_pdf(file) else write_html
     write(rendered(report, texts_of(language), heading), file)
@@ -155,7 +156,7 @@ def write_page(report: Report, file: Path, language: Language = "en", heading: H
 
 
 def rendered(report: Report, texts: Texts, heading: Heading = NO_HEADING) -> str:
-    """The page as HTML; all text in it is plain and escaped."""
+    """Return the page as HTML; all text is plain and escaped."""
     pages = environment()
     pages.filters["um"] = micrometres
     sections, runs = sections_of(report, texts), runs_of(report.results)
@@ -200,7 +201,7 @@ def rendered(report: Report, texts: Texts, heading: Heading = NO_HEADING) -> str
 
 
 def _acts(report: Report, texts: Texts) -> list[str]:
-    """What is to be done, the first act first; of a robot that was corrected without the correction, which is done."""
+    """Return the recommended acts in order; the correction is omitted if already made."""
     if report.found is None:
         return []
     after = report.after
@@ -213,8 +214,7 @@ def _acts(report: Report, texts: Texts) -> list[str]:
 
 
 def _scripts(pictures: Sequence[Picture]) -> dict[str, Any]:
-    """The page's script, plotly and the data of the pictures, and the hashes by which the browser allows the first
-    two."""
+    """Return script, plotting library and chart data of the page, and the script hashes for the browser."""
     packed = (resources.files("analysis") / "templates" / "plotly.min.js.gz").read_bytes()
     script = _template("report.js")
     drawn = {
@@ -236,11 +236,11 @@ def _hash(script: str) -> str:
 
 
 def _still_uri(picture: Picture) -> str:
-    """The still picture as the address of an image, in which no script can run."""
+    """Return the still picture as a data URI of an image, in which scripts cannot run."""
     return "data:image/svg+xml;base64," + base64.b64encode(still(picture).encode()).decode()
 
 
 def _template(name: str) -> Markup:
-    """A file of the page's own style or script, which goes into the page as it is."""
+    """Return a style or script file of this package as unescaped markup."""
     text = (resources.files("analysis") / "templates" / name).read_text(encoding="utf-8")
     return Markup(text)  # noqa: S704 - a file of this package
