@@ -26,6 +26,7 @@ from analysis.diagnosis.judge.result import (
     likely_rivals,
 )
 from analysis.diagnosis.judge.validation import Stages, residual_um
+from analysis.runs.table_format import kind_named
 from rigs.calibration import verdict_of
 from rigs.effects import Effect
 from rigs.schema.effect import label_of, name_of, size_field
@@ -281,7 +282,7 @@ def _measurements(
     """Return the measurements to make: to separate rivals, identify a group, decide, or validate elsewhere."""
     acts = []
     scatter = tuple(k for k, part in enumerate(diagnosis.budget) if part.kind == "scatter")
-    if diagnosis.unexplained and diagnosis.unexplained.scatter_um:
+    if _may_repeat(diagnosis, scatter):
         acts.append(Act("measure", "revisit", parts=scatter))
     elif diagnosis.unexplained and diagnosis.unexplained.visits_um:
         acts.append(Act("measure", "visits_differ", parts=scatter))
@@ -321,6 +322,16 @@ def _measurements(
     return acts
 
 
+def _may_repeat(diagnosis: Diagnosis, scatter: tuple[int, ...]) -> bool:
+    """Return whether the scatter of places may be an error that every visit repeats: it is large, and no place was
+    visited twice."""
+    if diagnosis.unexplained and diagnosis.unexplained.scatter_um:
+        return True
+    of_places = all(kind_named(tested.test).of_places for tested in diagnosis.train.tests)
+    large = any(diagnosis.budget[k].share > LEAST_SHARE for k in scatter)
+    return of_places and large and not diagnosis.repeated
+
+
 def _comes_first(measurement: Act, acts: Sequence[Act], diagnosis: Diagnosis) -> bool:
     """Return whether a measurement precedes all reducing actions.
 
@@ -328,7 +339,7 @@ def _comes_first(measurement: Act, acts: Sequence[Act], diagnosis: Diagnosis) ->
     repair open.
     """
     if measurement.why in ("revisit", "visits_differ"):
-        return True
+        return measurement.why == "visits_differ" or measurement.parts[:1] == (0,)  # scatter is the largest part
     if measurement.why in ("unexplained", "follows"):
         return not any(act.kind == "load" for act in acts)
     if measurement.why == "one_lap":
