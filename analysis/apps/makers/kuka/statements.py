@@ -19,6 +19,7 @@ from analysis.apps.makers.kuka.closed_lists import FUNCTIONS, NOTHING, SYSTEM, W
 from analysis.apps.makers.numbers import frame_of, is_frame
 from analysis.apps.makers.points import Points, as_value
 from analysis.apps.makers.program_machine import (
+    EXTERNAL,
     OFF,
     Blocks,
     Built,
@@ -70,6 +71,7 @@ _WORD = re.compile(r"[A-Za-z_]\w*")
 _CALL = re.compile(r"(?<![\w$.#])([A-Za-z_]\w*)\s*\(")
 _MOVE = re.compile(r"\s*(?P<kind>S?PTP|S?LIN|S?CIRC|SPL)(?P<relative>_REL)?\s+(?!=)(?P<rest>.+)", re.IGNORECASE)
 _BARE = re.compile(r"\s*(?P<kind>S?PTP|S?LIN|S?CIRC|SPL)(?P<relative>_REL)?\s*(?P<rest>\{.+)", re.IGNORECASE)
+_ARC_MOVES_AXES = "an arc of a given angle may end with other coordinates of the external axes"
 _WITH = re.compile(r"\sWITH\s(.*)", re.IGNORECASE)
 _SPLINE = re.compile(r"\s*(?:PTP_SPLINE|SPLINE|ENDSPLINE)\b", re.IGNORECASE)
 _WITH_PART = re.compile(r"\$(TOOL|BASE|IPO_MODE)\s*=\s*((?:[^,()]|\([^()]*\))*)", re.IGNORECASE)
@@ -520,6 +522,7 @@ def _move(reader: Reader, file: int, begin: int, line: str, move: re.Match[str])
         text = line[start:stop]
         if len(places) > count:  # An arc of CA degrees does not end at the target, and keeps the posture at the start.
             _list(reader, file, begin, "arc", text)
+            reader.blocks.add(Lose(EXTERNAL, reader.why(file, begin, _ARC_MOVES_AXES)))
             continue
         key = _point(reader, file, begin, start, text, kind)
         if key is None:

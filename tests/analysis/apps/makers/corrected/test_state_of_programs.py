@@ -144,6 +144,10 @@ KUKA_ROWS: dict[str, tuple[dict[str, str], Left]] = {
         {"a.src": HEAD + "PTP {p1}\nXP.E1=150\nPTP XP\nPTP {p2-E}\nEND\n", **POINT},
         [(7, "external_axes"), (2, "changed")],
     ),
+    "a track that an arc of a given angle moves": (
+        {"a.src": HEAD + "PTP {p1}\nCIRC {p1+E1},{p2+E1}, CA 90\nPTP {p2-E}\nPTP {p1}\nEND\n"},
+        [(5, "arc"), (5, "arc"), (6, "external_axes")],
+    ),
     "a track that never moves": ({"a.src": HEAD + "PTP {q0}\nPTP {p1}\nLIN {p1-E}\nEND\n"}, []),
 }  # fmt: skip
 OBJECT = 'PERS wobjdata w:=[FALSE,TRUE,"",[[0,0,0],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];'
