@@ -96,9 +96,7 @@ def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, director
 
 
 def _next_test(diagnosis: Diagnosis) -> str:
-    """Return the test recommended to separate rivals or to name a group, as named by `rig plan`; empty if none is
-    due.
-    """
+    """Return the test that would separate rivals or name a group, as called by `rig plan`; empty if not needed."""
     from analysis.diagnosis.plan.naming_tests import JOINED  # noqa: PLC0415 - slow to import
 
     driven = (act.test.test for act in diagnosis.acts if act.test and act.test.test != JOINED)
@@ -129,7 +127,7 @@ class Infers(Protocol):
 
     @property
     def is_done(self) -> bool:
-        """Whether the inference has finished."""
+        """True if the inference has finished."""
 
     def result(self) -> Answer:
         """Return the answer. Raises RigError."""
@@ -166,7 +164,7 @@ class Inference:
 
     @property
     def is_done(self) -> bool:
-        """Whether the process has ended."""
+        """True if the process has ended."""
         return not self.child.runs
 
     def result(self) -> Answer:
@@ -218,9 +216,7 @@ def path_error(runs: Sequence[Path], driven: Driven, noise_um: float) -> Deviati
 
 
 def as_commanded(run: Measured, driven: Driven) -> Measured:
-    """Return a circle run with the joints that an ideal arm would have on the commanded circle, for a rig without
-    errors.
-    """
+    """Return a circle run of a rig without errors, with the joints of an ideal arm on the commanded circle."""
     table = run.table
     bare = run.rig.model_copy(update={"effects": ()}).with_calibration(None, None)
     if not isinstance(table, CircleTable):

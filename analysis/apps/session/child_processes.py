@@ -20,8 +20,9 @@ _ENTRY = (
     "import ctypes, os, signal, sys; ctypes.CDLL(None).prctl(1, signal.SIGTERM); os.nice({nice}); "
     "signal.signal(signal.SIGINT, signal.SIG_IGN); from {module} import main; sys.argv[0] = {name!r}; main()"
 )
-"""Entry code of a child: it requests SIGTERM at the death of the parent and ignores Ctrl-C. 1 is PR_SET_PDEATHSIG
-(linux/prctl.h).
+"""Entry code of a child. It requests SIGTERM at the death of the parent and ignores Ctrl-C.
+
+The value 1 is PR_SET_PDEATHSIG (linux/prctl.h).
 """
 _ENDS_S = 15.0
 """Time for an orderly shutdown: rigd closes a run first, and a slow disk may delay that."""
@@ -35,7 +36,7 @@ class Talking(Protocol):
 
     @property
     def runs(self) -> bool:
-        """Whether the program is still running."""
+        """True if the program is still running."""
 
     def type_line(self, line: str) -> None:
         """Write a line to the program. Raises CellError if the program has ended."""
@@ -118,7 +119,7 @@ class Child:
 
     @property
     def runs(self) -> bool:
-        """Whether the program is still running."""
+        """True if the program is still running."""
         return self._process.poll() is None
 
     @property

@@ -172,8 +172,9 @@ class _Lines:
 
 
 def _wrapped(line: str) -> list[str]:
-    """Wrap a line to the width of the terminal with indented continuation lines. If there is no terminal, do not
-    wrap.
+    """Wrap a line to the width of the terminal with indented continuation lines.
+
+    If there is no terminal, do not wrap.
     """
     if not sys.stdout.isatty():
         return [line]

@@ -160,9 +160,7 @@ def expected_left(model: Rig, pose_u: PoseUncertainty, runs: Sequence[Measured],
 
 
 def _left_um(runs: Sequence[Measured], rig: Rig, effects: Sequence[Effect]) -> float:
-    """Return the residual of runs for an arm with these effects in µm: the error left by a controller that knows
-    them.
-    """
+    """Return the residual of runs in µm, given these effects: the error left by a controller that corrects them."""
     modelled = rig.model_copy(update={"effects": tuple(effects)}).with_calibration(None, None)
     every = np.concatenate([run.residuals_mm.ravel() for run in compare(runs, modelled).runs])
     return 1e3 * rms(every)

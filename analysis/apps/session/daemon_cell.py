@@ -168,9 +168,7 @@ class Rigd:
         ]
 
     def joints(self) -> tuple[float, list[float]] | None:
-        """Return the time in s and the newest joint angles in degrees; None if there are no new angles since the
-        last call.
-        """
+        """Return the time in s and the newest joint angles in degrees; None if unchanged since the last call."""
         robot = self.ask("samples", after=self._after)["streams"].get("robot")
         if not robot or not robot["rows"]:
             return None
@@ -221,7 +219,7 @@ class LiveDriver:
         self._rig_name, self._directory, self._hands, self._screen = rig_name, directory, hands, screen
         self._operator, self._wait_s, self._start_rigd = operator, 60 * wait_min, start_rigd
         self.entered = False
-        """Whether the values of a correction are entered at the controller, where they affect every program."""
+        """True if the values of a correction are entered at the controller, where they affect every program."""
         self._rigd: Rigd | None = None
         self._programs: Mapping[str, Program] = {}
         self._ways: dict[str, Way] = {}
@@ -318,8 +316,9 @@ class _Drive:
                     self.rigd.ask("record_stop")
 
     def _seen(self, seen: str, operator: str) -> tuple[str, str] | None:
-        """React to an observation of the watch. Return the completed program and the reason for being unusable, or
-        empty.
+        """React to an observation of the watch.
+
+        Return the completed program and the reason for being unusable, or empty.
         """
         program = self.watch.program
         if seen == "at_start" and not self.recording:
@@ -491,8 +490,9 @@ class EmulatedHands:
             self._type("go on")
 
     def _hear(self) -> list[str]:
-        """Process all new events of the cell and return the kinds. Raises CellError if the cell reports an error or
-        has ended.
+        """Process all new events of the cell and return the kinds.
+
+        Raises CellError if the cell reports an error or has ended.
         """
         assert self._child is not None  # noqa: S101 - a stage was set up
         heard: list[str] = []
@@ -534,8 +534,9 @@ class EmulatedHands:
         return True
 
     def _free(self) -> None:
-        """Wait for a program at its end, and stop a program that drives or waits. The next command would otherwise
-        be queued.
+        """Wait for a program at its end, and stop a program that drives or waits.
+
+        The next command would otherwise be queued.
         """
         until_s = clock.now_s() + _STANDS_S
         while self._is_busy and clock.now_s() < until_s:

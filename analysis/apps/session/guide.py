@@ -71,8 +71,9 @@ class State:
         return replace(self, session=self.session.with_step(number, step.model_copy(update={"tries": tries})))
 
     def skipping(self, purpose: Purpose, why: str) -> State:
-        """Skip the steps of a purpose that have no run, except the step being driven. An empty `why` reopens skipped
-        steps.
+        """Skip the steps of a purpose that have no run, except the step being driven.
+
+        An empty `why` reopens skipped steps.
         """
         steps = [
             step.model_copy(update={"skipped": why})
@@ -89,8 +90,9 @@ class State:
 
 @dataclass(frozen=True)
 class Present:
-    """The directory contains a run unknown to the session. program: the program of the run, if it may belong to a
-    step.
+    """The directory contains a run unknown to the session.
+
+    program: the program of the run, if it may belong to a step.
     """
 
     run: str
@@ -107,8 +109,9 @@ class Recorded:
 
 @dataclass(frozen=True)
 class Answered:
-    """An inference has finished. answer: None if it failed while a step is driven. More runs and a new inference
-    follow.
+    """An inference has finished.
+
+    answer: None if it failed while a step is driven. More runs and a new inference follow.
     """
 
     answer: Answer | None
@@ -117,8 +120,9 @@ class Answered:
 
 @dataclass(frozen=True)
 class Corrected:
-    """The correction is computed. programs: names of corrected programs, by the name of the program that each
-    replaces.
+    """The correction is computed.
+
+    programs: names of corrected programs, by the name of the program that each replaces.
     """
 
     correction: Correction
@@ -355,8 +359,9 @@ def _failed(step: Step, *, is_emulated: bool) -> tuple[Stop, ...]:
 
 
 def _begun(state: State, *, joins: bool) -> Outcome:
-    """Start an inference with the available runs. joins: also use the runs of the other place, after their
-    judgement.
+    """Start an inference with the available runs.
+
+    joins: also use the runs of the other place, after their judgement.
     """
     find, judge = (
         tuple(step.run for step in state.session.runs_for(purpose) if step.run) for purpose in ("find", "judge")

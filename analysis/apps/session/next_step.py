@@ -89,7 +89,7 @@ def is_answered(session: Session, answer: Answer) -> bool:
 def why_nothing(session: Session) -> str:
     """Return the reason for not correcting the robot as a sentence; empty if a correction is allowed.
 
-    The verdict of the other place counts, if available. The last answer includes the runs of that place and has no judge.
+    The verdict of the other place counts, if available. The last answer includes these runs and has no judge.
     """
     answer = session.judged or session.answer
     return _WHY_NOTHING.get(answer.ground, "") if answer else ""

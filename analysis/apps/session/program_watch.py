@@ -42,9 +42,7 @@ robot to the start of the requested program.
 _STEP_DEG = 0.5
 """Spacing of the points of a path. Chosen: a tenth of the distance that counts as astray."""
 _AHEAD = 240
-"""Number of path points searched ahead of the last position: 120 degrees of the fastest joint, more than a robot moves
-between two checks.
-"""
+"""Number of path points searched ahead: 120 degrees of the fastest joint, more than the motion between two checks."""
 _NEARLY, _LAST = 0.99, 4
 """Share of the path, or number of last points, from which the robot counts as near the end. The search takes the first
 near point, and the path of a small circle has only seventy points.

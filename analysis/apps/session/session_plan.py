@@ -33,9 +33,7 @@ from rigs.schema.vocabulary import CIRCLES, Direction, DrivenTest, MakerName, Te
 from rigs.yaml_text import data_of
 
 DWELL_S = 3.0
-"""Pause at each target of radial and repeatability tests: arms settle within 1 s, and slow gauges deliver a few
-readings.
-"""
+"""Pause at each target of radial and repeatability tests. Arms settle within 1 s; slow gauges need a few readings."""
 FIXED = "-fixed"
 """Suffix of corrected programs. Names then have 23 characters; all controller languages accept 24."""
 _BOTH: tuple[Direction, ...] = ("acw", "cw")
@@ -75,7 +73,7 @@ class Program:
 
 
 def stage_rig(rig: Rig, stage: Stage) -> Rig:
-    """Return the rig of a stage with the circle of the stage. Rules for automatic runs are removed, because the session records."""
+    """Return the rig of a stage, including the circle. Automatic runs are disabled, because the session records."""
     moved = rig.model_copy(update={"automatic": None})
     return moved if stage.circle is None else with_circle(moved, stage.circle)
 

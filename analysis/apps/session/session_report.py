@@ -20,8 +20,9 @@ PAGE = "report.html"
 
 
 def verified_by(session: Session, place: Place) -> Verified:
-    """Return the path error before and after the correction, on the same tests and at the other place. Raises
-    RigError.
+    """Return the path error before and after the correction, on the same tests and at the other place.
+
+    Raises RigError.
     """
     nominal = after = Driven()
     noise_um = session.answer.noise_um if session.answer else 0.0

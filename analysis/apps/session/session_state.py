@@ -100,7 +100,7 @@ class Step(Part):
 
     @property
     def is_open(self) -> bool:
-        """Whether the step still has to be driven."""
+        """True if the step still has to be driven."""
         return self.run is None and not self.skipped
 
     @property
@@ -275,7 +275,7 @@ class Session(Part):
 
     @property
     def is_corrected(self) -> bool:
-        """Whether the robot was driven with a correction."""
+        """True if the robot was driven with a correction."""
         return bool(self.verified and self.verified.same_after)
 
     @property

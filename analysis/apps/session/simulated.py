@@ -163,7 +163,7 @@ class SimulatedInference:
 
     @property
     def is_done(self) -> bool:
-        """Whether the simulated time has passed. The property then blocks until the real process has finished."""
+        """True if the simulated time has passed. The property then blocks until the real process has finished."""
         if clock.now_ns() < self.done_ns:
             return False
         while not self.inference.is_done:
