@@ -362,7 +362,7 @@ def binned(motions: Sequence[RobotMotion], arm: Arm) -> Binned:
 
 
 def on_circle(bins: Binned, circle: CircleFrame, tolerance: Tolerance, where: str) -> tuple[Mask, CircleFrame]:
-    """Select the bins (n,) on a circle with the tool moving along it, and fit the nearest circle to them.
+    """Return a mask (n,) of the bins on a circle with the tool moving along it, and fit the nearest circle.
 
     Raises FileError if there are too few bins.
     """
