@@ -23,7 +23,7 @@ _LEAST_TREND = 4
 
 @dataclass(frozen=True)
 class Reading:
-    """Last reading of a gauge in mm, and the age of it."""
+    """Last reading of a gauge in mm, and its age."""
 
     mm: float
     age_s: float
