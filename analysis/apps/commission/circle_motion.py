@@ -183,8 +183,7 @@ class _Case:
     """One combination of the grid.
 
     log: logarithm of the weight. value (p,): coefficients. inverse (p, p): covariance of the coefficients over s².
-    squares:
-    whitened sum of squared residuals.
+    squares: whitened sum of squared residuals.
     """
 
     log: float
@@ -295,8 +294,7 @@ class Binned:
     """Motions of the robot in bins, in order of time.
 
     t_s (n,): median timestamps in s. q (n, 6): median angles in rad. T (n, 4, 4): tool poses. run (n,): number of the
-    motion.
-    stands: stops by bin indices. rows: rows per bin for each motion.
+    motion. stands: stops by bin indices. rows: rows per bin for each motion.
     """
 
     t_s: Array
@@ -399,8 +397,7 @@ class Fit:
 def fit_rows(motions: Sequence[RobotMotion], arm: Arm, bins: Binned, on: Mask, circle: CircleFrame) -> Fit:
     """Fit a circle to all rows of the selected bins, allowing for slow noise. on (n,): mask of the bins."""
     # Mask (n,) of bins off the circle with neighbours on it. Their rows are tested individually, because an outlier or
-    # a
-    # reversing joint spoils the median of a small bin.
+    # a reversing joint spoils the median of a small bin.
     before, after = np.zeros_like(on), np.zeros_like(on)
     for off in (1, 2):
         before[off:] |= on[:-off] & (bins.run[:-off] == bins.run[off:])

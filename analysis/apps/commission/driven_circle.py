@@ -171,8 +171,7 @@ class DrivenCircle:
     """A circle with uncertainties.
 
     centre_cov (3, 3) in mm² and normal_cov (3, 3) are in world coordinates. u_zero: uncertainty of the zero direction
-    in
-    the plane, in rad. posture (6,) and arc are in rad. used: description of the data. doubts: warnings for the user.
+    in the plane, in rad. posture (6,) and arc are in rad. used: description of the data. doubts: warnings for the user.
     """
 
     circle: CircleFrame

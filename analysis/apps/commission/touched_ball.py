@@ -30,10 +30,8 @@ from rigs.rig import Rig
 # Circles and spheres through stops of the robot, each with the scatter common to all stops.
 #
 # Few points determine the scatter poorly. The uncertainty u is therefore widened by Student's t factor to make 2 u
-# cover
-# 95 % for any number of points. If there are no degrees of freedom (three points of a circle, four of a sphere), only
-# the
-# scatter of the joints within each stop is known.
+# cover 95 % for any number of points. If there are no degrees of freedom (three points of a circle, four of a sphere),
+# only the scatter of the joints within each stop is known.
 
 _APART_MM = 5.0
 """Largest distance of two stops at the same place."""
@@ -180,8 +178,7 @@ class TouchedBall:
     """A ball located by stops of the robot.
 
     centre (3,) in mm, covariance (3, 3) in mm². radius_mm, u_radius_mm: sphere of the tool places. q (m, 6): angles of
-    the
-    stands in rad. places (m, 3): places of the stops in mm. used: description of the data. doubts: warnings for the
+    the stands in rad. places (m, 3): places of the stops in mm. used: description of the data. doubts: warnings for the
     user.
     """
 

@@ -153,8 +153,7 @@ class Driven:
     """Joint motion of a program: times t_s (n,) in s and commanded angles q (n, 6) in rad.
 
     holds_s: times of waiting for the operator. outputs: switching times of digital outputs. registers: times and values
-    of
-    output registers.
+    of output registers.
     """
 
     t_s: Array
@@ -168,10 +167,8 @@ def drive(controller: Controller, events: Sequence[Event], near: Array, where: s
     """Return the joint motion for the events of a program.
 
     The arm starts at the first position, in the posture closest to `near` (6,) in rad if only a pose is given. `where`
-    names
-    the program in errors. Raises FileError, including PathError, for impossible motions, and ProgramError for a program
-    that
-    contains no moves.
+    names the program in errors. Raises FileError, including PathError, for impossible motions, and ProgramError for a
+    program that contains no moves.
     """
     driver = _Driver(controller, near, where)
     for event in events:

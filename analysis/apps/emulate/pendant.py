@@ -131,8 +131,7 @@ class Pendant:
         """Enter the parameters of a `rig correct` file.
 
         Return the number of parameters, and the change (6,) in rad of the joint readings at rest. Raises FileError for
-        an
-        invalid file or a different controller; nothing is entered in this case.
+        an invalid file or a different controller; nothing is entered in this case.
         """
         try:
             _, corrections = read_yaml(read_text(path, MOST_BYTES), str(path))

@@ -1,6 +1,5 @@
 """Robot of an emulated cell. It executes programs on command, can be paused and stopped, and has motor currents and
-joint
-temperatures.
+joint temperatures.
 
 Between programs it jumps to the next start instantly. In reality the operator would remove the link for this move.
 
@@ -385,9 +384,8 @@ def truth(rig: Rig, traces: dict[Direction, Trace]) -> dict[str, Any]:
     """Return the results of an ideal measurement of the emulated robot, and the hidden errors.
 
     The figures follow from the noise-free trace by definition, independent of daemon, wire and alignment. The
-    eccentricity
-    is the offset of the ball from the circle actually driven. Because of backlash it differs slightly from the hidden
-    value.
+    eccentricity is the offset of the ball from the circle actually driven. Because of backlash it differs slightly from
+    the hidden value.
     """
     start = np.radians(circle_of(rig).start_deg)
     figures = {}

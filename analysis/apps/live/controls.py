@@ -155,8 +155,7 @@ class Controls:
         """Return the controls with a notice as the message.
 
         If there is no notice, an outdated message is dropped: when the daemon disappears or returns, or a recording
-        starts or
-        stops.
+        starts or stops.
         """
         if notice:
             return replace(self, message=notice)

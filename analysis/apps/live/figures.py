@@ -46,8 +46,7 @@ class LapState:
     """Position in the laps.
 
     place: `lap` and `lead_in` come with the lap number, from 1, and the completed share. `stands`: at rest on the
-    circle.
-    `off`: not on the circle.
+    circle. `off`: not on the circle.
     """
 
     place: Literal["no_circle", "off", "stands", "way_back", "lead_in", "lap", "lead_out"]

@@ -42,8 +42,7 @@ class LapProgress:
 
     phi_rad: unwrapped circle angle of the last row; nan off the circle. sense: 1 acw, -1 cw, 0 unknown. extreme_rad:
     furthest angle in this sense. from_rad: start of the motion in this sense. acw, cw: completed laps. forward: sense
-    of the
-    first complete lap since the tool reached the circle; 0 before. origin_rad: start of this lap.
+    of the first complete lap since the tool reached the circle; 0 before. origin_rad: start of this lap.
     """
 
     phi_rad: float = math.nan
@@ -65,8 +64,7 @@ class LapProgress:
         """Process rows at circle angles phi (n,) in rad.
 
         Return the progress, the sense (n,) and the completed share (n,) of the lap. The share is nan if there is no
-        motion
-        along the circle.
+        motion along the circle.
         """
         state, senses, shares = self, [], []
         for angle in phi.tolist():
@@ -134,8 +132,7 @@ class JointReversal:
     """Reversal of a joint (1 … 6) at t_s.
 
     phi_rad: circle angle; nan off the circle. upper: True from rising to falling. sense: sense of the lap, 1 acw, -1
-    cw,
-    0 unknown.
+    cw, 0 unknown.
     """
 
     axis: int
@@ -210,8 +207,7 @@ class ErrorCurve:
     """Error curve: ordered circle angles phi (n,) in rad, and the error (n,) in rad or mm.
 
     is_whole: the curve covers a complete lap at the specified resolution. less_sine: the sine is removed; otherwise
-    only
-    the mean. band: largest minus smallest error; 0 if empty.
+    only the mean. band: largest minus smallest error; 0 if empty.
     """
 
     phi: Array

@@ -116,9 +116,8 @@ class Cell:
     """The cell in the view.
 
     name: name of the rig. axes: names of the joints. baseline_mm: 0 for a single gauge. frame, start_rad, lead_rad,
-    laps:
-    the circle test; frame is None if there is no circle. range_mm: certified range of each gauge, or None. signs: signs
-    that make the readings increase with the distance from the ball.
+    laps: the circle test; frame is None if there is no circle. range_mm: certified range of each gauge, or None. signs:
+    signs that make the readings increase with the distance from the ball.
     """
 
     name: str

@@ -46,8 +46,7 @@ class Update:
     """Changes since the previous update. None and empty fields mean no change.
 
     state: response to `status`. cell: cell of a new rig file. lost: reason for missing data. notice: message to show
-    once.
-    label: name, test and direction of the run played from now on.
+    once. label: name, test and direction of the run played from now on.
     """
 
     rows: Rows = NO_ROWS
@@ -74,11 +73,9 @@ class LiveView:
     """The complete displayed state.
 
     extremes_mm (2, 2): smallest and largest reading of each gauge; nan before the first. test, direction and name
-    belong to
-    the recording or the played run, shown_test to the curves. reversal_counts: per joint since the start of the view,
-    including dropped events. last_reversals: by joint (1 … 6). cut: message about a recording interrupted by the loss
-    of the
-    daemon, until the next recording starts.
+    belong to the recording or the played run, shown_test to the curves. reversal_counts: per joint since the start of
+    the view, including dropped events. last_reversals: by joint (1 … 6). cut: message about a recording interrupted by
+    the loss of the daemon, until the next recording starts.
     """
 
     cell: Cell | None = None
@@ -202,8 +199,7 @@ class LiveView:
         lap, sense, share = self.lap.after(phi, self.cell.start_rad, self.cell.lead_rad)
         joints, turned = self.joints.after(rows, phi, sense)
         # Mask of the rows at shares (n,) of a lap that belong to it. A lead-in or lead-out does not belong to it:
-        # joints reverse
-        # there that do not reverse at the same position of the lap.
+        # joints reverse there that do not reverse at the same position of the lap.
         lead = self.cell.lead_rad / (2 * np.pi)
         inside: Mask = (share >= 0) & ((share < 1) | (share % 1 > lead))
         values = np.where(inside, self.cell.error_source(rows.g_mm), np.nan)

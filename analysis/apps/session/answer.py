@@ -184,8 +184,7 @@ class Driven:
     """Correction active in the controller during a run.
 
     model: model of the arm used by the controller; None if uncorrected. reading_deg: offset of the reported joint
-    angles
-    (6,) caused by entered values, in degrees.
+    angles (6,) caused by entered values, in degrees.
     """
 
     model: Rig | None = None
@@ -196,8 +195,7 @@ def path_error(runs: Sequence[Path], driven: Driven, noise_um: float) -> Deviati
     """Return the deviation of the tool from the commanded circle, after fitting the set-ups; None if there are no runs.
 
     noise_um: rms scatter of a single run. The joint angles reported by a corrected controller do not reveal the
-    commanded
-    place. The commanded joints are therefore recovered from the circle angle. Raises FileError.
+    commanded place. The commanded joints are therefore recovered from the circle angle. Raises FileError.
     """
     from analysis.diagnosis.judge.compare_runs import compare  # noqa: PLC0415 - slow to import
 

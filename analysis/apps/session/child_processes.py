@@ -65,8 +65,7 @@ class Child:
         """Start the `main` function of a module as a program.
 
         hear: called from a thread with each line of output. It also opens the standard input of the program. Raises
-        FileError
-        if the log cannot be written.
+        FileError if the log cannot be written.
         """
         entry = _ENTRY.format(module=module, name=name, nice=nice)
         try:

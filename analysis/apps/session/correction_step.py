@@ -48,9 +48,8 @@ CORRECTIONS = "corrections"
 _FILE = "corrections.yaml"
 _ARC_DEG = 5.0
 """Arc length of programs with corrected targets. On an arc the controller turns the tool at a constant rate. The
-angular
-effect of a wave with eight periods per lap therefore keeps a residual of 6 %, compared with 55 % at 15° (measured:
-5 µm instead of 14 µm).
+angular effect of a wave with eight periods per lap therefore keeps a residual of 6 %, compared with 55 % at 15°
+(measured: 5 µm instead of 14 µm).
 """
 _NEARLY = 0.8
 """Minimum share of the improvement by corrected targets for entries to be preferred. Chosen."""
@@ -89,8 +88,7 @@ def corrected(
 
     Return the correction and the corrected programs, by the name of the program that each replaces. runs: runs on the
     circle of the rig, which decide between entries and programs, and runs at the other place. steps: steps to drive
-    after
-    the correction. chosen_way: choice of the user. Raises FileError and CellError.
+    after the correction. chosen_way: choice of the user. Raises FileError and CellError.
     """
     shutil.rmtree(directory, ignore_errors=True)
     model, _ = load(model_file)
@@ -151,8 +149,7 @@ def expected_left(model: Rig, pose_u: PoseUncertainty, runs: Sequence[Measured],
     """Return the expected error on runs after a correction, with the uncertainty of the model there.
 
     The uncertainty applies to each coordinate of the tool's place with the frame taught on the circle. It is None if
-    the
-    runs of the model do not determine it.
+    the runs of the model do not determine it.
     """
     q = np.concatenate([run.table.q[:: -(-len(run.table.q) // _POSES)] for run in runs])
     u_um = 1e3 * rms(where_known(pose_u, q, frame_u_mm(model, pose_u, q, q) / np.sqrt(3)))
@@ -238,8 +235,7 @@ def _between_targets_um(rig: Rig, model: Rig, stage: Stage, programs: Sequence[P
     """Return the rms error in µm of corrected circle programs between targets, where the controller interpolates.
 
     The sources are waves with a short period and play at reversals of a joint. A shift of the circle and a zero offset
-    of
-    the gauges do not count.
+    of the gauges do not count.
     """
     moved = stage_rig(rig, stage).modelled_as(model)
     effects = (*used_effects(model, supports(model)), *known_plays(moved))

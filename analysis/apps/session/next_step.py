@@ -75,8 +75,7 @@ def is_answered(session: Session, answer: Answer) -> bool:
     """Return whether the question of the session is answered.
 
     This requires repeats in both directions, a settled condition, little unexplained error, and no large group of
-    causes
-    that a different test could name.
+    causes that a different test could name.
     """
     used = session.runs_for("find")[: answer.runs - answer.joined]
     circles = [(step.test, step.direction) for step in used if step.direction]

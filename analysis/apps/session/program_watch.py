@@ -21,8 +21,7 @@ from analysis.runs.stands import FLICKER_DEG
 
 NEAR_DEG = 1.0
 """Maximum distance of each joint from the start of a program. Chosen: corrected programs start some hundredths of a
-degree
-from the nominal start, and the starts of different programs differ by tens of degrees.
+degree from the nominal start, and the starts of different programs differ by tens of degrees.
 """
 _ASTRAY_DEG = 5.0
 """Distance from the entire path above which the robot drives something else. Chosen: between targets a controller may
@@ -36,8 +35,7 @@ _MORE_S = 3.0
 _ELSEWHERE_S = 4.0
 _MEANT_S = 4.0
 """Standstill at the start of an unexpected program after which it is accepted. Until then the operator may still move
-the
-robot to the start of the requested program.
+the robot to the start of the requested program.
 """
 _STEP_DEG = 0.5
 """Spacing of the points of a path. Chosen: a tenth of the distance that counts as astray."""

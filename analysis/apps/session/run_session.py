@@ -45,8 +45,7 @@ class Asked:
     """Options of a session.
 
     wait_min: minutes to wait for the robot to start. correct: way chosen by the user. entered: whether the values of
-    the
-    correction are entered. fast: whether an emulated cell runs in simulated time.
+    the correction are entered. fast: whether an emulated cell runs in simulated time.
     """
 
     rig_file: str

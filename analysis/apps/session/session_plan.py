@@ -191,8 +191,7 @@ def separating(rig: Rig, words: str, tests: Sequence[TestName], number: int) -> 
     """Return the stage and the steps of a test named by `rig plan`.
 
     number: number of the stage, used in the name if the circle differs. None if the test needs another link or tool, or
-    if
-    the arm cannot drive it.
+    if the arm cannot drive it.
     """
     for further in further_tests(rig, tests):
         for called, moved in further.choices:

@@ -46,8 +46,7 @@ def write_report(session: Session, rig: Rig, place: Place) -> Path:
     """Write the page of a session and replace an older page.
 
     The figures show the runs for finding errors. The diagnosis uses all runs before the correction. Raises FileError
-    and
-    CellError.
+    and CellError.
     """
     find, judges = (
         [load_measured(run) for run in place.runs_of(session.runs_for(purpose))] for purpose in ("find", "judge")

@@ -80,8 +80,7 @@ class Step(Part):
     """A program to drive.
 
     program: name of the program and of the file. tries: recorded runs; the last usable run counts. skipped: reason for
-    skipping
-    the step, or empty.
+    skipping the step, or empty.
     """
 
     program: Annotated[str, Field(pattern=r"^[a-z0-9-]{1,60}$")]
@@ -136,11 +135,9 @@ class Answer(Part):
     """Result of an inference during a session.
 
     runs: number of runs used. judges: number of runs that judged at the other place. joined: number of runs used that
-    had
-    judged an earlier answer. condition, standing: as in `rig diagnose`. headline, accuracy, next_step: sentences of the
-    answer. next_test: test that would separate rivals or name a group. runs_to_decide: number of runs of each kind
-    needed
-    to decide. found: directory of the result files. noise_um: rms scatter of a single run.
+    had judged an earlier answer. condition, standing: as in `rig diagnose`. headline, accuracy, next_step: sentences of
+    the answer. next_test: test that would separate rivals or name a group. runs_to_decide: number of runs of each kind
+    needed to decide. found: directory of the result files. noise_um: rms scatter of a single run.
     """
 
     runs: Count
@@ -177,10 +174,9 @@ class Correction(Part):
     """A correction.
 
     sentence: instruction for the operator. before_um, expected_um: error of the readings before and after the
-    correction.
-    same, elsewhere: expected error and uncertainty, on the circle and at the other place. work: expected error
-    over
-    the work area. directory: directory of the files. entered: whether the values are entered at the controller.
+    correction. same, elsewhere: expected error and uncertainty, on the circle and at the other place. work: expected
+    error over the work area. directory: directory of the files. entered: whether the values are entered at the
+    controller.
     """
 
     way: Way

@@ -1,6 +1,5 @@
 """Entry point of `rig window`: data sources, access control, shutdown, and a socket with limits for idle, slow and
-excess
-connections.
+excess connections.
 """
 
 from __future__ import annotations

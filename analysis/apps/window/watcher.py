@@ -135,9 +135,8 @@ class Watcher:
         """Create a watcher.
 
         find: returns the socket of the daemon, or raises CellError if it is not running. place: directory of the
-        session.
-        shows: called with each view. source: source of updates in place of the daemon. begin: command that starts a
-        session.
+        session. shows: called with each view. source: source of updates in place of the daemon. begin: command that
+        starts a session.
         """
         self.board = Board()
         self.view = LiveView()

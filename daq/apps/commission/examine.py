@@ -25,8 +25,7 @@ def examine(
     """Yield findings one by one.
 
     unit: service of the rig. root: parent of /dev, /proc and /sys. example: the rig file is a shipped example. The
-    ports
-    are then not opened, because the addresses may belong to other machines in this network.
+    ports are then not opened, because the addresses may belong to other machines in this network.
     """
     yield from examine_computer(runs, unit)
     try:

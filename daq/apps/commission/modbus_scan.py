@@ -59,8 +59,7 @@ class Way:
     """A decoding of the value.
 
     changed: keys that differ from the rig file. readings_mm (n,): decoded readings. moving: registers that changed,
-    with
-    unit and function.
+    with unit and function.
     """
 
     changed: dict[str, Any]
@@ -134,9 +133,9 @@ UNITS = range(1, 248)
 _FIRST_UNITS = range(1, 17)
 """Common unit numbers at delivery, tried with other line settings."""
 SWEEP_S, _LONGEST_SWEEP_S = 0.1, 60.0
-"""Time for each unit, and limit for all. Responses arrive within 0.1 s or during the next request; a gateway may be
-slower
-to refuse.
+"""Time for each unit, and limit for all units.
+
+Responses arrive within 0.1 s or during the next request, since a gateway may be slower to refuse.
 """
 _AROUND = 8
 """Number of registers read before and after the configured register."""

@@ -1,8 +1,8 @@
 """Parallel search of ports. Each port is opened exclusively and left with the original settings.
 
 An attempt that receives no data ends after the time-out of the instrument, otherwise after `_PATIENCE_S`. The first
-line
-settings with a matching protocol end the search of a port, after all interfaces have been tried with these settings.
+line settings with a matching protocol end the search of a port, after all interfaces have been tried with these
+settings.
 """
 
 from __future__ import annotations
@@ -34,8 +34,9 @@ from rigs.schema.gauges import Gauge
 from rigs.schema.links import Line, Port
 
 _ANSWER_S = 0.3
-"""Time limit for a response during a search. 9 characters at 4800 baud take 21 ms, an FTDI adapter adds 16 ms, and a
-Heidenhain ND 281 B takes up to 50 ms.
+"""Time limit for a response during a search.
+
+9 characters at 4800 baud take 21 ms, an FTDI adapter adds 16 ms, and a Heidenhain ND 281 B takes up to 50 ms.
 """
 _STOOD_STILL_NS = 250_000_000
 """Stall of the program or computer after which the attempt is repeated: a response may have been missed."""
