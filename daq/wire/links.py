@@ -303,7 +303,7 @@ def _address_text(address: Address | None) -> str:
 
 
 def set_up_tcp(sock: socket.socket, dead_s: float) -> None:
-    """Configure a TCP socket for low delay and for detecting a dead peer within `dead_s`."""
+    """Make a TCP socket non-blocking, send without delay, and detect a dead peer within `dead_s`."""
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     part_s = max(1, round(dead_s / 5))
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
