@@ -176,8 +176,10 @@ BY_TARGETS = Compensation("targets only")
 
 @dataclass(frozen=True)
 class Place:
-    """Notation of a seat. pattern: expression with a group per parameter. example. every: meaning of omitted
-    parameters."""
+    """Notation of a seat.
+
+    pattern: expression with a group per parameter. example. every: meaning of omitted parameters.
+    """
 
     pattern: str
     example: str
@@ -224,8 +226,10 @@ class Effect(Part, ABC):
     @classmethod
     @abstractmethod
     def forms(cls, scope: Scope) -> list[list[Self]]:
-        """Return the possible forms at size zero, as a list per possible seat in the runs. Callers add the second
-        phase of a wave."""
+        """Return the possible forms at size zero, as a list per possible seat in the runs.
+
+        Callers add the second phase of a wave.
+        """
 
     @abstractmethod
     def plain(self, joint: str) -> str:
@@ -420,10 +424,14 @@ WARMING_S = (60.0, 300.0, 1200.0)
 """Initial time constants in s. Chosen: factors of about five, refined by the fit."""
 SPECTRUM = (0.2, 0.5, 2.0)
 """Time constants of parts of a real arm, relative to the effect: motors and gears warm up faster than castings.
-Chosen."""
+
+Chosen.
+"""
 SPECTRUM_SHARE = 0.25
-"""Standard deviation of each part's share. Chosen: for an arm with a quarter warming up five times as fast, 5 % turned
-a growth of 149 ppm into 120 ± 8."""
+"""Standard deviation of each part's share.
+
+Chosen: for an arm with a quarter warming up five times as fast, 5 % turned a growth of 149 ppm into 120 ± 8.
+"""
 
 
 def warmed(t_s: Array, time_constant_s: float) -> Array:

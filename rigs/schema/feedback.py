@@ -171,8 +171,10 @@ class URRTDE(_Feedback):
     rate_hz: float = Field(default=500, ge=1, le=500)
     signal: RTDESignal | None = None
     condition: bool = True
-    """Whether to request the condition of the robot: program, safety, speed, payload, temperatures. Fields unknown to
-    the controller are omitted."""
+    """Whether to request the condition of the robot: program, safety, speed, payload, temperatures.
+
+    Fields unknown to the controller are omitted.
+    """
     currents: bool = False
     """Whether to record the joint motor currents, used to measure friction."""
 

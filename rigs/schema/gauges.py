@@ -306,8 +306,10 @@ if not TYPE_CHECKING:
 
 
 class Gauges(Part):
-    """Gauge 1, and gauge 2 for angle tests: the two gauges used by tests. Additional ones are recorded, exported and
-    shown."""
+    """Gauge 1, and gauge 2 for angle tests: the two gauges used by tests.
+
+    Additional ones are recorded, exported and shown.
+    """
 
     g1: Gauge
     g2: Gauge | None = None

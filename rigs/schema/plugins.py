@@ -28,8 +28,10 @@ C = TypeVar("C", bound=BaseModel)
 
 @cache
 def _offers() -> tuple[EntryPoint, ...]:
-    """Return the entry points of all packages. Scanning an environment of a hundred packages takes some hundredths of a
-    second, once."""
+    """Return the entry points of all packages.
+
+    Scanning an environment of a hundred packages takes some hundredths of a second, once.
+    """
     of_packages = entry_points()
     return tuple(offer for group in (*_KEY, MAKERS) for offer in of_packages.select(group=group))
 
