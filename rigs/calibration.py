@@ -59,7 +59,7 @@ _ROWS = 4096
 
 
 class CalibrationFile(Part):
-    """Reference in a rig file: name of the calibration file in the same directory, and the digest of it."""
+    """Reference in a rig file: name of the calibration file in the same directory, and its digest."""
 
     file: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,120}\.calibration\.json$")]
     sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
@@ -82,7 +82,7 @@ class PlacedSetUp(Part):
 
 
 class Term(Part):
-    """An effect at the reference size, and the multiple of it for this arm.
+    """An effect at the reference size, and its multiple for this arm.
 
     `named` terms are also effects of the rig file. They are listed here because the other terms were estimated together
     with them.

@@ -24,7 +24,7 @@ class Interface:
     """An interface. line: settings of the serial line, `NO_DEFAULT`, or empty. keys: specific keys.
 
     modem: modem lines required by the cables; empty if none. timing, timing_source: default latching time of a gauge,
-    and the source of it.
+    and its source.
     """
 
     name: str

@@ -42,7 +42,7 @@ class Trouble:
 
 
 Reading = float | Written | Trouble
-"""Reading in mm, a reading with the text of it, or the reason for its absence."""
+"""Reading in mm, a reading with its text, or the reason for its absence."""
 
 
 def garbled(data: bytes) -> Trouble:

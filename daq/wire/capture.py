@@ -1,10 +1,14 @@
-r"""Capture file: the raw bytes of every link with their stamps, as readable text.
+"""Capture file: the raw bytes of every link with their timestamps, as readable text.
 
-# rig capture 1 # stream g1: /dev/ttyUSB0, 4800 7E2 81273645120938 g1 + /dev/ttyUSB0 81273645204411 g1 > ?\r
-81273690012874 g1 < +00.12 81273690013020 g1 - the device was unplugged
+    # rig capture 1
+    # stream g1: /dev/ttyUSB0, 4800 7E2
+    81273645120938 g1 + /dev/ttyUSB0
+    81273645204411 g1 > ?\\r
+    81273690012874 g1 < +00.12
+    81273690013020 g1 - the device was unplugged
 
 `>` means sent, `<` received, `+` link opened, `-` link lost, `!` number of dropped pieces. Non-printable bytes are
-written in Python notation. A piece is the data of one read or write, never split or joined.
+written in Python notation. A piece is the data of a single read or write, never split or joined.
 """
 
 from __future__ import annotations

@@ -206,7 +206,7 @@ _WORTH = "it leaves about a sixth of the error"
 
 
 def _first_lap(rig: Rig, file: str) -> list[str]:
-    """Return the commands for a first lap and the report of it."""
+    """Return the commands for a first lap and its report."""
     maker, *further = rig.makers
     others = f"  # or {', '.join(further)}" if further else ""
     return [

@@ -247,7 +247,7 @@ def _pose(text: str) -> Pose:
 
 
 def ask_circle(answers: Answers, options: Options, dialogue: Dialogue, rig: Rig) -> Answers:
-    """Derive the circle from a robot at the start of it. rig: the rig according to the previous answers."""
+    """Derive the circle from a robot standing at its start. rig: the rig according to the previous answers."""
     if options.circle_here is None and (answers.circle is not None or answers.circle_later):
         return answers
     radius_mm = options.radius_mm or float(Circle.model_fields["radius_mm"].default)

@@ -81,7 +81,7 @@ class Watch:
     """Tracks a step: waits for the expected program or a different known program and follows it to the end."""
 
     def __init__(self, ways: Mapping[str, Way], expected: str, ended: str = "") -> None:
-        """ended: previous program, if the robot may still be at the end of it."""
+        """ended: previous program. The robot may still stand at its end."""
         self._ways, self._expected, self._ended = ways, expected, ended
         self.program = ""
         """Program that is about to start or in progress."""

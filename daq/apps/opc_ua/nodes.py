@@ -2,16 +2,19 @@
 
 The condition of the robot is mapped to the columns and codes of `rigs.schema.condition`.
 
-Objects / DeviceSet / <system> / MotionDevices / <robot> / Axes / <axis> / ParameterSet / ActualPosition / ParameterSet
-/ SpeedOverride, InControl / FlangeLoad / Mass / PowerTrains / <train> / <motor> / SafetyStates / <state> / ParameterSet
-/ EmergencyStop, ProtectiveStop ... / Controllers / <controller> / TaskControls / <task> / TaskControlOperation
+    Objects / DeviceSet / <system> / MotionDevices / <robot> / Axes / <axis> / ParameterSet / ActualPosition
+                                                             / ParameterSet / SpeedOverride, InControl
+                                                             / FlangeLoad / Mass
+                                                             / PowerTrains / <train> / <motor>
+                                   / SafetyStates / <state> / ParameterSet / EmergencyStop, ProtectiveStop ...
+                                   / Controllers / <controller> / TaskControls / <task> / TaskControlOperation
 
 Names in angle brackets are chosen by the maker and therefore browsed. The functions here are generators that yield
 requests of the types of asyncua and receive the responses. Sessions and subscriptions are also such generators.
 
 The session is anonymous and read-only. The server samples each axis at the requested interval and queues the values of
-up to a second, each with a stamp, so the transmission time does not matter. A value is sent whenever the stamp has
-changed, even if the axis did not move.
+up to a second, each with a timestamp, so the transmission time does not matter. A value is sent whenever the timestamp
+has changed, even if the axis did not move.
 """
 
 from __future__ import annotations
