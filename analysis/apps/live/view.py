@@ -237,7 +237,7 @@ def _recording_changes(before: dict[str, Any] | None, state: dict[str, Any]) -> 
 
 
 def _cut(before: dict[str, Any] | None, state: dict[str, Any]) -> str:
-    """Describe a recording lost with the daemon. A daemon that does not know the recording was started later."""
+    """Describe a recording lost with the daemon. If the new daemon does not know it, that daemon was started later."""
     if before is None or not before["recording"] or state["recording"] or state["last_end"]:
         return ""
     return f"recording {before['recording']} was cut: rigd was started again"
