@@ -52,7 +52,10 @@ class BaseYields(Effect):
     PLACE = Place("(?P<way>evenly|xy|yx|x|y)?", "evenly", {"way": _WAYS})
     FREE = (FreeShape("below_mm", _BELOW_MM, 300.0),)
     MOST = 400.0
-    """Chosen: twice a lifting column that tilted by 5 to 9 mrad under an arm of 33 kg, about 15 µrad/Nm."""
+    """Chosen: twice the compliance of a lifting column.
+
+    It tilted by 5 to 9 mrad under an arm of 33 kg, about 15 µrad/Nm.
+    """
 
     def apply(self, scene: S) -> S:
         """Turn the arm with the base in the direction of the weight."""

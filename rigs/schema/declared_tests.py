@@ -286,7 +286,7 @@ class Automatic(Part):
         return self
 
     def lacking(self, *, signal: bool, gauges: int) -> list[str]:
-        """Return the parts of the rig that the rules require and that are missing: a signal, a second gauge."""
+        """Return the missing parts of the rig required by the rules: a signal, a second gauge."""
         unheard = [str(number) for number, rule in enumerate(self.rules, 1) if rule.when.signal is not None]
         paired = [str(number) for number, rule in enumerate(self.rules, 1) if rule.test in CIRCLES]
         lacks = []
@@ -299,7 +299,7 @@ class Automatic(Part):
 
 
 class Retention(Part):
-    """Time and size limits for exported runs. All other runs are never deleted."""
+    """Time and size limits for exported runs. Other runs are never deleted."""
 
     days: float | None = Field(default=None, ge=1, le=36500)
     gigabytes: float | None = Field(default=None, ge=0.001, le=1e6)

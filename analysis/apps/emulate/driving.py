@@ -64,8 +64,9 @@ class Controller:
         return cls(maker, arm_of(rig.robot), np.zeros(6))
 
     def flange(self, q: Array) -> tuple[Array, Array]:
-        """Return the rotation (3, 3) and position (3,) in mm of the flange in the robot base. q (6,): joint angles in
-        rad.
+        """Return the rotation (3, 3) and position (3,) in mm of the flange in the robot base.
+
+        q (6,): joint angles in rad.
         """
         T = forward(self.with_tool(np.eye(4)), q[None])[0]
         return T[:3, :3], T[:3, 3]

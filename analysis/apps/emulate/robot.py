@@ -151,13 +151,16 @@ class _Pace:
 
 
 def trace(rig: Rig, direction: Direction, test: CircleTest = "yaw") -> Trace:
-    """Return the circle of a rig with the effects of the rig file. Raises FileError if the robot cannot drive it."""
+    """Simulate the circle of a rig with the effects of the rig file.
+
+    Raises FileError if the robot cannot drive it.
+    """
     program = circle_program(rig, direction)
     return Trace(program.t_s, program.phi, program.q, _readings_along(rig, test, program.t_s, program.q))
 
 
 def target_trace(rig: Rig, test: Literal["radial", "repeatability"]) -> Trace:
-    """Return a program that stops at the targets of the hemisphere. Raises FileError if a target is out of reach."""
+    """Simulate a program that stops at the targets of the hemisphere. Raises FileError if a target is out of reach."""
     t_s, q = stops(radial_stops(rig) if test == "radial" else repeatability_stops(rig), dwell_s=_DWELL_S)
     return Trace(t_s, np.empty(0), q, trace_along(rig, test, t_s, q))
 

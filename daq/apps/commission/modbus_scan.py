@@ -135,7 +135,7 @@ _FIRST_UNITS = range(1, 17)
 SWEEP_S, _LONGEST_SWEEP_S = 0.1, 60.0
 """Time for each unit, and limit for all units.
 
-Responses arrive within 0.1 s or during the next request, since a gateway may be slower to refuse.
+Responses arrive within 0.1 s. A gateway that refuses more slowly is heard during the next request.
 """
 _AROUND = 8
 """Number of registers read before and after the configured register."""
