@@ -1,6 +1,6 @@
-"""Tests of a rig (docs/conventions.md): circle for yaw and roll, hemisphere, repeatability, touches, and the cube of
-ISO
-9283. Also automatic recording and retention of runs.
+"""Tests of a rig (docs/conventions.md), automatic recording, and retention of runs.
+
+The tests are circles for yaw and roll, the hemisphere, repeatability, touches, and the cube of ISO 9283.
 
 The bounds prevent a typing error from creating a program with millions of poses.
 
