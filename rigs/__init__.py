@@ -1,4 +1,4 @@
 """Description of a rig: the schema of the rig file, its loader, and the shipped rigs as YAML.
 
-The lowest layer: imports no other package of this project.
+This is the lowest layer. It imports no other package of this project.
 """

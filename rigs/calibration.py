@@ -1,11 +1,10 @@
 """Calibrated model of an arm: the complete result of a diagnosis, in a file next to the rig file.
 
-A rig file contains the effects that a person confirmed. A calibration also contains everything else: a list of *terms*,
-each an effect at a reference size with a multiple `times`. The terms are the posterior of a diagnosis: `times` is the
-mean, and `factor` a root of the covariance. The sum of many small terms can be accurate although none of them is
-certain.
+A rig file contains only the effects confirmed by the user. A calibration contains the complete list of *terms*, each an
+effect at a reference size with a multiple `times`. The terms are the posterior of a diagnosis: `times` is the mean, and
+`factor` a root of the covariance. The sum of many small terms can be accurate although none of them is certain.
 
-The file is JSON, referenced by the rig file with its SHA-256; docs/calibration.md shows a reader in twenty lines of
+The file is JSON. The rig file refers to it with its SHA-256. docs/calibration.md shows a reader in twenty lines of
 numpy.
 """
 
@@ -45,32 +44,36 @@ CALIBRATION = ".calibration.json"
 TIMES = "times"
 """Parameter of every term: the multiple of the reference size."""
 MOST_CALIBRATION_BYTES = 100_000_000
-"""Size limit: a file with 1500 terms has 7 MB; the size grows with the square of the number of terms."""
+"""Size limit. A file with 1500 terms has 7 MB, and the size grows with the square of the number of terms."""
 _MOST_TERMS = 20_000
-"""Limit of terms. A diagnosis of poses has 1500; the covariance root of more terms would exceed the file size limit."""
+"""Maximum number of terms.
+
+A diagnosis of poses has 1500. The covariance root of more terms would exceed the size limit.
+"""
 _NOTHING = 1e-4
-"""Limit in healthy sizes below which a term is dropped: five hundred such terms have less than a hundredth of the
-effect of one healthy effect, at the cost of a large one each."""
+"""Size in healthy sizes below which a term is dropped. Five hundred such terms have less than a hundredth of the effect
+of a healthy size, but each would cost as much as a large term.
+"""
 _ROWS = 4096
-"""Rows of a curve computed together: 135 waves take 4 MB."""
+"""Number of rows of a curve computed together: 135 waves take 4 MB."""
 
 
 class CalibrationFile(Part):
-    """Reference from a rig file: name of the calibration file in the same directory, and its digest."""
+    """Reference in a rig file: name of the calibration file in the same directory, and its digest."""
 
     file: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,120}\.calibration\.json$")]
     sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
 
 class CalibratedRun(Part):
-    """Run used for a calibration, with the digest of its readings."""
+    """A run used for a calibration, with the digest of the readings."""
 
     name: Annotated[str, Field(max_length=300)]
     sha256: Annotated[str, Field(max_length=64)]
 
 
 class PlacedSetUp(Part):
-    """Positions of ball, gauges, instrument and target in one set-up: places in mm, matrices row by row."""
+    """Positions of ball, gauges, instrument and target in a set-up. Places are in mm, matrices row by row."""
 
     ball_mm: tuple[float, float, float] | None = None
     zeros_mm: tuple[float, ...] | None = None
@@ -79,10 +82,10 @@ class PlacedSetUp(Part):
 
 
 class Term(Part):
-    """Effect at its reference size, and the multiple shown by the arm.
+    """An effect at the reference size, and its multiple for this arm.
 
-    `named` terms are also effects of the rig file, listed here because the other terms were estimated together with
-    them.
+    `named` terms are also effects of the rig file. They are listed here because the other terms were estimated together
+    with them.
     """
 
     effect: AnyEffect
@@ -91,21 +94,20 @@ class Term(Part):
 
 
 class Parameter(Part):
-    """Meaning of a covariance row: index of a term from 0, and a field of its effect, or `times`."""
+    """Meaning of a covariance row: index of a term from 0, and a field of the effect, or `times`."""
 
     term: Annotated[int, Field(ge=0)]
     field: Annotated[str, Field(max_length=40)]
 
 
 class Judged(Part):
-    """Assessment of the model by the diagnosis, rms in µm of the readings.
+    """Assessment of the model by the diagnosis, as rms of the readings in µm.
 
-    `condition` is that of the diagnosis. `place` is the basis: another place, runs or poses held out, or the runs used.
-    rms
-    there: `before_um` without the model, `names_um` with the named effects only, `whole_um` with the complete model,
-    `handed_um` with the content of the file, which is the names only if they do better. `unexplained_um` is the error
-    beyond
-    the noise per coordinate; every uncertainty computed from the file contains it.
+    `condition` is the condition of the diagnosis. `place` is the basis: another place, runs or poses held out, or the
+    runs used. The rms values there are `before_um` without the model, `names_um` with only the named effects,
+    `whole_um` with the complete model, and `handed_um` with the content of the file, which consists of the names only
+    if they do better. `unexplained_um` is the error per coordinate beyond the noise. Every uncertainty computed from
+    the file includes it.
     """
 
     condition: Annotated[str, Field(max_length=40)]
@@ -119,7 +121,7 @@ class Judged(Part):
 
     @property
     def gained(self) -> float:
-        """Share of the mean square beyond the noise removed by the model; negative if it adds error."""
+        """Share of the mean square beyond the noise that the model removes; negative if it adds error."""
         floor = self.noise_um**2
         return 1 - max(self.handed_um**2 - floor, 0.0) / max(self.before_um**2 - floor, 1e-12)
 
@@ -128,12 +130,12 @@ class CalibratedModel(Part):
     """Content of a calibration file.
 
     `factor` is the lower triangle, row by row, of a root L of the covariance L L' of the `parameters`: little-endian
-    float32, base64. `joints_deg` is the range of each joint in the runs, and `rail_mm` the range of the rail, if any;
-    outside, the terms equal their prior. `reach_mm`, for touches only, is the largest distance between a validating
-    placement and the other sockets. `held_out_um` is the rms in µm at places without a part in the fit, None if there
-    were none. `widened` is the factor in L by which misses at such places, or in neighbourhoods of poses held out,
-    exceed the expectation from the readings used. `judged` is the assessment of the diagnosis, None in files of earlier
-    versions.
+    float32, base64. `joints_deg` is the range of each joint in the runs, and `rail_mm` the range of the rail, if any.
+    Outside of these ranges the terms equal their prior. `reach_mm`, for touches only, is the largest distance between a
+    validating placement and the other sockets. `held_out_um` is the rms in µm at places excluded from the fit; None if
+    there were none. `widened` is the factor in L by which the errors at such places, or in neighbourhoods of poses held
+    out, exceed the expectation from the readings used. `judged` is the assessment of the diagnosis; None in files of
+    earlier versions.
     """
 
     format: Literal[1] = 1
@@ -156,14 +158,14 @@ class CalibratedModel(Part):
 
     @classmethod
     def read(cls, content: bytes) -> CalibratedModel:
-        """Parse the bytes of a calibration file, keeping them. Raises ValidationError."""
+        """Parse the bytes of a calibration file and keep them. Raises ValidationError."""
         model = cls.model_validate_json(content)
         vars(model)["content"] = content  # cached for `content`
         return model
 
     @cached_property
     def content(self) -> bytes:
-        """Bytes of the file: the original ones, whose digest is in a rig file, or new ones."""
+        """Bytes of the file: the original bytes, whose digest is in a rig file, or new bytes."""
         return self.model_dump_json(indent=1).encode()
 
     @model_validator(mode="after")
@@ -191,7 +193,10 @@ class CalibratedModel(Part):
 
     @cached_property
     def effects(self) -> tuple[Effect, ...]:
-        """Terms outside the rig file as effects of the arm: constants added, waves of a joint combined into a curve."""
+        """Terms that are not in the rig file, as effects of the arm.
+
+        Constants are added, and the waves of a joint are combined into a curve.
+        """
         return tuple(effects_of([(term.effect, term.times) for term in self.terms if not term.named]))
 
     @cached_property
@@ -205,20 +210,21 @@ class CalibratedModel(Part):
 
 Verdict = Literal["correct", "nothing"]
 Ground = Literal["not_judged", "explained", "gains_elsewhere", "unknown_cause", "no_gain_elsewhere", "not_shown"]
-"""Reason for using a model for correction, or not.
+"""Reason for using a model for correction, or for not using it.
 
-No run validated it; the runs used are explained; it reduces the error at places without a part; an unknown cause
-remains; it does not reduce the error there; or the runs cannot show the fault, for example four poses with more
-unknowns.
+In order: no run validated it; the runs used are explained; it reduces the error at places excluded from the fit; an
+unknown cause remains; it does not reduce the error at such places; or the runs cannot show the fault, such as four
+poses with more unknowns.
 """
 _LEAST_GAIN = 0.3
-"""Share of the mean square at places without a part that a model must remove to be used despite an unknown cause.
-Source: a
-rule tried on generated cells with foreign effects, where worse models removed less."""
+"""Share of the mean square at excluded places that a model must remove to be used despite an unknown cause.
+
+Source: a rule tried on generated cells with foreign effects, where worse models removed less.
+"""
 
 
 def ground_of(calibrated: CalibratedModel) -> Ground:
-    """Return the reason for using a model for correction, or not, based on `judged`."""
+    """Return the reason for using a model for correction, or for not using it, according to `judged`."""
     judged = calibrated.judged
     if judged is None:
         return "not_judged"
@@ -234,12 +240,15 @@ def ground_of(calibrated: CalibratedModel) -> Ground:
 
 
 def verdict_of(calibrated: CalibratedModel) -> Verdict:
-    """Return whether targets, programs and entries may be corrected by a model; the only place of this decision."""
+    """Return whether targets, programs and entries may be corrected by a model.
+
+    This is the only place of this decision.
+    """
     return "correct" if ground_of(calibrated) in ("not_judged", "explained", "gains_elsewhere") else "nothing"
 
 
 def packed_factor(root: Array) -> str:
-    """Encode a lower triangular root (P, P) of a covariance, each row in the unit of its parameter."""
+    """Encode a lower triangular root (P, P) of a covariance, each row in the unit of the parameter."""
     return base64.b64encode(root[np.tril_indices(len(root))].astype("<f4").tobytes()).decode("ascii")
 
 
@@ -249,7 +258,7 @@ def is_nothing(effect: Effect, times: float) -> bool:
 
 
 def effects_of(terms: Sequence[tuple[Effect, float]]) -> list[Effect]:
-    """Combine terms, each an effect and its multiple, into effects."""
+    """Combine terms, each an effect and a multiple, into effects."""
     waves: dict[int, list[tuple[float, float, float]]] = {}
     sums: dict[Effect, float] = {}
     for term, times in terms:
@@ -261,7 +270,7 @@ def effects_of(terms: Sequence[tuple[Effect, float]]) -> list[Effect]:
             amplitude = times * math.degrees(size)
             waves.setdefault(axis, []).append((order, amplitude * math.cos(phase), amplitude * math.sin(phase)))
         else:
-            # Constants of the same seat add up, whatever their reference sizes.
+            # Constants of the same seat add up, for any reference sizes.
             unit = healthy(effect) if effect.STAGE == "arm" else effect
             sums[unit] = sums.get(unit, 0.0) + times * (size_of(effect) if unit is not effect else 1.0)
     curves: list[Effect] = [JointCurve(axis=axis, waves=tuple(parts)) for axis, parts in waves.items()]
@@ -280,7 +289,7 @@ def effects_of(terms: Sequence[tuple[Effect, float]]) -> list[Effect]:
 
 
 def is_sine(effect: Effect) -> bool:
-    """Return whether an effect turns a joint by a sine of its angle: a wave with an order and no other shape."""
+    """Return whether an effect turns a joint by a sine of the joint angle: a wave with an order and no other shape."""
     if effect.STAGE != "joint" or not is_wave(effect) or not hasattr(effect, "order"):
         return False
     return not any(getattr(effect, shape.field) for shape in effect.FREE)
@@ -293,7 +302,7 @@ def sine_of(effect: Effect) -> tuple[int, float, float, float]:
 
 
 class _Calibrated(Effect):
-    """Effect created by a calibration only, never by a rig file or a search."""
+    """An effect created only by a calibration, never by a rig file or a search."""
 
     share: float = Field(default=1.0, json_schema_extra={"healthy": 1.0})
 
@@ -307,8 +316,10 @@ class _Calibrated(Effect):
 
 
 class JointCurve(_Calibrated):
-    """Angle error of a joint as a curve over its angle: `share` of waves (order, sine, cosine), in cycles per turn
-    and degrees."""
+    """Angle error of a joint as a curve over the joint angle.
+
+    `share` contains the waves (order, sine, cosine) in cycles per turn and degrees.
+    """
 
     effect: Literal["joint_curve"] = "joint_curve"
     axis: Axis
@@ -317,13 +328,13 @@ class JointCurve(_Calibrated):
     STAGE = "joint"
 
     def apply(self, scene: S) -> S:
-        """Turn the joint by the curve at its reported angle."""
+        """Turn the joint by the curve at the reported angle."""
         return scene.turned(self.axis, np.radians(self.share * self.at(scene.q[:, self.axis - 1])))
 
     def at(self, q: Array) -> Array:
-        """Return the curve (n,) in degrees at reported angles q (n,) rad."""
+        """Return the curve (n,) in degrees at reported angles q (n,) in rad."""
         order, sine, cosine = np.array(self.waves).T
-        begins = np.flatnonzero(np.diff(q, prepend=np.nan) != 0)  # a standing robot repeats its angle
+        begins = np.flatnonzero(np.diff(q, prepend=np.nan) != 0)  # a robot at rest repeats the angle
         angles, curve_deg = q[begins], np.empty(len(begins))
         for begin in range(0, len(angles), _ROWS):
             turn = angles[begin : begin + _ROWS, None] * order
@@ -334,15 +345,15 @@ class JointCurve(_Calibrated):
         return f"angle error of {joint} over its angle"
 
     def compensation(self) -> Compensation:
-        """Depends on the posture only."""
+        """Return a compensation by targets: the curve depends only on the posture."""
         return BY_TARGETS
 
 
 class Portion(Part):
-    """Multiple of an effect's change.
+    """Multiple of the change caused by an effect.
 
-    Backlash is not proportional to its width, nor a cosine error to its angle, so the change is scaled instead of the
-    size.
+    Backlash is not proportional to the width, nor a cosine error to the angle. The change is therefore scaled instead
+    of the size.
     """
 
     of: AnyEffect
@@ -350,7 +361,7 @@ class Portion(Part):
 
 
 class _Portions(_Calibrated):
-    """Combined multiples of effects of one stage."""
+    """Combined multiples of effects of the same stage."""
 
     portions: tuple[Portion, ...] = Field(min_length=1)
 
@@ -362,7 +373,7 @@ class _Portions(_Calibrated):
         return changed
 
     def compensation(self) -> Compensation:
-        """Shared by all effects of the stage."""
+        """Return the compensation common to all effects of the stage."""
         return self.portions[0].of.compensation()
 
 

@@ -1,6 +1,6 @@
-"""Name of the installed package, and instructions for adding packages in any kind of environment.
+"""Name of the installed package, and the command for adding packages in any kind of environment.
 
-The name `rig` belongs to a different project on PyPI, so no message may suggest `pip install rig`:
+The name `rig` belongs to a different project on PyPI, so messages must never suggest `pip install rig`:
 docs/decisions/0033-a-name-of-its-own.md.
 """
 
@@ -17,11 +17,11 @@ from pathlib import Path
 NAME = "rig-metrology"
 """Name of the distribution; the commands are `rig` and `rigd`."""
 _OF_UVX = ("archive-v", "environments-v")
-"""Folders in uv's cache with environments of `uvx` (uv 0.13); nothing may be added there."""
+"""Folders in the cache of uv with environments of `uvx` (uv 0.13). Such an environment must not be modified."""
 
 
 def version() -> str:
-    """Return the installed version, or `not installed` for copied sources."""
+    """Return the installed version, or `not installed` for a copy of the sources."""
     from importlib import metadata  # noqa: PLC0415 - a tenth of the start of a command that needs none
 
     with suppress(metadata.PackageNotFoundError):
@@ -30,10 +30,10 @@ def version() -> str:
 
 
 def to_install(*packages: str) -> str:
-    """Return the command that adds PyPI packages, in the required versions, to rig's environment.
+    """Return the command that adds PyPI packages, in the required versions, to the environment of rig.
 
-    `pipx` and `uv tool` use one environment per program, recognised by a file in it, and `uvx` uses a cache. Other
-    environments are named by their Python, even without pip.
+    `pipx` and `uv tool` use an environment per program, recognised by a file in it, and `uvx` uses a cache. Other
+    environments are identified by the Python interpreter, even if they lack pip.
     """
     prefix, python = Path(sys.prefix), shlex.quote(sys.executable)
     asked = [shlex.quote(_required(package)) for package in packages]
@@ -65,9 +65,9 @@ def _required(package: str) -> str:
 
 
 def _of_uv(receipt: Path) -> list[str]:
-    """Return the arguments of `uv tool`: rig by name or path, and the added packages, which uv would remove otherwise.
+    """Return the arguments of `uv tool`: rig by name or path, and the added packages, which uv would otherwise remove.
 
-    For a damaged receipt, ignored by uv too, only the name is returned.
+    For a damaged receipt, which uv also ignores, only the name is returned.
     """
     import tomllib  # noqa: PLC0415 - as above
 

@@ -1,8 +1,8 @@
-"""Edit a rig file in place: changed values or added effects, with all other text and comments preserved.
+"""Edits of a rig file in place: changed values or added effects. All other text and comments are preserved.
 
-YAML nodes give the position of each value. Numbers are replaced in place; missing keys are inserted at the start of
+YAML nodes give the position of each value. Numbers are replaced in place. Missing keys are inserted at the start of
 their mapping, in any style, or at the end of the file for top-level keys. The result is parsed and compared with the
-request, so styles that use a place twice (anchors) are refused instead of changed partially.
+request. Styles that use a place twice (anchors) are therefore refused instead of changed partially.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from rigs.rig import Rig
 from rigs.yaml_text import data_of, flow, nodes_of
 
 Keys = tuple[str, ...]
-"""Path to a value: ("tests", "circle", "radius_mm")."""
+"""Path to a value, such as ("tests", "circle", "radius_mm")."""
 Value = float | str | Sequence[float]
 Values = Mapping[str, float | Sequence[float]]
-"""Keys of a test with their numbers, in file units."""
+"""Keys of a test with the numbers, in file units."""
 _Edit = tuple[int, int, str]
 """Start and end of a replaced piece of text, and the new text."""
 
@@ -53,9 +53,9 @@ def with_values(
 
 
 def with_test(text: str, test: Literal["circle", "hemisphere"], values: Values, where: str) -> str:
-    """Return the text of a rig file with changed test values, to ten digits; a missing test is added.
+    """Return the text of a rig file with changed values of a test, with ten digits. A missing test is added.
 
-    Raises RigFileError if a value is out of bounds, FileError if the text cannot be changed in place.
+    Raises RigFileError if a value is out of bounds, and FileError if the text cannot be changed in place.
     """
     rounded = {key: _rounded(value) for key, value in values.items()}
     remedy = "run the command without --write, and paste the block that it prints"
@@ -71,13 +71,13 @@ def with_test(text: str, test: Literal["circle", "hemisphere"], values: Values, 
 
 
 def block_of(test: str, values: Values, indent: int = 0) -> str:
-    """Format a test with its values, to ten digits, as indented lines of a rig file."""
+    """Format a test with its values, with ten digits, as indented lines of a rig file."""
     rounded = {key: _rounded(value) for key, value in values.items()}
     return "".join(f"{' ' * indent}{line}\n" for line in _block((test,), rounded))
 
 
 def _edits(text: str, parent: Keys, values: Mapping[str, Value]) -> list[_Edit]:
-    """Return the edits for changed values of one mapping."""
+    """Return the edits for changed values of a mapping."""
     root = nodes_of(text)
     assert isinstance(root, yaml.MappingNode)  # noqa: S101 - the text of a rig that was loaded
     node = root
@@ -87,7 +87,7 @@ def _edits(text: str, parent: Keys, values: Mapping[str, Value]) -> list[_Edit]:
             gap = "\n" if text.endswith("\n") else "\n\n"
             branch = "".join(f"{line}\n" for line in _block(parent[depth:], values))
             return [(len(text), len(text), gap + branch)]
-        if below is None:  # a new branch at the start of its mapping
+        if below is None:  # a new branch at the start of the mapping
             in_one_line = [f"{key}: {flow(_nested(parent[depth + 1 :], values))}"]
             return [_put_first(node, in_one_line if node.flow_style else _block(parent[depth:], values))]
         if not isinstance(below, yaml.MappingNode):  # null
@@ -104,7 +104,7 @@ def _edits(text: str, parent: Keys, values: Mapping[str, Value]) -> list[_Edit]:
 
 
 def _block(keys: Keys, values: Mapping[str, Value]) -> list[str]:
-    """Format values below these keys, one per line."""
+    """Format values below these keys, each in a line."""
     above = [f"{'  ' * depth}{key}:" for depth, key in enumerate(keys)]
     return [*above, *(f"{'  ' * len(keys)}{key}: {flow(value)}" for key, value in values.items())]
 
@@ -144,8 +144,10 @@ def _rounded(value: float | Sequence[float]) -> float | list[float]:
 
 
 def extended(text: str, effects: Sequence[Effect], where: str, calibration: CalibrationFile | None = None) -> str:
-    """Return the text of a rig file with added effects, and optionally a new calibration. Raises RigFileError if the
-    result is invalid."""
+    """Return the text of a rig file with added effects, and optionally a new calibration.
+
+    Raises RigFileError if the result is invalid.
+    """
     grown = _with_effects(text, effects) if effects else text
     if calibration:
         root = nodes_of(grown)
@@ -189,7 +191,7 @@ def _with_effects(text: str, effects: Sequence[Effect]) -> str:
 
 
 def _dumped(fields: dict[str, object]) -> str:
-    """Format fields as one line, the kind first and the provenance last."""
+    """Format fields in a line, the kind first and the provenance last."""
     ordered = {"effect": fields["effect"], **fields}
     if "found" in ordered:
         ordered["found"] = ordered.pop("found")

@@ -1,9 +1,9 @@
-"""Entry points of the commands `rig` and `rigd`, with a check that the packages `rigs`, `daq` and `analysis` are rig's.
+"""Entry points of the commands `rig` and `rigd`. They check that the packages `rigs`, `daq` and `analysis` belong to
+rig.
 
-After installation this file is the module `rig_metrology`, a unique name. Other software may have packages with the
-same
-names, and ROS puts its folders first on PYTHONPATH: without the check, the commands would end there in a traceback.
-Nothing of rig is imported before the check.
+After installation this file is the module `rig_metrology`, a unique name. Other software may have packages of the same
+names, and ROS puts its folders first on PYTHONPATH. Unchecked, the commands would end there with a traceback. Nothing
+of rig is imported before the check.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Any
 
 PACKAGE_OF_API = "analysis"
 MARKS = {"rigs": "distribution.py", "daq": "service/rigd.py", "analysis": "cli/commands.py"}
-"""Characteristic file of each package, absent in packages of the same name."""
+"""Characteristic file of each package, absent in foreign packages of the same name."""
 _WRONG_ENVIRONMENT = 4
 """Exit code for an unusable environment (rigs.errors.CellError)."""
 
@@ -34,7 +34,7 @@ def rigd() -> None:
 
 
 def _hold_packages(program: str, *packages: str) -> None:
-    """Exit with a one-line error if a package is missing or hidden by a different one."""
+    """Exit with a single-line error if a package is missing or hidden by a foreign package."""
     for package in packages:
         spec = find_spec(package)
         if spec is None:
@@ -49,7 +49,7 @@ def _hold_packages(program: str, *packages: str) -> None:
 
 
 def __getattr__(name: str) -> Any:
-    """A name of the public API, which is that of `analysis`: `import rig_metrology` needs no other name."""
+    """Return a name of the public API, which is the API of `analysis`. `import rig_metrology` needs no other name."""
     if name.startswith("__"):
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     _hold_packages("import rig_metrology", "rigs", "daq", PACKAGE_OF_API)

@@ -1,7 +1,7 @@
-"""Exceptions: every expected failure is a `RigError`, reported in one line with an exit code.
+"""Exceptions: every expected failure is a `RigError`, reported in a single line with an exit code.
 
-A message says where, what and what to do. Programs print it and exit with `exit_code`; any other traceback shown to a
-user is a bug.
+A message contains the affected object, the problem and the remedy. Programs print it and exit with `exit_code`. Any
+other traceback shown to a user is a bug.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from rigs.text import plain
 
 _LONGEST = 1000
 Undrivable = Literal["limits", "speed", "singularity", "reach"]
-"""Reason why an arm cannot follow a path: joint limits, joint speed, a singularity, or the reach."""
+"""Reason for an arm that cannot follow a path: joint limits, joint speed, a singularity, or the reach."""
 
 
 class RigPlace(str):
-    """Name of a rig in an error if its file is unknown. part: for example `tests.circle`, or empty."""
+    """Name of a rig in an error if the file is unknown. part: for example `tests.circle`, or empty."""
 
     rig_name: str = ""
     part: str = ""
@@ -30,7 +30,7 @@ class RigPlace(str):
 
 
 class RigError(Exception):
-    """Expected failure.
+    """An expected failure.
 
     where: affected object (file, port, gauge). what: description of the problem. remedy: action for the user.
     """
@@ -38,7 +38,7 @@ class RigError(Exception):
     exit_code = 1
 
     def __init__(self, where: str, what: str, remedy: str) -> None:
-        # Printable in one line, whatever a damaged file contains; the remedy comes last.
+        # Printable in a single line, for any content of a damaged file. The remedy comes last.
         text = f"{where}: {what}; {remedy}"
         if len(text) > _LONGEST:
             text = f"{text[: _LONGEST // 2]} … {text[-_LONGEST // 2 :]}"
@@ -50,7 +50,7 @@ class RigError(Exception):
         return _again, (type(self), self.args), self.__dict__
 
     def lines(self) -> list[str]:
-        """Message with one line per problem."""
+        """Message with a line per problem."""
         return [str(self)]
 
 
@@ -59,7 +59,7 @@ def _again(kind: type[RigError], args: tuple[Any, ...]) -> RigError:
 
 
 class UseError(RigError):
-    """Wrong use of a command: conflicting options, an impossible value."""
+    """Wrong use of a command, such as conflicting options or an impossible value."""
 
     exit_code = 2
 
@@ -79,7 +79,7 @@ class PathError(FileError):
 
 
 class DirectionError(FileError):
-    """A circle was driven against the direction of its label. drove: actual direction."""
+    """A circle was driven against the direction in the label. drove: actual direction."""
 
     def __init__(self, where: str, what: str, remedy: str, drove: Literal["cw", "acw"]) -> None:
         super().__init__(where, what, remedy)
@@ -93,12 +93,11 @@ class CellError(RigError):
 
 
 _IN_WORDS_OF_PYDANTIC = re.compile(r"Value error, |, unable to parse string as an? \w+$")
-"""Phrases of pydantic, used by typer to parse values, that describe its implementation."""
+"""Phrases of pydantic, used by typer for parsing values, that describe the implementation."""
 
 
 def wrong_use(error: Any, program: str) -> UseError | None:
-    """Return the error for input refused by typer (a TyperException); None for a command group whose help is already
-    printed."""
+    """Return the error for input refused by typer (a TyperException); None for a group that has printed its help."""
     message = _IN_WORDS_OF_PYDANTIC.sub("", " ".join(error.format_message().split()).rstrip("."))
     message = message.replace("Input should be", "it must be")
     if not message:

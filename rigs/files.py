@@ -1,4 +1,4 @@
-"""Read foreign files safely: regular files only, with a size limit.
+"""Safe reading of foreign files: only regular files, up to a size limit.
 
 A FIFO would block forever, and `/dev/zero` would fill the memory.
 """
@@ -16,7 +16,7 @@ from rigs.errors import FileError
 _REMEDY = "check the path and its permissions"
 _POSIX = ("O_NONBLOCK", "O_NOCTTY", "O_CLOEXEC")
 _FLAGS = os.O_RDONLY | sum(getattr(os, name, 0) for name in _POSIX) | getattr(os, "O_BINARY", 0)
-"""Open flags: do not wait for the other end of a FIFO (not on Windows), do not convert line ends (Windows only)."""
+"""Open flags: do not wait for the other end of a FIFO (not on Windows), and keep line ends (only on Windows)."""
 
 
 def read_bytes(path: Path, most: int) -> bytes:
@@ -32,7 +32,7 @@ def read_bytes(path: Path, most: int) -> bytes:
 
 
 def read_from(path: Path, begin: int, most: int) -> tuple[bytes, int]:
-    """Return at most `most` bytes of a regular file from the byte `begin` on, and the size of the file in bytes.
+    """Return at most `most` bytes of a regular file, starting at the byte `begin`, and the size of the file in bytes.
 
     Raises OSError, or FileError for a special file or insufficient memory.
     """
@@ -53,7 +53,7 @@ def read_from(path: Path, begin: int, most: int) -> tuple[bytes, int]:
 
 
 def read_text(path: Path, most: int) -> str:
-    """Return the text of a regular file. Raises like `read_bytes`, and FileError if it is not UTF-8."""
+    """Return the text of a regular file. Raises the errors of `read_bytes`, and FileError if it is not UTF-8."""
     try:
         return read_bytes(path, most).decode()
     except UnicodeDecodeError as error:
@@ -66,11 +66,10 @@ def out_of_memory(path: Path) -> FileError:
 
 
 def of_newer_rig(where: str, error: ValidationError, field: str = "version") -> FileError | None:
-    """Return the error for a file of a newer version, regardless of other unknown content; None if the version is
-    supported.
+    """Return the error for a file of a newer version; None if the version is supported.
 
-    field: name of the version number. Used for all files from before 1.0 and of 1.x:
-    docs/decisions/0031-compatibility.md.
+    Any other unknown content is ignored. field: name of the version number. Used for all files of versions before 1.0
+    and of 1.x: docs/decisions/0031-compatibility.md.
     """
     for detail in error.errors(include_url=False, include_context=False):
         if detail["loc"] == (field,) and isinstance(detail["input"], int):

@@ -1,4 +1,7 @@
-"""List all interfaces for a rig file from the schemas; new classes of a union appear automatically."""
+"""List of all interfaces for a rig file, derived from the schemas.
+
+New classes of a union are included automatically.
+"""
 
 from __future__ import annotations
 
@@ -18,9 +21,9 @@ NO_DEFAULT = "line to be given"
 
 @dataclass(frozen=True)
 class Interface:
-    """Interface. line: settings of the serial line, `NO_DEFAULT`, or empty. keys: specific keys.
+    """An interface. line: settings of the serial line, `NO_DEFAULT`, or empty. keys: specific keys.
 
-    modem: modem lines required by the cables, empty if none. timing, timing_source: default latching time of a gauge,
+    modem: modem lines required by the cables; empty if none. timing, timing_source: default latching time of a gauge,
     and its source.
     """
 
@@ -35,7 +38,7 @@ class Interface:
 
 
 def known() -> list[Interface]:
-    """Return all interfaces, gauges first, in the order of the schemas."""
+    """Return all interfaces in the order of the schemas, starting with the gauges."""
     return [_interface(model, "gauge") for model in models(Gauge)] + [
         _interface(model, "robot") for model in models(Feedback)
     ]

@@ -1,7 +1,7 @@
-"""Load a rig file and its calibration, by path or by name, and report all mistakes together.
+"""Loading of a rig file and the calibration, by path or by name. All mistakes are reported together.
 
-The hash of a calibration proves that the file is unchanged, not that it is correct. A rewritten calibration, with a new
-hash in the rig file, is compared with the arm: name, axes, and the bounds of the effects in a rig file.
+The hash of a calibration proves that the file is unchanged, not that it is correct. A rewritten calibration with a new
+hash in the rig file is therefore compared with the arm: name, axes, and the bounds of the effects in a rig file.
 """
 
 from __future__ import annotations
@@ -29,15 +29,15 @@ from rigs.yaml_text import read_yaml
 
 _REMEDY = "restore both files of one diagnosis, or diagnose again"
 _MOST_UM = 1e6
-"""A metre, more than the error of any working arm."""
+"""One metre, more than the error of any working arm."""
 _MOST_WIDENED = 1000.0
-"""Held-out poses 10 mm off for an arm calibrated to 10 µm; such an arm would not be calibrated."""
+"""Held-out poses wrong by 10 mm for an arm calibrated to 10 µm. Such an arm would not be calibrated."""
 _LEAST_DEG, _MOST_DEG = -1000.0, 1000.0
-"""Joint angles: no controller counts beyond three turns."""
+"""Limits of joint angles: controllers count at most three turns."""
 
 
 def hold_plausible(calibrated: CalibratedModel, rig: Rig, where: str) -> None:
-    """Raise FileError if a calibration cannot belong to the rig."""
+    """Check that a calibration can belong to the rig. Raises FileError."""
     for why in _reasons(calibrated, rig):
         raise FileError(where, why, _REMEDY)
 
@@ -77,7 +77,7 @@ def _widest(calibrated: CalibratedModel, parameter: Parameter) -> float:
 
 
 def _bound(effect: Any, field: str) -> float:
-    """Return the upper bound of an effect parameter in a rig file, infinite if unbounded."""
+    """Return the upper bound of an effect parameter in a rig file; infinite if unbounded."""
     bounds = [getattr(constraint, "le", None) for constraint in type(effect).model_fields[field].metadata]
     return next((float(bound) for bound in bounds if bound is not None), np.inf)
 
@@ -89,14 +89,14 @@ _MAX_BYTES = 1_000_000
 
 
 class Hidden(Part):
-    """Effects hidden in a simulated or emulated cell: from a separate file, or from a rig file."""
+    """Effects hidden in a simulated or emulated cell, from a separate file or from a rig file."""
 
     effects: tuple[AnyEffect, ...] | None = None
     eccentricity_mm: Vector | None = None
-    """Base-ball less circle centre, in the world frame; None keeps the value of the rig file."""
+    """Position of the base-ball relative to the circle centre, in the world frame. None: the value of the rig file."""
 
     def within(self, rig: Rig) -> Rig:
-        """Return a rig with these effects instead, and this eccentricity of the circle."""
+        """Return a rig with these effects and this eccentricity of the circle."""
         tests = rig.tests
         if tests.circle and self.eccentricity_mm:
             circle = tests.circle.model_copy(update={"eccentricity_mm": self.eccentricity_mm})
@@ -110,13 +110,15 @@ def shipped() -> dict[str, Path]:
 
 
 def shipped_effects() -> dict[str, Path]:
-    """Return the shipped effect files by the name of their rig."""
+    """Return the shipped effect files by the name of the rig."""
     return {file.name.removesuffix(_EFFECTS): file for file in sorted(SHIPPED.glob(f"*{_EFFECTS}"))}
 
 
 def find(name: str | Path) -> Path:
-    """A rig file by path, or a shipped one by name (`paper-fanuc`), or an arm of the library (`ur5`), which is a rig
-    without gauges and tests. Raises FileError with what is shipped."""
+    """Return a rig file by path, a shipped rig by name (`paper-fanuc`), or an arm of the library (`ur5`).
+
+    An arm of the library is a rig that has neither gauges nor tests. Raises FileError that lists the shipped rigs.
+    """
     return _found(name, {**arm_files(), **shipped()}, "rig file", "rig", shipped())
 
 
@@ -139,13 +141,15 @@ def _found(
 
 
 def is_shipped(file: Path) -> bool:
-    """Return whether a rig file is part of the package; its addresses belong to no real cell."""
+    """Return whether a rig file is part of the package. The addresses in it belong to no real cell."""
     return file.resolve().is_relative_to(SHIPPED.resolve())
 
 
 def load(name: str | Path) -> tuple[Rig, str]:
-    """Load a rig with the calibration next to its file; return the rig and the original text. Raises FileError or
-    RigFileError."""
+    """Load a rig with the calibration next to the file. Return the rig and the original text.
+
+    Raises FileError or RigFileError.
+    """
     path = find(name)
     text = rig_text_of(path.stem) if path in arm_files().values() else _text(path)
     rig = parse(text, str(path))
@@ -158,7 +162,7 @@ def load(name: str | Path) -> tuple[Rig, str]:
 
 
 def calibrated_beside(rig: Rig, directory: Path) -> Rig:
-    """Return the rig with its calibration if the file is in a directory, such as that of a run."""
+    """Return the rig with its calibration if the calibration file is in a directory, such as the directory of a run."""
     if rig.calibration is None or not (path := directory / rig.calibration.file).is_file():
         return rig
     return rig.with_calibration(rig.calibration, _calibration(path, rig.calibration))
@@ -213,7 +217,7 @@ def _unreadable(path: Path, error: OSError) -> FileError:
 def named_by(file: str | Path, rig: Rig) -> Iterator[None]:
     """Name the rig file in errors raised in this block, such as `cell.yaml, tests.circle`. Raises FileError.
 
-    Code without the file only knows the name of the rig, shared by copies of the file.
+    Code that does not know the file only has the name of the rig, which copies of the file share.
     """
     try:
         yield
@@ -225,8 +229,8 @@ def named_by(file: str | Path, rig: Rig) -> Iterator[None]:
 
 
 def parse(text: str, where: str) -> Rig:
-    """Parse the text of a rig file; `where` names it in errors. Raises RigFileError."""
-    # Cached, because the runs of a day contain the same text and parsing it takes longer than reading their data.
+    """Parse the text of a rig file. `where` names it in errors. Raises RigFileError."""
+    # Cached: the runs of a day contain the same text, and parsing it takes longer than reading their data.
     if text not in _good:
         while len(_good) >= _MOST_KEPT:
             del _good[next(iter(_good))]
@@ -251,7 +255,7 @@ _SEPARATORS = (",", ";", "\t")
 
 
 def _refuse_other_texts(text: str, where: str) -> None:
-    """Raise FileError for a text that is empty, or a table, and says so."""
+    """Raise FileError with a specific message for a text that is empty or a table."""
     lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith(("#", "---"))]
     if not lines:
         raise FileError(where, "is empty, and no rig file", "write one with rig init cell.yaml")
@@ -265,7 +269,7 @@ def _refuse_other_texts(text: str, where: str) -> None:
 
 
 _LOOKED_AT = 3
-"""Lines of a table that have as many columns."""
+"""Number of lines with an equal number of columns that identify a table."""
 
 
 def load_hidden(name: str | Path) -> Hidden:
@@ -279,7 +283,7 @@ def load_hidden(name: str | Path) -> Hidden:
     if isinstance(data, list):
         data = {"effects": data}
     if not isinstance(data, dict) or not {"effects", "eccentricity_mm", "robot"} & data.keys():
-        # A misspelt key would otherwise silently give a robot without errors.
+        # A misspelt key would otherwise silently give an ideal robot.
         raise FileError(str(path), "lacks the key effects", "write effects: [{effect: …}], or effects: [] for none")
     if "robot" in data:
         data = {"effects": data.get("effects")}

@@ -1,6 +1,6 @@
-"""Describe the mistakes of a rig file: each with line, place and the nearest known name.
+"""Description of the mistakes in a rig file, each with line, place and the nearest known name.
 
-pydantic finds the mistakes; the YAML node tree of the same text gives the lines.
+pydantic finds the mistakes. The YAML node tree of the same text gives the lines.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from rigs.schema.plugins import BROKEN
 
 _MOST_TOLD = 100
 _CLOSE = 0.5
-"""Similarity of a name and a known one (difflib's ratio) for a suggestion."""
+"""Minimum similarity of a name and a known name (ratio of difflib) for a suggestion."""
 _BRIEF = 60
 Place = tuple[int | str, ...]
 _PLAIN = {
@@ -29,12 +29,12 @@ _PLAIN = {
     "union_tag_not_found": "lacks the key that says what it is, `interface` or `effect`; add it",
     "model_attributes_type": "must be a mapping of keys to values",
 }
-"""Replacements for Python terms in pydantic's messages."""
+"""Replacements for Python terms in messages of pydantic."""
 
 
 @dataclass(frozen=True)
 class Problem:
-    """One mistake in a rig file."""
+    """A mistake in a rig file."""
 
     line: int
     place: str
@@ -45,7 +45,7 @@ class Problem:
 
 
 class RigFileError(FileError):
-    """A rig file with mistakes, all listed in `problems`."""
+    """A rig file with mistakes. `problems` lists all of them."""
 
     def __init__(self, path: str, problems: list[Problem]) -> None:
         count = "1 mistake" if len(problems) == 1 else f"{len(problems)} mistakes"
@@ -59,11 +59,10 @@ class RigFileError(FileError):
 def problems_of(
     error: ValidationError, data: Any, root: yaml.Node | None, model: type[BaseModel] = Rig
 ) -> list[Problem]:
-    """Return the mistakes of a rig file in order of their lines: up to a hundred, and the number of the remaining
-    ones."""
+    """Return the mistakes of a rig file in order of the lines: up to a hundred, and the number of further mistakes."""
     details = _with_hidden(data, error.errors(include_url=False), model)
     places = [detail["loc"] for detail in details]
-    # A list is also `too_short` if an entry is wrong; only the entry is the mistake.
+    # A list is also `too_short` if an entry is wrong. Only the entry is the mistake.
     details = [
         detail
         for detail in details
@@ -109,7 +108,10 @@ def _with(data: Any, loc: Place, key: str, value: str) -> Any:
 
 
 def _problem(detail: ErrorDetails, root: yaml.Node | None, model: type[BaseModel]) -> Problem:
-    """Convert an error of pydantic, removing union tags from its location, because the file has no such keys."""
+    """Convert an error of pydantic.
+
+    The tags of unions are removed from the location, because the file has no such keys.
+    """
     place: list[int | str] = []
     node = root
     for position, step in enumerate(detail["loc"]):
@@ -169,7 +171,7 @@ def _nearest(name: str, names: list[str]) -> str:
 
 
 def _keys_at(loc: Place, model: type[BaseModel]) -> list[str]:
-    """Return the keys known by the model at a location; union tags in the location select the member."""
+    """Return the keys known by the model at a location. Union tags in the location select the member."""
     annotation: Any = model
     for step in loc:
         models = _models(annotation)

@@ -1,7 +1,7 @@
-"""Which tests a rig file can drive, and what is missing for the others: one answer for every command.
+"""Tests that a rig file can drive, and the parts missing for the other tests.
 
-A command that drives, simulates, plans, records or imports a test asks here before it starts, so that a missing gauge
-is the first line that a person reads, and not the end of ten programs.
+Every command that drives, simulates, plans, records or imports a test checks this before it starts. A missing gauge is
+then reported immediately, not after ten programs.
 """
 
 from __future__ import annotations
@@ -25,27 +25,29 @@ _ADD_PART: dict[PartName, str] = {
 
 @dataclass(frozen=True)
 class Missing:
-    """One thing that a test needs and a rig file lacks. key: its place in the file; problem: what is missing, in words
-    that follow the file's name; remedy: what to add."""
+    """A part that a test needs and a rig file lacks.
+
+    key: place in the file. problem: text that follows the name of the file. remedy: part to add.
+    """
 
     key: str
     problem: str
     remedy: str
 
     def error(self, rig: Rig) -> FileError:
-        """The error that names it."""
+        """Return the error for the missing part."""
         return FileError(RigPlace.of(rig.name), self.problem, self.remedy)
 
 
 def gauges_needed(test: TestName) -> tuple[str, ...]:
-    """Return the gauges that a test of rig's own is read with."""
+    """Return the gauges required by a built-in test."""
     if test in CIRCLES:
         return ("g1", "g2")
     return ("g1",) if test in get_args(DrivenTest) else ()
 
 
 def missing_for(rig: Rig, test: TestName) -> tuple[Missing, ...]:
-    """Return what a rig file lacks to have a test driven and measured; nothing for a test of another package."""
+    """Return the parts missing in a rig file for driving and measuring a test; none for a test of other packages."""
     arm = missing_arm(rig) if gauges_needed(test) else ()
     part = _missing_part(rig, TEST_PARTS[test]) if test in TEST_PARTS else ()
     return (*arm, *missing_gauges(rig, test), *part)
@@ -65,20 +67,23 @@ def missing_gauges(rig: Rig, test: TestName) -> tuple[Missing, ...]:
 
 
 def _missing_part(rig: Rig, part: PartName) -> Iterator[Missing]:
-    """Yield what to say of a part of `tests` that a rig file lacks."""
+    """Yield the missing part of `tests`, if the rig file lacks it."""
     if getattr(rig.tests, part) is None:
         yield Missing(f"tests.{part}", f"the rig file has no tests.{part}", _ADD_PART[part])
 
 
 def require_part(rig: Rig, declared: P | None, part: PartName) -> P:
-    """Return a part of `tests` as a rig file declares it. Raises FileError if it lacks the part."""
+    """Return a part of `tests` declared in a rig file. Raises FileError if it is missing."""
     if declared is None:
         raise next(_missing_part(rig, part)).error(rig)
     return declared
 
 
 def unmeasurable(rig: Rig) -> tuple[Missing, ...]:
-    """Return what is missing for tests that a rig file declares and has gauges for, but not enough: a mistake in it."""
+    """Return the gauges missing for the declared tests; empty if the rig file has no gauges at all.
+
+    Some gauges, but too few for a declared test, are a mistake in the file.
+    """
     declared = [test for test, part in TEST_PARTS.items() if getattr(rig.tests, part) is not None]
     if not dict(rig.gauges):
         return ()
@@ -86,7 +91,7 @@ def unmeasurable(rig: Rig) -> tuple[Missing, ...]:
 
 
 def readiness_lines(rig: Rig) -> list[str]:
-    """Return which tests a rig file is ready for, and what is missing for each of the others, a line each."""
+    """Return a line with the tests that are ready, and a line for each missing part with the tests that need it."""
     lacks: dict[Missing, list[str]] = {}
     for test in get_args(TestName):
         for missing in missing_for(rig, test):
@@ -97,20 +102,20 @@ def readiness_lines(rig: Rig) -> list[str]:
 
 
 def require_test(rig: Rig, test: TestName) -> None:
-    """Raise FileError with the first thing that a rig file lacks for a test."""
+    """Raise FileError with the first part that a rig file lacks for a test."""
     for missing in missing_for(rig, test):
         raise missing.error(rig)
 
 
 def require_instruments(rig: Rig, test: TestName) -> None:
-    """Raise FileError if readings of a test cannot be of a rig: of its arm, or of its gauges."""
+    """Raise FileError if the arm or the gauges of a rig cannot produce readings of a test."""
     arm = missing_arm(rig) if gauges_needed(test) else ()
     for missing in (*arm, *missing_gauges(rig, test)):
         raise missing.error(rig)
 
 
 def missing_arm(rig: Rig) -> Iterator[Missing]:
-    """Yield why an arm cannot drive the tests of the ball link."""
+    """Yield the reasons for an arm that cannot drive the tests of the ball link."""
     if (axes := len(rig.robot.axes)) != DRIVEN_AXES:
         problem = f"is an arm of {axes} axes, and circles, hemispheres and their programs are of {DRIVEN_AXES}"
         yield Missing("robot.axes", problem, "measure it by poses or touches: docs/any-arm.md")

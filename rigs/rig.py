@@ -1,4 +1,7 @@
-"""The rig: complete description of a cell, including automatic actions of the daemon. One YAML file, one object."""
+"""The rig: complete description of a cell, including automatic actions of the daemon.
+
+The object represents a YAML file.
+"""
 
 from __future__ import annotations
 
@@ -20,20 +23,23 @@ from rigs.schema.robot import Robot
 from rigs.schema.vocabulary import DRIVEN_AXES, MOST_AXES, MakerName, maker_named, maker_of, makers
 
 _LINK_OFF_MM = 10.0
-"""A link is adjusted to the radius within a gauge's range; a larger difference means a different link."""
+"""Largest difference between link and circle radius.
+
+A link is adjusted within the range of a gauge; a larger difference means a different link.
+"""
 
 
 class Rig(Part):
-    """Description of a cell before measurements."""
+    """Description of a cell before any measurement."""
 
     name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]{0,62}$")]
-    """Lower case, digits, - and _; used for the socket, the service and the runs."""
+    """Name of the rig: lower case, digits, - and _; used for the socket, the service and the runs."""
     description: str = ""
     robot: Robot
     gauges: Gauges = Field(default_factory=lambda: NO_GAUGES)
-    """Gauges of rigd and the link tests; not needed in cells with a tracker only."""
+    """Gauges of rigd and the link tests; not needed in cells with only a tracker."""
     feedback: Feedback = Field(default_factory=NoFeedback)  # type: ignore[assignment]
-    """Source of the joint angles: with gauges, alone for touches, or none."""
+    """Source of the joint angles: with gauges, on its own for touches, or none."""
     ball: Ball | None = None
     link: Link | None = None
     temperature: Temperature | None = None
@@ -45,7 +51,7 @@ class Rig(Part):
     automatic: Automatic | None = None
     retention: Retention | None = None
     emulated: bool = False
-    """Set by `rig emulate`: runs of this cell involve no real robot, as every page and screen states."""
+    """Set by `rig emulate`: runs of this cell involve no real robot. Every page and screen states this."""
     replay: str = ""
     """File of timing deviations written by `rig replay`, for a replayed cell."""
 
@@ -53,7 +59,7 @@ class Rig(Part):
 
     @property
     def calibrated(self) -> CalibratedModel | None:
-        """Calibration, or None. Raises FileError if its file was not loaded with the rig."""
+        """Calibration, or None. Raises FileError if the file was not loaded with the rig."""
         if self.calibration and self._calibrated is None:
             raise FileError(
                 self.name,
@@ -64,22 +70,24 @@ class Rig(Part):
 
     @property
     def maker(self) -> MakerName | None:
-        """Maker of the controller according to its feedback, or to the robot's name for general interfaces; None if
-        unknown."""
+        """Maker of the controller according to the feedback; for general interfaces according to the name of the robot.
+
+        None if unknown.
+        """
         return maker_of(self.feedback.interface) or maker_named(self.robot.name)
 
     @property
     def makers(self) -> tuple[MakerName, ...]:
-        """Possible makers of the controller, the likeliest first: only one if known, otherwise all."""
+        """Possible makers of the controller, the most likely first: a single maker if known, otherwise all."""
         return (self.maker,) if self.maker else makers()
 
     @property
     def takes_programs(self) -> bool:
-        """Whether programs and entries for the controller are supported: six axes and no rail."""
+        """True if programs and entries for the controller are supported: six axes and no rail."""
         return self.robot.rail is None and len(self.robot.axes) == DRIVEN_AXES
 
     def with_calibration(self, file: CalibrationFile | None, content: CalibratedModel | None) -> Rig:
-        """Return the rig with a calibration, or without any."""
+        """Return the rig with a calibration, or uncalibrated for None."""
         rig = self.model_copy(update={"calibration": file})
         rig._calibrated = content
         return rig
@@ -94,7 +102,7 @@ class Rig(Part):
         return {self.calibration.file: self._calibrated.content} if self.calibration and self._calibrated else {}
 
     def modelled_as(self, rig: Rig) -> Rig:
-        """Return the rig with the errors of a second rig: effects and calibration."""
+        """Return the rig with the errors of another rig: effects and calibration."""
         return self.model_copy(update={"effects": rig.effects}).with_calibration(rig.calibration, rig._calibrated)
 
     @field_validator("tests")
@@ -141,7 +149,7 @@ class Rig(Part):
     @field_validator("automatic")
     @classmethod
     def _possible(cls, automatic: Automatic | None, info: ValidationInfo) -> Automatic | None:
-        if automatic is None or not {"feedback", "gauges"} <= info.data.keys():  # these have mistakes themselves
+        if automatic is None or not {"feedback", "gauges"} <= info.data.keys():  # these contain mistakes themselves
             return automatic
         gauges = len(list(info.data["gauges"]))
         if not gauges or isinstance(info.data["feedback"], NoFeedback):

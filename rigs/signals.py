@@ -16,7 +16,7 @@ def end_from(ends: SimpleQueue[_End]) -> _End:
     """Return the first end put into a queue by a signal handler or thread.
 
     The system may deliver a signal to any thread, and a main thread sleeping in a lock runs no handler: two of a
-    hundred daemons on a busy computer did not end by Ctrl-C. Therefore this function wakes up twice a second.
+    hundred daemons on a busy computer did not end by Ctrl-C. This function therefore wakes up twice a second.
     """
     while True:
         with contextlib.suppress(Empty):

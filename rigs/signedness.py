@@ -1,6 +1,7 @@
-"""Signed readings that were read as unsigned: where a gauge passes zero, its value jumps by all counts of its type.
+"""Signed readings that were decoded as unsigned: when a gauge passes zero, the value jumps by the full range of the
+type.
 
-Of 16 bits and 0.001 mm a count, -0.019 mm is read as 65.517 mm.
+With 16 bits and 0.001 mm per count, -0.019 mm is read as 65.517 mm.
 """
 
 from __future__ import annotations
@@ -14,19 +15,23 @@ from numpy.typing import NDArray
 _BITS = (8, 12, 16, 24, 32)
 """Widths of registers and of converters."""
 _DECIMALS = range(7)
-"""Counts of 1 mm to 1 nm. A gauge in other units states its scale."""
+"""Decimal digits of a count: 1 mm to 1 nm. A gauge in other units has a scale in the rig file."""
 _MOST_SHARE = 0.1
-"""Share of all counts that readings span at most once they are read as signed. Chosen: a gauge that travels further
-passes many counts in between, and its readings leave no such gap."""
+"""Maximum span of the readings, decoded as signed, as a share of the full range. Chosen: a gauge with a larger travel
+passes many counts in between, and the readings leave no such gap.
+"""
 _FEWEST = 2
-"""Different readings on either side: a single one may be an outlier."""
+"""Minimum number of different readings on either side. A single reading may be an outlier."""
 _EXACT = 1e-3
-"""Tolerance of a jump in shares of the readings' span."""
+"""Tolerance of a jump as a share of the span of the readings."""
 
 
 @dataclass(frozen=True)
 class UnsignedReadings:
-    """Readings (n,) whose larger values are negative ones: the bits of the type, and where those values begin."""
+    """Readings with negative values decoded as large positive values.
+
+    bits: bits of the type. jump: full range of the type. largest: largest reading. meant: signed value of that reading.
+    """
 
     bits: int
     jump: float
@@ -35,7 +40,7 @@ class UnsignedReadings:
 
     @property
     def words(self) -> str:
-        """What happened, with the largest value and what it means."""
+        """Description of the problem with the largest value and its signed equivalent."""
         return (
             f"a signed value was read as unsigned: readings jump by 2^{self.bits} counts ({self.jump:.6g}), so that "
             f"{self.largest:.6g} is {self.meant:.6g}"
@@ -43,13 +48,15 @@ class UnsignedReadings:
 
     @property
     def remedy(self) -> str:
-        """The type to set in the rig file."""
+        """Type to set in the rig file."""
         return f"set `type: int{self.bits}`"
 
 
 def unsigned_readings(values: NDArray[np.float64], scales: Iterable[float] = ()) -> UnsignedReadings | None:
-    """Return what readings (n,) show of a signed value that was read as unsigned; None if they do not. scales: counts
-    in the unit of the readings, in addition to decimal ones."""
+    """Return evidence that readings (n,) contain signed values decoded as unsigned; None if there is none.
+
+    scales: sizes of a count in the unit of the readings, in addition to decimal sizes.
+    """
     seen = np.unique(values[np.isfinite(values)])
     if len(seen) < 2 * _FEWEST:
         return None
@@ -67,7 +74,7 @@ def unsigned_readings(values: NDArray[np.float64], scales: Iterable[float] = ())
 
 
 def _is_wrapped(lower: NDArray[np.float64], upper: NDArray[np.float64], jump: float, count: float) -> bool:
-    """Return whether the upper readings, less a jump, continue the lower ones below zero."""
+    """Return whether the upper readings minus the jump continue the lower readings below zero."""
     back = upper - jump
     span = max(float(lower[-1]), float(back[-1])) - min(float(lower[0]), float(back[0]))
     meets = float(lower[0]) - float(back[-1])

@@ -1,8 +1,8 @@
-r"""Sanitise text from devices, files, names and peers for terminals, logs and pictures.
+r"""Sanitising of text from devices, files, names and peers for terminals, logs and pictures.
 
 Foreign text may contain escape sequences, line ends that forge log lines, marks that reverse the reading direction, and
-lone surrogates. Each such character is replaced by its escape (`\x1b`), so nothing is hidden, and sanitising twice
-changes nothing. Every output of the programs passes through here: docs/decisions/0018-one-gate-for-text.md.
+lone surrogates. Each such character is replaced by an escape (`\x1b`), which hides nothing, and sanitising twice has no
+further effect. Every output of the programs passes through here: docs/decisions/0018-one-gate-for-text.md.
 
 Names may be spelled freely: UR10E, ur-10e and Ur 10e are ur10e.
 """
@@ -18,7 +18,7 @@ from typing import Any
 
 
 def plain(text: str) -> str:
-    """Return text in one line with unprintable characters escaped."""
+    """Return text in a single line with unprintable characters escaped."""
     if text.isprintable():
         return text
     return "".join(char if char.isprintable() else repr(char)[1:-1] for char in text)
@@ -58,7 +58,7 @@ def plain_values(value: Any) -> Any:
 
 
 def listed(numbers: list[int]) -> str:
-    """Format numbers as `3, 7 and 9`, at most eight of them."""
+    """Format numbers as `3, 7 and 9`, limited to eight."""
     shown = [str(number) for number in numbers[:8]]
     if len(numbers) > 8:
         return ", ".join(shown) + f" and {len(numbers) - 8} more"
@@ -69,8 +69,7 @@ _MOST_NEAR = 3
 
 
 def the_same(name: str, names: Collection[str]) -> str | None:
-    """Return the intended name: an exact match, or the only name with the same letters and digits in any case; None
-    if none."""
+    """Return the intended name: an exact match, or the only one that differs just in case or punctuation; else None."""
     if name in names:
         return name
     alike = [candidate for candidate in names if _letters(candidate) == _letters(name)]
@@ -78,7 +77,7 @@ def the_same(name: str, names: Collection[str]) -> str | None:
 
 
 def nearest(name: str, names: Collection[str]) -> list[str]:
-    """Return up to three names containing the given one, or otherwise similar names."""
+    """Return up to three names that contain the given name, or otherwise similar names."""
     written = _letters(name)
     within = [candidate for candidate in names if written and written in _letters(candidate)]
     return (within or difflib.get_close_matches(name.lower(), names, cutoff=0.5))[:_MOST_NEAR]

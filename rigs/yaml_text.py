@@ -1,4 +1,4 @@
-"""Parse and write YAML text: safe loader only, without repeated keys, alias bombs or endless numbers."""
+"""Parsing and writing of YAML text by the safe loader. Repeated keys, alias bombs and endless numbers are refused."""
 
 from __future__ import annotations
 
@@ -10,19 +10,21 @@ import yaml
 from rigs.problems import Problem, RigFileError
 
 _MOST_PARTS = 500_000
-"""Limit of keys and values with all aliases expanded; a megabyte without aliases has fewer."""
+"""Maximum number of keys and values with all aliases expanded. A megabyte of YAML with no aliases has fewer."""
 _LONGEST_NUMBER = 64
-"""Limit in characters; a double has 17 digits. PyYAML reads !!int 1:30 as 90, and takes a minute for a megabyte of
-it."""
+"""Maximum length in characters.
+
+A double has 17 digits. PyYAML reads !!int 1:30 as 90, and takes a minute for a megabyte of it.
+"""
 _LARGEST_WHOLE = 2.0**53
-"""Every double above is whole, with more digits than any user would write."""
+"""Every double above is an integer with more digits than any user would write."""
 _NUMBERS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
 _UNREADABLE = (ValueError, TypeError, AttributeError, LookupError, ArithmeticError)
 """Exceptions of PyYAML for values with explicit tags."""
 
 
 def _as_in_1_2(tag: str, pattern: re.Pattern[str]) -> re.Pattern[str]:
-    """Restrict the pattern of a tag to YAML 1.2: without `yes` as true, `1:30` as 90 and `017` as 15."""
+    """Restrict the pattern of a tag to YAML 1.2, which does not read `yes` as true, `1:30` as 90 or `017` as 15."""
     match tag:
         case "tag:yaml.org,2002:bool":
             return re.compile(r"(?:true|True|TRUE|false|False|FALSE)$")
@@ -32,8 +34,10 @@ def _as_in_1_2(tag: str, pattern: re.Pattern[str]) -> re.Pattern[str]:
 
 
 class _Loader(yaml.SafeLoader):
-    """Safe loader of PyYAML with YAML 1.2 scalars; in YAML 1.1 a length of `yes` would be 1 mm, and `1:10` would be
-    70 mm."""
+    """Safe loader of PyYAML with YAML 1.2 scalars.
+
+    In YAML 1.1 a length of `yes` would be 1 mm, and `1:10` would be 70 mm.
+    """
 
     yaml_implicit_resolvers = {  # noqa: RUF012 - PyYAML's own name, which its stubs have as that of an instance
         first: [(tag, _as_in_1_2(tag, pattern)) for tag, pattern in resolvers]
@@ -74,7 +78,7 @@ def data_of(text: str) -> Any:
 
 
 def flow(value: Any) -> str:
-    """Format a value as one-line YAML, whole numbers without a point."""
+    """Format a value as single-line YAML. Integers have no decimal point."""
     whole = _whole(value)
     text: str = yaml.safe_dump(whole, default_flow_style=True, sort_keys=False, width=10_000, allow_unicode=True)
     return text.strip().removesuffix("\n...").strip()
@@ -82,7 +86,7 @@ def flow(value: Any) -> str:
 
 def _whole(value: Any) -> Any:
     match value:
-        case float():  # including numpy's, which PyYAML rejects
+        case float():  # including those of numpy, which PyYAML rejects
             return int(value) if value.is_integer() and abs(value) < _LARGEST_WHOLE else float(value)
         case dict():
             return {key: _whole(item) for key, item in value.items()}
@@ -122,7 +126,7 @@ def _refuse_repeats_and_long_numbers(root: yaml.Node, where: str) -> None:
 
 
 def _parts(node: yaml.Node, sizes: dict[int, int]) -> int:
-    """Count the parts of a node with aliases expanded: a few lines of nested aliases make billions."""
+    """Count the parts of a node with aliases expanded. A few lines of nested aliases make billions."""
     if id(node) not in sizes:
         sizes[id(node)] = _MOST_PARTS + 1  # limit for a node that contains itself
         inner = node.value if isinstance(node, yaml.CollectionNode) else ()

@@ -1,8 +1,8 @@
-"""Gauge protocols, one per file; the file name is the `interface` in the rig file.
+"""Gauge protocols, one per file. The file name is the `interface` in the rig file.
 
-Each file offers `host(gauges)`, the conversation that reads the gauges on a shared link (mm, one value per gauge, in
-order), and `device(gauges, read)`, the instrument side, where `read(now_ns)` returns the measured values in mm; nan
-means a head in error.
+Each module contains two functions. `host(gauges)` returns the conversation that reads the gauges on a shared link, with
+one value in mm per gauge, in order. `device(gauges, read)` returns the instrument side. `read(now_ns)` returns the
+measured values in mm; nan means a head in error.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""CDI and Starrett IQ indicators: the answer to `R` is fifteen characters, `±########, MM` and CR LF.
+"""CDI and Starrett IQ indicators: the answer to `R` has fifteen characters, `±########, MM` and CR LF.
 
-One of the eight is the decimal point; blanks are possible. Each reading contains the unit, MM or IN. `NOT FOUND`,
-`NO ACCESS`, `OUT OF BOUNDS` and `NON NUMERIC` are error answers (makers' pages, confirmed).
+One of the eight digits is the decimal point; blanks are possible. Each reading contains the unit, MM or IN. `NOT
+FOUND`, `NO ACCESS`, `OUT OF BOUNDS` and `NON NUMERIC` are error answers (pages of the makers, confirmed).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _DECIMALS = {"mm": 4, "inch": 5}
 
 
 def host(gauges: Sequence[CDIIQ]) -> Host:
-    """Return the host side; a cable carries one gauge."""
+    """Return the host side. A cable carries a single gauge."""
     return Polled(TextDialect(gauges, b"R\r", Lines(_END), _read), gauges[0].timeout_s)
 
 

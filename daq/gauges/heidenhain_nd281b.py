@@ -1,12 +1,11 @@
-"""Heidenhain ND 281 B: STX requests a value, latched within 1 ms and sent within 50 ms; about 14 readings/s at 9600
-baud.
+"""Heidenhain ND 281 B: STX requests a value, which is latched within 1 ms and sent within 50 ms. At 9600 baud this
+gives about 14 readings/s.
 
 Format: sign, number with leading blanks (10 characters), blank, unit (blank mm, `"` inch, `?` fault), sorting (`<` `=`
-`>` `?`), series of measurements (S minimum, A actual, G maximum, D difference), CR LF (maker's manual p. 39-42,
-confirmed; the sign in addition to the 10 characters is read from its figure). The length is checked, so that no digit
-can
-be lost. Only the actual value is accepted: in a series the display may show a value that is not a position. ENQ,
-answered by the error text, is not used: STX reports a fault immediately.
+`>` `?`), series of measurements (S minimum, A actual, G maximum, D difference), CR LF (manual of the maker p. 39-42,
+confirmed; the sign in addition to the 10 characters is taken from the figure there). The length is checked, which
+detects lost digits. Only the actual value is accepted: in a series the display may show a value that is not a position.
+ENQ, which returns the error text, is not used: STX reports a fault immediately.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ _DECIMALS = {"mm": 4, "inch": 5}
 
 
 def host(gauges: Sequence[HeidenhainND281B]) -> Host:
-    """Return the host side; a cable carries one gauge."""
+    """Return the host side. A cable carries a single gauge."""
     return Polled(TextDialect(gauges, _STX, Lines(_END), _read), gauges[0].timeout_s)
 
 

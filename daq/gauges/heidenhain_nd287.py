@@ -1,13 +1,11 @@
 """Heidenhain ND 287: `ESC A0100` requests the display content: STX, 10 to 13 characters, CR LF.
 
-Commands, and NAK for unknown ones: maker's manual p. 102-108 (confirmed). The display is read instead of the position,
-`ESC A0200`, which related models (ND 281 B, ND 720) send without the decimal point. Dialogs and errors appear in the
-same
-place, and the unit does not. The unit is in the status bar, `ESC A0800`, read before the first reading and every
-`STATUS_EVERY` requests: STX, a digit for each of operating mode, input, scale factor, compensation, stopwatch, unit (0
-mm, 1 inch, 2 to 4 angles), datum and soft-key page, CR LF (public driver). A display with a status answer in a
-different
-format is read nevertheless. Public drivers ignore NULs before an answer.
+Commands, and NAK for unknown commands: manual of the maker p. 102-108 (confirmed). The display is read instead of the
+position `ESC A0200`, because related models (ND 281 B, ND 720) send the position without the decimal point. Dialogs and
+errors appear in the same place, but not the unit. The unit is in the status bar, `ESC A0800`, which is read before the
+first reading and every `STATUS_EVERY` requests: STX, a digit each for operating mode, input, scale factor,
+compensation, stopwatch, unit (0 mm, 1 inch, 2 to 4 angles), datum and soft-key page, CR LF (public driver). A display
+with a different status format is accepted. Public drivers ignore NULs before an answer.
 """
 
 from __future__ import annotations
@@ -34,17 +32,19 @@ _STATUS_REPLY = re.compile(rb"\x02[ -~]*|\x15")
 _UNITS = {"mm": b"0", "inch": b"1"}
 _DECIMALS = {"mm": 4, "inch": 5}
 STATUS_EVERY = 50
-"""Requests per status request. Chosen: a unit changed on the keypad is noticed within seconds, at the cost of 2 % of
-the readings."""
+"""Requests per status request.
+
+Chosen: a change of unit on the keypad is detected within seconds, at the cost of 2 % of the readings.
+"""
 
 
 def host(gauges: Sequence[HeidenhainND287]) -> Host:
-    """Return the host side; a cable carries one gauge."""
+    """Return the host side. A cable carries a single gauge."""
     return Polled(_Dialect(gauges), gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[HeidenhainND287], read: Read) -> Device:
-    """Return the instrument side; the display shows a head in error."""
+    """Return the instrument side. The display indicates a head in error."""
     units = gauges[0].units
     decimals = _DECIMALS[units]
     fixed = {
@@ -69,7 +69,7 @@ def device(gauges: Sequence[HeidenhainND287], read: Read) -> Device:
 
 
 class _Dialect(TextDialect[HeidenhainND287]):
-    """Display dialect with periodic status requests, repeated while the status forbids reading."""
+    """Dialect of the display with periodic status requests, repeated while the status forbids reading."""
 
     def __init__(self, gauges: Sequence[HeidenhainND287]) -> None:
         self._replies = _Replies(_END)
@@ -99,9 +99,9 @@ class _Dialect(TextDialect[HeidenhainND287]):
 
 
 class _Replies(Lines):
-    """Lines, with NAK as a line by itself and optional leading NULs.
+    """Lines with NAK as a separate line and optional leading NULs.
 
-    A NUL within a line is a character of wrong parity (`daq.wire.serial_port`), without which the number is different.
+    A NUL within a line is a character of wrong parity (`daq.wire.serial_port`). Removing it would change the number.
     """
 
     def feed(self, data: bytes, now_ns: int) -> Sequence[Message | Fault]:

@@ -1,13 +1,13 @@
-"""Keyence DL-RS1A with GT2 heads: `M0` requests all heads together, main unit first.
+"""Keyence DL-RS1A with GT2 heads: `M0` requests all heads together, starting with the main unit.
 
-The answer is `M0,-00.007,+00.018` (seen on a wire: two heads, confirmed); `ER,<command>,<number>` is a refusal, with
-numbers up to 29 from the DL-RS1A/GT2 manual p. 14 (confirmed by its text) and 65 to 67 from manuals of other amplifiers
-on the same unit (weak). `channel` is the field, from 1 (ID 00) on.
+The answer is `M0,-00.007,+00.018` (seen on a wire with two heads, confirmed). `ER,<command>,<number>` is a refusal,
+with numbers up to 29 from the DL-RS1A/GT2 manual p. 14 (confirmed by its text) and 65 to 67 from manuals of other
+amplifiers on the same unit (weak). `channel` is the index of the field, starting at 1 (ID 00).
 
-A head out of range answers a number: all nines, or `-99.998` while it has no value (DL-RS1A/SK-1000 manual p. 11, which
-also gives `+EE.EEE` for an amplifier error; weak for GT2, whose table was not available). So all nines are never
-accepted as a reading. The GT2 manual gives nine characters, `±***.****`; the number of digits is not checked. M0
-answers from a buffer refreshed periodically by the DL-RS1A: readings are older than the request by one cycle.
+A head out of range returns a number: all nines, or `-99.998` if it has no value (DL-RS1A/SK-1000 manual p. 11, which
+also gives `+EE.EEE` for an amplifier error; weak for GT2, because the table was not available). All nines are therefore
+never accepted as a reading. The GT2 manual gives nine characters, `±***.****`; the number of digits is not checked. M0
+returns a buffer refreshed periodically by the DL-RS1A. Readings are older than the request by a cycle.
 """
 
 from __future__ import annotations
@@ -43,14 +43,16 @@ _CHECK = "check the cable, that the DL-RS1A has power, and the line's settings a
 
 def host(gauges: Sequence[KeyenceDLRS1A]) -> Host:
     """Return the host side."""
-    # A unit without heads answers with the request itself.
+    # A unit with no heads returns the request.
     dialect = TextDialect(gauges, b"M0" + _END, Lines(_END), _read, _CHECK, may_echo=False)
     return Polled(dialect, gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[KeyenceDLRS1A], read: Read) -> Device:
-    """Return the communication unit's side, with heads up to the last channel used; a head without a gauge reads
-    zero."""
+    """Return the side of the communication unit, with heads up to the last channel used.
+
+    A head not assigned to a gauge reads zero.
+    """
     form = _FORMAT[gauges[0].units]
 
     def answer(command: bytes, show: Show) -> bytes:

@@ -1,10 +1,10 @@
-"""Magnescale LT20A and LT30: `R` requests all channels; channel 1 is A, 2 is B.
+"""Magnescale LT20A and LT30: `R` requests all channels. Channel 1 is A, channel 2 is B.
 
-`A+12.3456`, optionally with letters before the sign: mode (N current, P peak to peak, I minimum, A maximum), unit (M
-mm, I inch), comparator (U, G, L, E). `A+F…` is an overflow, `AE` an alarm (LT20A/LT30 manual p. 100-101, confirmed). A
-two-channel counter sends B after A and a blank, or in a separate line if so configured, which looks like a late answer:
-configure the blank. `R` and CR LF are taken from the related LT10A (its manual p. 43), and the line settings are
-unknown: weak.
+The answer is `A+12.3456`, optionally with letters before the sign: mode (N current, P peak to peak, I minimum, A
+maximum), unit (M mm, I inch), comparator (U, G, L, E). `A+F…` is an overflow, `AE` an alarm (LT20A/LT30 manual
+p. 100-101, confirmed). A two-channel counter sends B after A and a blank. It can also be configured to send B in a
+separate line, which looks like a late answer: configure the blank. `R` and CR LF are taken from the related LT10A
+(manual p. 43), and the line settings are unknown: weak.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def host(gauges: Sequence[MagnescaleLT]) -> Host:
 
 
 def device(gauges: Sequence[MagnescaleLT], read: Read) -> Device:
-    """Return the counter side; a channel without a gauge reads zero."""
+    """Return the counter side. A channel not assigned to a gauge reads zero."""
 
     def answer(command: bytes, show: Show) -> bytes:
         if command != _REQUEST:
@@ -51,7 +51,7 @@ def device(gauges: Sequence[MagnescaleLT], read: Read) -> Device:
 
 
 def _read(data: bytes, gauge: MagnescaleLT) -> Reading:
-    # A blank may also belong to the text of an alarm, so a channel ends where the next one begins.
+    # A blank may also be part of the text of an alarm, so a channel ends at the start of the next.
     fields = re.split(rb" (?=[AB][NPIAE+-])", data)
     if not all(field[:1] in {b"A", b"B"} and _VALUE.fullmatch(field[1:]) for field in fields):
         return garbled(data)
@@ -65,7 +65,7 @@ def _read(data: bytes, gauge: MagnescaleLT) -> Reading:
 
 
 def value_of(field: bytes, gauge: Probe) -> Reading:
-    """Return the reading after a channel's name in the reply of a Magnescale counter."""
+    """Return the reading that follows the name of a channel in the reply of a Magnescale counter."""
     match = _VALUE.fullmatch(field)
     if not match:
         return garbled(field)
@@ -80,8 +80,7 @@ def value_of(field: bytes, gauge: Probe) -> Reading:
 
 
 def written(value: float) -> bytes:
-    """Format a number in the counter's notation: sign and seven characters, or an overflow or alarm without a
-    number."""
+    """Format a number in the notation of the counter: sign and seven characters, or an overflow or alarm."""
     if not math.isfinite(value):
         return b"E"
     return f"{value:+08.4f}".encode() if abs(value) < 99.99995 else b"+F0.0000"

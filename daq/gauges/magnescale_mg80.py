@@ -1,9 +1,9 @@
-"""Magnescale MG80-SC: the answer to the request given in the rig file, which could not be confirmed.
+"""Magnescale MG80-SC: the answer to the request in the rig file. The protocol could not be confirmed.
 
-A header of five characters (module, counter, mode, unit `M`, comparator `U` `G` `L` `E`), then `±99.9999`; overflow
-`±F0.0000`, alarm `"  Error "` (maker's manual p. 39, confirmed). The mode letters and `I` for inch are assumed to be
-those
-of the LT20A, whose decoder is used. Line settings, request and CR LF are not confirmed.
+The answer has a header of five characters (module, counter, mode, unit `M`, comparator `U` `G` `L` `E`), followed by
+`±99.9999`. An overflow is `±F0.0000`, an alarm `"  Error "` (manual of the maker p. 39, confirmed). The mode letters
+and `I` for inch are assumed to be those of the LT20A, whose decoder is used. Line settings, request and CR LF are not
+confirmed.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ _LENGTH = 13
 
 
 def host(gauges: Sequence[MagnescaleMG80]) -> Host:
-    """Return the host side; a line carries one gauge."""
+    """Return the host side. A line carries a single gauge."""
     request = gauges[0].request.encode() + _END
     dialect = TextDialect(gauges, request, Lines(_END), _read, f"{CHECK}, and `request`")
     return Polled(dialect, gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[MagnescaleMG80], read: Read) -> Device:
-    """Return the interface unit's side."""
+    """Return the side of the interface unit."""
     (gauge,) = gauges
     unit = "M" if gauge.units == "mm" else "I"
 

@@ -1,7 +1,7 @@
-"""Mahr Millimar C1202: `M1?` requests one feature, `?` all three, in one answer joined with `;`.
+"""Mahr Millimar C1202: `M1?` requests a single feature, `?` all three, joined with `;` in a single answer.
 
-`1 ±XXX.XX unit`, followed by up to two of `<` `=` `>` if tolerances are active, and `ERR6` for an inactive feature
-(maker's manual p. 82, confirmed). `channel` is the feature. Each reading contains the unit.
+The answer is `1 ±XXX.XX unit`, followed by up to two of `<` `=` `>` if tolerances are active, or `ERR6` for an inactive
+feature (manual of the maker p. 82, confirmed). `channel` is the feature. Each reading contains the unit.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def host(gauges: Sequence[MahrC1202]) -> Host:
 
 
 def device(gauges: Sequence[MahrC1202], read: Read) -> Device:
-    """Return the instrument side; features without a gauge are inactive."""
+    """Return the instrument side. Features not assigned to a gauge are inactive."""
 
     def answer(command: bytes, show: Show) -> bytes:
         if command in {b"ID?", b"DES?"}:

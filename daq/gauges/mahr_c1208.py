@@ -1,8 +1,9 @@
-"""Mahr Millimar C1208, C1216, C1240, in one of the protocols selectable in their menu.
+"""Mahr Millimar C1208, C1216 and C1240, using a protocol selected in the menu.
 
-OPTORSD and OPTORSS: the answer to `?` is `xxx.xxx<unit>`; M1240: the answer to `M` is `M1, xxx.xxx` without a unit
-(maker's manual p. 67-70, confirmed; baud not given). Each `x` is a digit of the display, with a sign only if shown.
-While the menu is open or the master is being measured the instrument is silent, an additional cause of silence.
+OPTORSD and OPTORSS: the answer to `?` is `xxx.xxx<unit>`. M1240: the answer to `M` is `M1, xxx.xxx` with no unit
+(manual of the maker p. 67-70, confirmed; baud rate not given). Each `x` is a digit of the display, with a sign only if
+shown. The instrument is silent while the menu is open or the master is being measured, which is an additional cause of
+silence.
 """
 
 from __future__ import annotations
@@ -28,14 +29,14 @@ _CHECK = f"close its menu and end any master measurement, during which it is sil
 
 
 def host(gauges: Sequence[MahrC1208]) -> Host:
-    """Return the host side; a cable carries one gauge."""
+    """Return the host side. A cable carries a single gauge."""
     protocol = gauges[0].protocol
     dialect = TextDialect(gauges, _REQUEST[protocol] + b"\r", Lines(_END[protocol]), _read, _CHECK)
     return Polled(dialect, gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[MahrC1208], read: Read) -> Device:
-    """Return the instrument side; a head in error is represented by an open menu."""
+    """Return the instrument side. An open menu represents a head in error."""
     (gauge,) = gauges
 
     def answer(command: bytes, show: Show) -> bytes:

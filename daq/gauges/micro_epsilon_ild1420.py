@@ -1,14 +1,15 @@
-"""Micro-Epsilon optoNCDT 1420 on RS-422: a stream of three bytes per value without a request or timestamp.
+"""Micro-Epsilon optoNCDT 1420 on RS-422: an unprompted stream of three bytes per value, with no timestamp.
 
-The two top bits identify the bytes: 00 low, 01 middle, 10 high, each with six bits of the value; 11 is the high byte of
-a further value in the same block (maker's manual p. 84). A distance x counts from the start of the measuring range, d =
-(102/65520 x - 1)/100 range, and is in range for x of 643 … 64877 (p. 65). Codes from 262075 on are assumed to be
-errors, not confirmed. `OUTPUT RS422` starts the stream (p. 108), and its ASCII answer appears between the values.
+The two top bits identify the bytes: 00 low, 01 middle, 10 high, each with six bits of the value. 11 is the high byte of
+a further value in the same block (manual of the maker p. 84). A distance x counts from the start of the measuring
+range, d = (102/65520 x - 1)/100 range, and is in range for x of 643 … 64877 (p. 65). Codes from 262075 are assumed to
+be errors, not confirmed. `OUTPUT RS422` starts the stream (p. 108). The ASCII response to it appears between the
+values.
 
-The stream is synchronised after a high byte, and a misplaced byte costs the data up to the next one: ASCII has none, so
-it can neither be taken for a value nor complete one. If a block contains more than the distance, the meaning of the
-values is unknown, so a value is accepted only if the previous one was alone in its block. Mastering (zero setting)
-shifts the formula and must be off.
+The stream is synchronised after a high byte, and a misplaced byte costs the data up to the next high byte. ASCII
+contains no high byte and can neither be mistaken for a value nor complete one. If a block contains more than the
+distance, the meaning of the values is unknown. A value is therefore accepted only if the previous value was the only
+value of a block. Mastering (zero setting) shifts the formula and must be off.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ _MORE = Trouble("the sensor sends more than the distance; select the distance al
 
 
 def host(gauges: Sequence[MicroEpsilonILD1420]) -> Host:
-    """Return the host side; a line carries one sensor."""
+    """Return the host side. A line carries a single sensor."""
     (gauge,) = gauges
     return QuicklyStreamed(_ILD1420Dialect(gauge), gauge.timeout_s)
 
@@ -49,7 +50,7 @@ def device(gauges: Sequence[MicroEpsilonILD1420], read: Read) -> Device:
 
 
 class _Values:
-    """Splits the stream into values, and reports a misplaced byte once."""
+    """Splits the stream into values and reports a misplaced byte once."""
 
     def __init__(self) -> None:
         self._bytes = bytearray()
@@ -65,7 +66,7 @@ class _Values:
         self._lost = True
 
     def take_begun(self) -> list[Arrival] | None:
-        """Remove and return the bytes of an unfinished value; None while the stream is out of step."""
+        """Remove and return the bytes of an unfinished value; None while the stream is not synchronised."""
         if self._lost:
             return None
         begun = [(bytes(self._bytes), self._first_ns)] if self._bytes else []
@@ -102,7 +103,7 @@ class _ILD1420Dialect:
         self.frames = _Values()
         self._gauge = gauge
         self._alone = True
-        """Whether the last message is so far the only value of its block."""
+        """True if the last message is the only value of a block, as far as known."""
 
     def start(self) -> bytes:
         return _START
@@ -154,12 +155,12 @@ class _ILD1420Dialect:
 
 
 def _mm(x: float | NDArray[np.int64], gauge: MicroEpsilonILD1420) -> Any:
-    """Return the distance of one or several codes, relative to the gauge's zero."""
+    """Return the distances in mm for codes, relative to the zero of the gauge."""
     return (102 / 65520 * x - 1) / 100 * gauge.range_mm - gauge.zero_mm
 
 
 class _Sensor(SteadyDevice):
-    """The sensor, at a measuring rate of 1 kHz."""
+    """The sensor, with a measuring rate of 1 kHz."""
 
     IS_STREAM = True
 
@@ -182,5 +183,5 @@ class _Sensor(SteadyDevice):
         x = (distance_mm / self._gauge.range_mm * 100 + 1) * 65520 / 102
         good = math.isfinite(x) and 0 <= round(x) <= 65520
         code = round(x) if good else _NO_PEAK
-        self.sent -= not good  # an error is not a reading
+        self.sent -= not good  # errors do not count as readings
         return bytes(tag << 6 | code >> 6 * tag & 0x3F for tag in (_LOW, _MIDDLE, _HIGH))

@@ -1,7 +1,7 @@
-"""Mitutoyo QM-Height on its USB port: the replies of `mitutoyo_usb`, each with twelve characters and CR.
+"""Mitutoyo QM-Height on the USB port: the replies of `mitutoyo_usb`, each with twelve characters and CR.
 
-`01A+0000.123` in mm, `01A+00.12345` or `01A+000.1234` in inch (maker's manual p. 73, confirmed): the number of decimals
-gives the unit. The request `1` is assumed to be the same, not confirmed.
+`01A+0000.123` in mm, `01A+00.12345` or `01A+000.1234` in inch (manual of the maker p. 73, confirmed): the number of
+decimals indicates the unit. The request `1` is assumed to be the same, not confirmed.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _UNIT = {3: b"mm", 4: b"inch", 5: b"inch"}
 
 
 def host(gauges: Sequence[MitutoyoQMHeight]) -> Host:
-    """Return the host side; a cable carries one gauge."""
+    """Return the host side. A cable carries a single gauge."""
     return Polled(TextDialect(gauges, b"1\r", Lines(b"\r"), _read), gauges[0].timeout_s)
 
 

@@ -1,7 +1,7 @@
 """Mitutoyo gauges on a USB virtual COM port (0fe7:4001): the answer to `1` is `01A`, a sign and a number.
 
-A reply starting with `9` is an error (public code, confirmed; the meaning of its numbers is not). The unit is not
-transmitted, so `units` must be that of the gauge's display. `V` requests the identification.
+A reply starting with `9` is an error (public code, confirmed; the meaning of the numbers is not confirmed). The unit is
+not transmitted, so `units` must match the display of the gauge. `V` requests the identification.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _LONGEST = 9
 
 
 def host(gauges: Sequence[Probe]) -> Host:
-    """Return the host side; a cable carries one gauge."""
+    """Return the host side. A cable carries a single gauge."""
     return Polled(TextDialect(gauges, b"1" + _END, Lines(_END), read_reply), gauges[0].timeout_s)
 
 

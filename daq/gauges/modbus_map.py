@@ -1,4 +1,4 @@
-"""Any Modbus gauge by its register map: one read of the whole block per reading, RTU or TCP.
+"""Any Modbus gauge described by a register map. Each reading is a single read of the complete block by RTU or TCP.
 
 Several gauges on a line or behind a gateway are polled in turn (`daq.protocol.bus`).
 """
@@ -29,16 +29,18 @@ from rigs.schema.modbus import ModbusMap, Order
 from rigs.schema.probe import MM_PER_UNIT
 
 _BELIEVED = 20
-"""Plausible lengths in a row that confirm the byte order; a third of the numbers in a wrong order are also lengths.
+"""Number of consecutive plausible lengths that confirm the byte order. A third of the numbers in a wrong order are also
+lengths.
 
-For a slowly moving probe these are not independent: at least as many are needed as there were implausible ones.
+The numbers of a slowly moving probe are not independent: at least as many are required as there were implausible
+numbers.
 """
 _FINE_MM = 1e-6
-"""A smaller number other than 0 is hardly a reading: it confirms no order, and is doubted if it persists."""
+"""Smallest plausible reading except 0. Smaller numbers confirm no byte order, and are doubted if they persist."""
 
 
 def host(gauges: Sequence[ModbusMap]) -> Host:
-    """Return the host side, for one gauge or several in turn."""
+    """Return the host side for one or several gauges polled in turn."""
 
     def exchange(gauge: ModbusMap, wire: Wire, shared: bool) -> Polled:
         return Polled(dialect(gauge, wire), gauge.timeout_s, gauge.rate_hz, shared=shared)
@@ -57,19 +59,19 @@ def dialect(gauge: ModbusMap, wire: Wire) -> RegisterDialect:
 
 
 def held(gauge: ModbusMap, read: Read, place: int = 0) -> Held:
-    """Return the content of the instrument's block as a function of time. place: index of its reading."""
+    """Return the content of the block as a function of time. place: index of the reading of this gauge."""
     return lambda now_ns: _registers(gauge, read(now_ns)[place], now_ns)
 
 
 class _Readings:
-    """Interprets the answers of one gauge in order."""
+    """Interprets the answers of a gauge in order."""
 
     def __init__(self, gauge: ModbusMap) -> None:
         self._gauge = gauge
         self._mistrusted = 0
         """Number of plausible lengths still needed for confirmation."""
         self._fine = True
-        """Whether the last number was below _FINE_MM; the first one must not be either."""
+        """True if the last number was below _FINE_MM, and initially."""
 
     def __call__(self, registers: Registers, message: Message, requested_ns: int) -> Sample | Fault:
         gauge, at_ns = self._gauge, message.last_byte_ns
@@ -96,10 +98,10 @@ class _Readings:
         return Sample((value_mm,), requested_ns, message.first_byte_ns, at_ns, message.size, clock_s, code)
 
     def _refusal(self, value_mm: float, registers: Registers) -> tuple[FaultKind, str] | None:
-        """Return the reason for rejecting the number: alone, or as a repeated value below a nanometre.
+        """Return the reason for rejecting the number, by itself or as a repeated value below a nanometre.
 
-        A swapped number of a resting probe may repeatedly be that small. A rounding error may be too, but is hardly a
-        length in a different order.
+        A probe at rest with swapped bytes may repeatedly give such a small number. A rounding error may do so too, but
+        is hardly a length in a different order.
         """
         fine_before, self._fine = self._fine, 0 < abs(value_mm) < _FINE_MM
         refused = refusal(value_mm, self._gauge)
@@ -120,7 +122,7 @@ def _mm(raw: float, gauge: ModbusMap) -> float:
 
 
 def _in_other_orders(registers: Registers, gauge: ModbusMap) -> list[str]:
-    """Return the values in the other orders, if they are lengths."""
+    """Return the values in the other orders that are possible lengths."""
     readings = []
     for word_order, byte_order in product(get_args(Order), repeat=2):
         orders: dict[str, Order] = {"word_order": word_order, "byte_order": byte_order}
@@ -142,7 +144,7 @@ def _clock_s(gauge: ModbusMap, registers: Registers) -> float:
 
 
 def _registers(gauge: ModbusMap, reading_mm: float, now_ns: int) -> list[int] | None:
-    """Return all registers; None without a reading and without a status register."""
+    """Return all registers; None if there is neither a reading nor a status register."""
     raw = (reading_mm / MM_PER_UNIT[gauge.units] - gauge.value.offset) / gauge.value.scale
     good = fits(raw, gauge.value)
     if not good and gauge.status is None:

@@ -1,10 +1,10 @@
-"""Solartron Orbit ACS: a reading and its status, two parameters read one after the other.
+"""Solartron Orbit ACS: a reading and its status, which are two parameters read in sequence.
 
-A parameter is a float32 in the two registers from its address + 8000 on, and must be read completely and singly. The
-status validates the reading: 0 good, 18 under and 19 over range, 246 wrong probe, 247 none (manual p. 32, 48-54,
-confirmed). So each sample takes two requests, with the stamps of the first. The parameter numbers are in the maker's
-parameter map and in the rig file; function, word order, the float32 type of the status, and the line settings are not
-confirmed.
+A parameter is a float32 in two registers, starting at the parameter address + 8000. It must be read completely, in a
+separate read. The status validates the reading: 0 good, 18 under and 19 over range, 246 wrong probe, 247 none (manual
+p. 32, 48-54, confirmed). Each sample therefore takes two requests and has the stamps of the first. The parameter
+numbers are given in the parameter map of the maker and in the rig file. Function, word order, the float32 type of the
+status, and the line settings are not confirmed.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _STATUS = {
 
 
 def host(gauges: Sequence[SolartronOrbit]) -> Host:
-    """Return the host side, for one probe or several in turn."""
+    """Return the host side for one or several probes polled in turn."""
 
     def exchange(gauge: SolartronOrbit, wire: Wire, shared: bool) -> Polled:
         return Polled(_OrbitDialect(gauge, wire), gauge.timeout_s, shared=shared)
@@ -62,7 +62,7 @@ def device(gauges: Sequence[SolartronOrbit], read: Read) -> Device:
 
 
 def _block(gauge: SolartronOrbit, parameter: int) -> ModbusMap:
-    """Return one parameter as a register map."""
+    """Return a parameter as a register map."""
     address = _FLOATS + parameter
     return ModbusMap(
         interface="modbus_map",
@@ -74,12 +74,12 @@ def _block(gauge: SolartronOrbit, parameter: int) -> ModbusMap:
 
 
 def _status_block(gauge: SolartronOrbit) -> ModbusMap:
-    """Return the status as a register map; a plain number, so mm leaves it unchanged."""
+    """Return the status as a register map. The unit mm leaves the number unchanged."""
     return _block(gauge, gauge.status_parameter).model_copy(update={"units": "mm"})
 
 
 class _OrbitDialect:
-    """Reads the value, then its status."""
+    """Reads the value, followed by the status."""
 
     reset = b""
 
@@ -90,9 +90,9 @@ class _OrbitDialect:
         self.frames = wire.frames
         self.check, self.babble = self._value.check, self._value.babble
         self._held: Sample | None = None
-        """Reading awaiting confirmation."""
+        """Reading awaiting the confirmation by the status."""
         self._asked: Sample | None = None
-        """Reading to be confirmed by the last request; None if that was for a reading."""
+        """Reading to be confirmed by the last request; None if that requested a reading."""
 
     def request(self) -> bytes:
         self._asked, self._held = self._held, None

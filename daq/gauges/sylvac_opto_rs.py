@@ -1,15 +1,15 @@
 """Sylvac Opto-RS, simplex or duplex cable: a reading for each `?`, or continuous readings after `OUT1`.
 
-Commands and replies end in CR: `?`, `ID?`, `UNI?`, `SET?`, `MOD?`, `OUT1`, `OUT0`. A reading is a sign (`+`, `-` or a
-blank), digits, a point, digits, and in tolerance mode one of `<` `=` `>`; errors are `ERR0` … `ERR3`; `SY…` is sent at
-power-on, after which a cable has forgotten `OUT1` (maker's manuals, confirmed). The answers to `ID?`, `UNI?`, `SET?`
-and
-`MOD?`, and the absence of answers to `OUT0` and `OUT1`, are assumptions; the host uses none of them.
+Commands and replies end in CR: `?`, `ID?`, `UNI?`, `SET?`, `MOD?`, `OUT1`, `OUT0`. A reading consists of a sign (`+`,
+`-` or a blank), digits, a point, digits, and in tolerance mode one of `<` `=` `>`. Errors are `ERR0` … `ERR3`. `SY…` is
+sent at power-on, after which the cable is no longer in the mode `OUT1` (manuals of the maker, confirmed). The answers
+to `ID?`, `UNI?`, `SET?` and `MOD?`, and the absence of answers to `OUT0` and `OUT1`, are assumptions; the host does
+not rely on them.
 
-The cable is powered by the port: a duplex cable needs DTR on and RTS off, a simplex cable both on. A simplex cable
+The port powers the cable: a duplex cable needs DTR on and RTS off, a simplex cable needs both on. A simplex cable
 receives no commands and sends a reading when DTR goes off (same manuals, confirmed).
 
-The sign is mandatory: without it a lost first byte would change the sign.
+The sign is mandatory: otherwise the loss of the first byte would change the sign.
 """
 
 from __future__ import annotations
@@ -51,20 +51,22 @@ _ERRORS = {
 _BY_LINE = b"?"
 """Request of a simplex cable, represented by a pulse of DTR."""
 _OFF_NS = 120_000_000
-"""DTR off for at least 110 ms requests a reading from a simplex cable (Sylvac Opto instruments, user manual p.
-12-13)."""
+"""DTR off for at least 110 ms requests a reading from a simplex cable.
+
+Source: Sylvac Opto instruments, user manual p. 12-13.
+"""
 _DECIMALS = {"mm": 4, "um": 1, "inch": 5}
 
 
 def host(gauges: Sequence[SylvacOptoRS]) -> Host:
-    """Return the host side; a cable carries one gauge."""
+    """Return the host side. A cable carries a single gauge."""
     (gauge,) = gauges
     if gauge.mode == "continuous":
         return streamed.Streamed(_Continuous(gauge), gauge.timeout_s)
     if gauge.cable == "simplex":
         dialect = TextDialect(gauges, _BY_LINE, Lines(_END), _read)
         return AskedByLine(polled.Polled(dialect, gauge.timeout_s, shared=True), _OFF_NS)
-    # A cable may still be in continuous mode.
+    # The cable may still be in continuous mode.
     return polled.Polled(TextDialect(gauges, b"?\r", Lines(_END), _read, reset=b"OUT0\r"), gauge.timeout_s)
 
 
@@ -88,7 +90,7 @@ def _read(data: bytes, gauge: SylvacOptoRS) -> Reading:
 
 
 class _Continuous:
-    """Sends `OUT1`, and repeats it whenever the cable may have forgotten it."""
+    """Sends `OUT1`, and repeats it whenever the cable may have left this mode."""
 
     check = CHECK
 
@@ -112,7 +114,7 @@ class _Continuous:
 
 
 class _Cable(TextDevice):
-    """The instrument; in continuous mode it sends whenever the line is free, so it requests an immediate wake-up."""
+    """The instrument. In continuous mode it sends whenever the line is free, so it requests an immediate wake-up."""
 
     def __init__(self, gauge: SylvacOptoRS, read: Read) -> None:
         super().__init__([gauge], read, Lines(_END), self._reply)

@@ -1,7 +1,7 @@
-"""TESA TT80 and TT90: a reading for each `?`, `±xxxx.xx` in mm and `±xxx.xxx` in µm (maker's manual p. 94).
+"""TESA TT80 and TT90: a reading for each `?`, `±xxxx.xx` in mm and `±xxx.xxx` in µm (manual of the maker p. 94).
 
-The format is the only sign of the unit, so a reading in the format of the other unit is refused. `ERR23` is confirmed,
-its meaning is not. The host only uses `?`; the answers to `ID?`, `UNI?`, `RNG?` and `VER?` are assumptions.
+Only the format indicates the unit, so a reading in the format of the other unit is refused. `ERR23` is confirmed, but
+not its meaning. The host uses only `?`; the answers to `ID?`, `UNI?`, `RNG?` and `VER?` are assumptions.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _FORMAT = {"mm": "+08.2f", "um": "+08.3f"}
 
 
 def host(gauges: Sequence[TesaTT]) -> Host:
-    """Return the host side; a cable carries one gauge."""
+    """Return the host side. A cable carries a single gauge."""
     return Polled(TextDialect(gauges, b"?\r", Lines(_END), _read), gauges[0].timeout_s)
 
 

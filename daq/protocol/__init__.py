@@ -1,1 +1,4 @@
-"""Building blocks of all protocols: conversations and items, framing, polling, listening. No operating system."""
+"""Building blocks of all protocols: conversations, items, framing, polling and listening.
+
+Independent of the operating system.
+"""

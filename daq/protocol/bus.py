@@ -1,14 +1,15 @@
 """Several instruments on a shared line or behind a gateway, polled in turn.
 
-Each instrument has an exchange of requests and answers (`daq.protocol.polled`) with individual time-out, rate and
-faults; the bus decides the order. The turn goes to the instrument waiting longest since it was due, so instruments of
-equal rate are polled equally often. Answers name the instrument, so the next request is sent as soon as the time-out of
-a silent instrument has passed. A silent instrument pauses for its time-out, and after `PATIENCE` time-outs in a row for
-twice as long each time, up to `LONGEST_REST_NS`: it costs the other instruments one time-out in each pause.
+Each instrument has an exchange of requests and answers (`daq.protocol.polled`) with an individual time-out, rate and
+faults. The bus decides the order: the next turn goes to the instrument that has been due longest, so instruments of
+equal rate are polled equally often. Answers name the instrument, so the next request can be sent immediately after the
+time-out of a silent instrument. A silent instrument pauses for the duration of the time-out. After `PATIENCE`
+consecutive time-outs the pause doubles each time, up to `LONGEST_REST_NS`. In each pause a silent instrument costs the
+others a single time-out.
 
-Between two exchanges the line is idle for `gap_ns`, so that instruments recognise the start of a frame, and for
-`QUIET_NS` after unreadable data, so that the remainder does not collide with the next request. Data received between
-exchanges belongs to no instrument and is reported.
+Between two exchanges the line is idle for `gap_ns`, so that instruments recognise the start of a frame. After
+unreadable data it is idle for `QUIET_NS`, so that the remainder does not collide with the next request. Data received
+between exchanges belongs to no instrument and is reported.
 """
 
 from __future__ import annotations
@@ -23,19 +24,19 @@ from daq.protocol.polled import Polled, Stirring
 
 PATIENCE = 3
 LONGEST_REST_NS = 2_000_000_000
-"""Longest pause; somebody who reconnects a gauge expects readings within seconds."""
+"""Longest pause. After reconnecting a gauge, the operator expects readings within seconds."""
 QUIET_NS = 20_000_000
-"""An adapter may delay the end of a message by 16 ms."""
+"""Idle time after unreadable data: an adapter may delay the end of a message by 16 ms."""
 _MOST_QUIET_NS = 200_000_000
-"""Limit for a line kept busy by a second host."""
+"""Limit of the idle time on a line kept busy by a second host."""
 
 
 @dataclass
 class Member:
-    """Instrument on the line.
+    """An instrument on the line.
 
-    name: for display. exchange: requests and answers. timeout_ns: limit for an answer. wake_ns: time of the next
-    request or of the time-out. turns: number of requests. silences: time-outs in a row.
+    name: name for display. exchange: requests and answers. timeout_ns: time limit for an answer. wake_ns: time of the
+    next request or of the time-out. turns: number of requests. silences: number of consecutive time-outs.
     """
 
     name: str
@@ -47,14 +48,17 @@ class Member:
 
 
 class Bus:
-    """Host side of a line with several instruments; each sample has the value of one instrument, the others are nan."""
+    """Host side of a line with several instruments.
+
+    Each sample has the value of a single instrument; the others are nan.
+    """
 
     def __init__(
         self, members: Sequence[Member], frames: Framer, stray: Callable[[Message], Fault], gap_ns: int
     ) -> None:
         """Create the host side of a line.
 
-        frames: framer used by all members. stray: creates the fault for a message without a request.
+        frames: framer used by all members. stray: creates the fault for an unrequested message.
         """
         self._members = members
         self._frames = frames
@@ -63,7 +67,7 @@ class Bus:
         """Idle time between two exchanges."""
         self._asked: Member | None = None
         self._free_ns = self._idle_ns = 0
-        """Time at which the line is available, and time since which no request is pending."""
+        """Time from which the line is available, and time since which no request is pending."""
         self._stirring = Stirring()
         self._bursts = Bursts()
 
@@ -94,11 +98,11 @@ class Bus:
         items: list[Item] = [*self._bursts.end()]
         for member in self._members:
             items += self._items_of(member, member.exchange.lost(now_ns))
-            self._frames.clear()  # an unfinished message is counted once
+            self._frames.clear()  # an unfinished message is counted only once
         return tuple(items)
 
     def _after(self, member: Member, step: Step, now_ns: int) -> Step:
-        """Process a step of the polled member; nothing is added before the end of its turn."""
+        """Process a step of the polled member. Its turn ends only after the exchange."""
         items = self._items_of(member, step.items)
         member.wake_ns = now_ns if step.wake_ns is None else step.wake_ns
         if member.exchange.asking:
@@ -116,7 +120,7 @@ class Bus:
         return self._next(items, now_ns)
 
     def _next(self, items: Sequence[Item], now_ns: int) -> Step:
-        """Let the next member send its request if the line is free."""
+        """Let the next member send a request if the line is free."""
         first = min(self._members, key=lambda member: (member.wake_ns, member.turns))
         due_ns = max(first.wake_ns, self._free_ns)
         if due_ns > now_ns:
@@ -129,7 +133,7 @@ class Bus:
         return Step(step.send, (*items, *self._items_of(first, step.items)), first.wake_ns)
 
     def _items_of(self, member: Member, items: Sequence[Item]) -> list[Item]:
-        """Map the items of a member to the line: the value to its column, faults to its name and column."""
+        """Map the items of a member to the line: values to the column, faults to the name and column of the member."""
         place, placed = self._members.index(member), list[Item]()
         for item in items:
             if isinstance(item, Fault):

@@ -1,14 +1,14 @@
 """Interface of every protocol: bytes and time in; bytes to send, samples and faults out.
 
-A conversation touches no port, socket or clock. The caller owns the link and the clock, calls `connected` once, then
-`received` for incoming bytes, or `tick` when `wake_ns` has passed without data. Host side and device side of a protocol
-are both conversations; a device side sends bytes and emits no items.
+A conversation accesses no port, socket or clock. The caller owns the link and the clock. It calls `connected` once,
+then `received` for incoming bytes, or `tick` when `wake_ns` has passed and no data has arrived. Host side and device
+side of a protocol are both conversations. A device side sends bytes and emits no items.
 
 A fault is an item in the stream, never an exception: a faulty peer must not end an acquisition. Times are integer
-nanoseconds of the host's monotonic clock.
+nanoseconds of the monotonic clock of the host.
 
-Repeated faults are reported once a second. The first fault is reported immediately. Subsequent ones without a valid
-message in between are counted, and reported as one fault after a second or when they end. Kinds with a separate count
+Repeated faults are reported once a second. The first fault is reported immediately. Subsequent faults not separated by
+a valid message are counted, and reported as a single fault after a second or when they end. Kinds with a separate count
 or rate (SILENT, LATE, SKIPPED) pass unchanged.
 """
 
@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 NO_TIME = -1
-"""Missing stamp: the request of a device that streams unprompted."""
+"""Timestamp for a missing request, used for a device that streams unprompted."""
 
 
 class FaultKind(StrEnum):
@@ -35,44 +35,44 @@ class FaultKind(StrEnum):
     GARBLED = "garbled"
     """Bytes that do not form a message of this protocol; ignored."""
     MISSHAPEN = "misshapen"
-    """Number with a different format than the previous ones: a character is lost, doubled or wrong; left out."""
+    """A number in a different format than before: a character is lost, doubled or wrong. The number is left out."""
     UNIT_CHANGED = "unit_changed"
-    """Change in the number of decimals, or of the readings by a factor of 25.4: in/mm was pressed."""
+    """A change in the number of decimals, or of the readings by a factor of 25.4: the in/mm key was pressed."""
     LINE = "line"
     """Characters reported by the port as lost or damaged: overrun, framing or parity errors."""
     DEVICE_ERROR = "device_error"
     """The device answered with an error code."""
     MISSING = "missing"
-    """A valid message without the requested channel or field."""
+    """A valid message that lacks the requested channel or field."""
     SILENT = "silent"
     """No answer within the time-out."""
     LATE = "late"
-    """Data after its time, ignored: an answer to an abandoned request, or a datagram repeated or out of order."""
+    """Late data, ignored: an answer to an abandoned request, or a repeated or reordered datagram."""
     SKIPPED = "skipped"
-    """The device's clock or counter shows missing messages."""
+    """The clock or counter of the device reveals missing messages."""
     STRANGER = "stranger"
-    """Data of a third party, ignored: a datagram of a different sender, a request of a second master."""
+    """Data of a third party, ignored: a datagram of a different sender, or a request of a second master."""
     DISCONNECTED = "disconnected"
     """The link is lost or cannot be opened."""
     DOUBTFUL = "doubtful"
-    """Well-formed but implausible readings; kept."""
+    """Well-formed but implausible readings. They are stored."""
     DROPPED = "dropped"
     """Samples lost on the host because a buffer was full."""
     OUT_OF_STEP = "out_of_step"
-    """A replay was out of step with its capture; counted in seconds."""
+    """A replay deviated from the timing of the capture. The count is in seconds."""
     STALLED = "stalled"
     """The host, rigd or a reader stalled: data was read and stamped late."""
     CLOCK = "clock"
-    """The host's wall clock was set, or the host slept; reported for the host instead of a stream."""
+    """The wall clock of the host was set, or the host slept. Reported for the host instead of a stream."""
 
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """One message with a reading.
+    """A message with a reading.
 
     values: in the order of the columns, in file units (mm, degrees); nan for a value absent from the message. size:
-    bytes of the message, for the transmission time. device_time_s: time of the device's clock, or nan. status: 0 for
-    good, otherwise the device's code for a doubtful reading.
+    bytes of the message, for the transmission time. device_time_s: time of the device clock, or nan. status: 0 for
+    good, otherwise the code of the device for a doubtful reading.
     """
 
     values: tuple[float, ...]
@@ -86,7 +86,7 @@ class Sample:
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """Description of a problem with advice; `count` messages were affected.
+    """A problem with advice; `count` messages were affected.
 
     A count of 0 adds details to an earlier fault. column: index of the affected gauge among the columns if gauges are
     polled separately; not stored.
@@ -103,7 +103,7 @@ class Fault:
 class Samples(Sequence[Sample]):
     """Block of samples as arrays, for efficiency.
 
-    values: (n, columns); every other field: (n,).
+    values: (n, columns). All other fields: (n,).
     """
 
     values: NDArray[np.float64]
@@ -133,7 +133,7 @@ class Samples(Sequence[Sample]):
         return cls(*(np.concatenate(parts) for parts in zip(*map(_FIELDS, full), strict=True)))
 
     def chosen(self, which: slice | NDArray[np.bool_]) -> Samples:
-        """Return the samples of a slice or mask (n,); stamps in ns."""
+        """Return the samples of a slice or mask (n,). The stamps are in ns."""
         return Samples(*(column[which] for column in _FIELDS(self)))
 
     def __len__(self) -> int:
@@ -155,18 +155,18 @@ class Samples(Sequence[Sample]):
 
 
 _FIELDS: attrgetter[tuple[Any, ...]] = attrgetter(*(field.name for field in fields(Sample)))
-"""Getter of all fields, in the order shared by samples and blocks."""
+"""Getter of all fields, in the common order of samples and blocks."""
 _KINDS = (np.float64, np.int64, np.int64, np.int64, np.int64, np.float64, np.int64)
 _NONE: list[Any] = [np.empty(0, kind) for kind in _KINDS[1:]]
 NO_SAMPLES = Samples(np.empty((0, 0)), *_NONE)
 
 Item = Sample | Samples | Fault
 Arrival = tuple[bytes, int]
-"""Bytes received together, and their stamp."""
+"""Bytes received together, and their timestamp."""
 
 
 def packed(items: Sequence[Item]) -> list[Samples | Fault]:
-    """Combine adjacent single samples into blocks, preserving the order of all items."""
+    """Combine adjacent samples into blocks. The order of all items is preserved."""
     blocks: list[Samples | Fault] = []
     for kind, group in groupby(items, type):
         alike: list[Any] = list(group)
@@ -178,8 +178,8 @@ def packed(items: Sequence[Item]) -> list[Samples | Fault]:
 class Step:
     """Actions requested by a conversation: bytes to send, items to pass on, wake-up time.
 
-    hang_up: the link is of no further use (stream out of step, refusal) and should be reopened. dtr: new state of the
-    modem line DTR; None leaves it unchanged.
+    hang_up: reopen the link, because it is useless now (stream out of step, refusal). dtr: new state of the modem line
+    DTR; None leaves it unchanged.
     """
 
     send: bytes = b""
@@ -190,41 +190,41 @@ class Step:
 
 
 class Conversation(Protocol):
-    """One side of a protocol on one link, from connect to disconnect; a new link needs a new conversation."""
+    """A side of a protocol on a link, from connect to disconnect. A new link needs a new conversation."""
 
     def connected(self, now_ns: int) -> Step:
         """Handle a newly opened link."""
 
     def received(self, data: bytes, now_ns: int) -> Step:
-        """Handle received bytes; the last byte arrived at `now_ns`."""
+        """Handle received bytes. The last byte arrived at `now_ns`."""
 
     def tick(self, now_ns: int) -> Step:
-        """Handle the time-out at `wake_ns` without data."""
+        """Handle the time-out at `wake_ns` if no data has arrived."""
 
 
 @runtime_checkable
 class Gathering(Protocol):
-    """Conversation that only listens, to so many messages that batch processing is better.
+    """Conversation that only listens, with a message rate for which batch processing is better.
 
     The result is the same as for single arrivals.
     """
 
     gather_ns: int
-    """Longest time to gather arrivals, each with a stamp, from the first one on."""
+    """Longest time for gathering arrivals, counted from the first. Each arrival has a timestamp."""
 
     def received_all(self, arrivals: Sequence[Arrival]) -> Step:
         """Handle arrivals in order."""
 
 
 class Host(Conversation, Protocol):
-    """Host side of a conversation; its items are all that is known of the link."""
+    """Host side of a conversation. The items are the complete information about the link."""
 
     def lost(self, now_ns: int) -> tuple[Item, ...]:
         """Return the pending counted faults after the loss of the link."""
 
 
 class Device(Conversation, Protocol):
-    """Device side of a conversation: sends bytes and emits no items."""
+    """Device side of a conversation. It sends bytes and emits no items."""
 
     @property
     def sent(self) -> int:
@@ -240,7 +240,7 @@ _REPEATING = {
     FaultKind.STRANGER,
 }
 _SAME = {FaultKind.GARBLED, FaultKind.MISSHAPEN}
-"""Kinds with the message quoted in the text: equal kinds count as equal faults."""
+"""Kinds of faults that quote the message in the text. Faults of the same kind count as equal."""
 _TELL_NS = 1_000_000_000
 
 
@@ -249,10 +249,10 @@ class Bursts:
 
     def __init__(self) -> None:
         self._open: dict[tuple[FaultKind, str], Fault] = {}
-        """Open faults by identity, with the count not yet reported."""
+        """Open faults by identity, with the count that is not reported yet."""
 
     def merge(self, items: Sequence[Item], now_ns: int) -> list[Item]:
-        """Return the items of one message without repeated faults, plus the merged faults that are due."""
+        """Return the items of a message except repeated faults, plus the merged faults that are due."""
         if not self._open and not has_fault(items):
             return list(items)
         coming = {_sameness(item) for item in items if isinstance(item, Fault)}
@@ -280,7 +280,7 @@ class Bursts:
 
 
 def has_fault(items: Sequence[Item]) -> bool:
-    """Return whether `items` contains a fault. A loop, because the generator of `any` costs more per message."""
+    """Return whether `items` contains a fault. This loop is cheaper per message than the generator of `any`."""
     return Fault in map(type, items)
 
 

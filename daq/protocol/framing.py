@@ -1,10 +1,8 @@
-"""Split a byte stream into messages with the arrival times of their first and last byte.
+"""Framers: split a byte stream into messages with the arrival times of the first and last byte.
 
-A framer accepts pieces in any division and returns the completed messages. `Lines` ends a message at a delimiter;
-`Sized`
-takes the length from the first bytes. Both keep at most `LIMIT` bytes of an endless message; the excess is discarded
-and
-reported as one GARBLED fault.
+A framer accepts pieces of any size and returns the completed messages. `Lines` ends a message at a delimiter; `Sized`
+takes the length from the first bytes. Both keep at most `LIMIT` bytes of an endless message. The excess is discarded
+and reported as a single GARBLED fault.
 """
 
 from __future__ import annotations
@@ -17,12 +15,12 @@ from typing import Protocol
 from daq.protocol.conversation import Fault, FaultKind
 
 LIMIT = 1024
-"""Twice the longest known message, an RTDE text of 516 bytes."""
+"""Limit in bytes, twice the longest known message, an RTDE text of 516 bytes."""
 
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """One message: bytes without the delimiter, full size, and arrival times."""
+    """A message: bytes of the content, total size including the delimiter, and arrival times."""
 
     data: bytes
     size: int
@@ -34,14 +32,14 @@ class Framer(Protocol):
     """Splits a stream into messages."""
 
     def feed(self, data: bytes, now_ns: int) -> Sequence[Message | Fault]:
-        """Return the completed messages, and faults for data without a valid frame."""
+        """Return the completed messages, and faults for data that forms no valid frame."""
 
     def clear(self) -> None:
-        """Discard an unfinished message; the next byte starts a new message."""
+        """Discard an unfinished message. The next byte starts a new message."""
 
     @property
     def pending(self) -> bool:
-        """Whether a message is unfinished."""
+        """True if a message is unfinished."""
 
 
 class Pieces:
@@ -57,7 +55,7 @@ class Pieces:
             self._arrivals.append((len(data), now_ns))
 
     def take(self, size: int, trailer: int = 0) -> Message:
-        """Remove the first `size` bytes as a message; its last `trailer` bytes are not content."""
+        """Remove the first `size` bytes as a message. The last `trailer` bytes are not content."""
         content = bytes(self.data[: size - trailer])
         del self.data[:size]
         first_ns = last_ns = self._arrivals[0][1]
@@ -75,7 +73,7 @@ class Pieces:
 
 
 class Lines:
-    """Messages with a delimiter at the end; with `joined_midway` the bytes before the first delimiter are discarded.
+    """Messages that end in a delimiter. `joined_midway`: discard the bytes before the first delimiter.
 
     echo: sent data that some instruments and adapters return before the answer; it is skipped. A line feed after a
     carriage return as the delimiter is also skipped, because some gauges can send either.
@@ -127,10 +125,10 @@ class Lines:
 
 
 class Sized:
-    """Messages whose length follows from the first `header` bytes.
+    """Messages with a length that follows from the first `header` bytes.
 
-    `length` returns the length, or None for bytes that cannot start a message. A stream without delimiters cannot be
-    resynchronised from its content: all further data is discarded until `clear`.
+    `length` returns the length, or None for bytes that cannot start a message. Such a stream has no delimiters and
+    cannot be resynchronised from its content: all further data is discarded until `clear`.
     """
 
     def __init__(self, header: int, length: Callable[[bytes], int | None]) -> None:
@@ -151,7 +149,7 @@ class Sized:
         if self._lost:
             return []
         if not self._pieces.data and len(data) >= self._header and self._length(data[: self._header]) == len(data):
-            # nearly always a complete answer, without the cost of splitting
+            # the usual case: a complete answer that need not be split
             return [Message(data, len(data), now_ns, now_ns)]
         self._pieces.add(data, now_ns)
         messages: list[Message | Fault] = []
@@ -165,8 +163,10 @@ class Sized:
         return messages
 
     def _next_size(self, pending: bytearray) -> int | None:
-        """Return the size of the complete message; 0 if more data is needed, None if the bytes cannot start a
-        message."""
+        """Return the size of the complete message.
+
+        0 if more data is needed, None if the bytes cannot start a message.
+        """
         if len(pending) < self._header:
             return 0
         size = self._length(bytes(pending[: self._header]))

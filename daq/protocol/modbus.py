@@ -1,25 +1,24 @@
-"""Modbus register reads: RTU, ASCII and TCP. pymodbus encodes and decodes; the framing is our own.
+"""Modbus register reads: RTU, ASCII and TCP. pymodbus encodes and decodes; the framing is implemented here.
 
-The framers of pymodbus, when fed a stream, discard everything on a checksum error, search junk for possible frames, and
-raise exceptions. Here they only receive exact frames of known length: TCP gives the length, ASCII ends in CR LF, and
-`RtuReplies` splits RTU.
+The framers of pymodbus, when given a stream, discard everything on a checksum error, search junk for possible frames,
+and raise exceptions. Here they only receive exact frames of known length: TCP gives the length, ASCII ends in CR LF,
+and `RtuReplies` splits RTU.
 
-Modbus only defines registers of 16 bits, high byte first. The layout of longer numbers, up to 64 bits, depends on the
-instrument and both orders occur: `word_order` is the order of the registers of a value, `byte_order` the order of the
+Modbus defines only registers of 16 bits, high byte first. The layout of longer numbers, up to 64 bits, depends on the
+instrument, and both orders occur. `word_order` is the order of the registers of a value, `byte_order` the order of the
 bytes in a register.
 
-Late answers carry no number, so a request of a different length follows a time-out, as a probe. An instrument answers
-in
-order: once a probe is answered, all earlier requests are answered or lost, and the next answer belongs to the next
-request, however slow the instrument is. Until then an answer with the length of a reading counts as late. Probes in a
-row
-have different lengths, which repeat after `LENGTHS` probes.
+Late answers contain no number. After a time-out a request of a different length therefore follows, as a probe. An
+instrument answers in order. When a probe is answered, all earlier requests are answered or lost, and the next answer
+belongs to the next request, no matter how slow the instrument is. Until then an answer with the length of a reading
+counts as late. Consecutive probes have different lengths, which repeat after `LENGTHS` probes.
 
-Some instruments may answer only their usual request. Until a probe was answered, only `TRIES` probes are made, plus one
-for each reading answered in time. A later request is `doubtful`, because its answer may belong to an earlier one.
+Some instruments may answer only their usual request. Until a probe has been answered, only `TRIES` probes are made,
+plus one for each reading answered in time. A later request is `doubtful`, because the answer may belong to an earlier
+request.
 
 RTU frames end with silence, which a pure protocol cannot observe and adapters do not preserve. Both sides therefore
-recognise a frame by the length in its first bytes and by its checksum. A host also receives other frames: the echo of
+recognise a frame by the length in the first bytes and by the checksum. A host also receives other frames: the echo of
 its request from some adapters, and requests of a second host.
 """
 
@@ -78,7 +77,7 @@ class Layout(Protocol):
 
 
 def unpack(registers: Sequence[int], register: Register, layout: Layout) -> float:
-    """Return one value of a block."""
+    """Return a value of a block."""
     number = _NUMBER[register.type]
     start = register.address - layout.address
     words = registers[start : start + number.size // 2]
@@ -88,7 +87,7 @@ def unpack(registers: Sequence[int], register: Register, layout: Layout) -> floa
 
 
 def pack(registers: list[int], register: Register, layout: Layout, value: float) -> None:
-    """Store one value in a block."""
+    """Store a value in a block."""
     start = register.address - layout.address
     data = _NUMBER[register.type].pack(value if register.type in _LARGEST else round(value))
     words = _WORDS[layout.byte_order, register.count].unpack(data)
@@ -111,17 +110,17 @@ TRIES = 3
 
 
 class Resync:
-    """Chooses the length of the next request, so that late answers can be recognised by their length."""
+    """Selects the length of the next request so that late answers can be recognised by their length."""
 
     def __init__(self) -> None:
         self.usual: set[int] = set()
         """Lengths of the readings."""
         self.owed = False
-        """Whether a request is unanswered."""
+        """True if a request is unanswered."""
         self.probing = False
-        """Whether the present request is a probe."""
+        """True if the current request is a probe."""
         self.doubtful = False
-        """Whether the present request is a reading although an answer of that length is outstanding."""
+        """True if the current request is a reading, although an answer of the same length is outstanding."""
         self._proven = False
         self._probes = 0
         self._tries = TRIES
@@ -136,8 +135,10 @@ class Resync:
         self.usual.add(count)
 
     def ask(self, count: int) -> int:
-        """Return the length of the next request: the given length, or that of a probe while an answer is
-        outstanding."""
+        """Return the length of the next request.
+
+        This is the given length, or the length of a probe while an answer is outstanding.
+        """
         self.probing = self.owed and (self._proven or self._tries > 0)
         self.doubtful = self.owed and not self.probing
         self.owed = True
@@ -148,24 +149,24 @@ class Resync:
         return self.counts[(self._probes - 1) % LENGTHS]
 
     def answered(self) -> None:
-        """Record the expected answer."""
+        """Note that the expected answer has arrived."""
         self.owed = False
         self._proven |= self.probing
         self._tries = max(self._tries, 1)
 
 
 REQUEST = 8
-"""Bytes of a read request, different from the length of every answer."""
+"""Length of a read request in bytes. It differs from the length of every answer."""
 _HEAD = 3
 _REQUESTS = range(1, 7)
 """Functions with requests of this length (Modbus application protocol V1.1b3, 6.1 to 6.6)."""
 _MOST_BYTES = 250
-"""Maximum bytes of the registers in an answer, 125 registers (V1.1b3, 6.3)."""
+"""Maximum number of register bytes in an answer, 125 registers (V1.1b3, 6.3)."""
 _QUICK_BAUD, _QUICK_NS, _CHARACTERS = 19_200, 1_750_000, 3.5
 
 
 def silent_interval_ns(line: Line) -> int:
-    """Return the silence before a frame by which the units on a line recognise its start.
+    """Return the silence before a frame by which the units on a line recognise the start.
 
     3.5 characters, or 1.75 ms above 19 200 baud (Modbus over serial line V1.02, 2.5.1.1).
     """
@@ -178,7 +179,7 @@ def intact(frame: bytes) -> bool:
 
 
 class RtuRequests:
-    """Requests in a serial stream: any eight bytes with a correct checksum; other data is skipped."""
+    """Requests in a serial stream: any eight bytes with a correct checksum. Other data is skipped."""
 
     def __init__(self) -> None:
         self._data = bytearray()
@@ -206,13 +207,13 @@ class RtuRequests:
 class RtuReplies(Sized):
     """Answers in a serial stream, and requests among them.
 
-    counts: possible register counts of an answer, by unit and function; any count is accepted for unlisted units.
+    counts: possible register counts of an answer, by unit and function. For units not listed any count is accepted.
     """
 
     def __init__(self, counts: Mapping[tuple[int, int], Collection[int]]) -> None:
         super().__init__(_HEAD, self._answer_size)
         self.asked = b""
-        """Present request, possibly echoed."""
+        """Current request, which may be echoed."""
         self._counts = counts
 
     def _next_size(self, pending: bytearray) -> int | None:
@@ -225,7 +226,7 @@ class RtuReplies(Sized):
         if self.asked and self.asked.startswith(data[:REQUEST]):
             return REQUEST if len(data) >= REQUEST else 0
         if len(data) < (answer or (REQUEST if data[1] in _REQUESTS else 0)):
-            return 0  # an answer of nine bytes ending in 0 also has a correct checksum without the last byte
+            return 0  # if an answer of nine bytes ends in 0, its first eight bytes also have a correct checksum
         if len(data) >= REQUEST and intact(data[:REQUEST]):
             return REQUEST
         return answer or None
@@ -245,10 +246,10 @@ class RtuReplies(Sized):
 _REQUEST = {3: ReadHoldingRegistersRequest, 4: ReadInputRegistersRequest}
 _ASCII_END = b"\r\n"
 _ASCII_REQUEST = 15
-"""Characters of a read request without the line end, different from the length of every answer."""
+"""Length of a read request in characters, excluding the line end. It differs from the length of every answer."""
 _ASCII = re.compile(rb":(?:[0-9A-Fa-f]{2}){3,}")
 logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL + 1)
-"""pymodbus logs each undecodable frame; here this is a fault with limited rate."""
+"""pymodbus logs each undecodable frame. Here such a frame is a fault with a limited rate."""
 
 
 class Block(Layout, Protocol):
@@ -256,7 +257,7 @@ class Block(Layout, Protocol):
 
     @property
     def port(self) -> str:
-        """Port: TCP for an address, otherwise a serial device."""
+        """Port: an address for TCP, otherwise a serial device."""
 
     @property
     def framing(self) -> Framing:
@@ -276,11 +277,11 @@ class Block(Layout, Protocol):
 
 
 class Wire:
-    """Frames of one side of a line or connection, and the blocks read over it."""
+    """Frames of a side of a line or connection, and the blocks read over it."""
 
     def __init__(self, port: str, framing: Framing, *, serving: bool) -> None:
         self.numbered = tcp_address(port) is not None
-        """Whether frames have a transaction id."""
+        """True if frames have a transaction id."""
         self.frames: Framer
         self._number = 0
         self._counts: dict[tuple[int, int], set[int]] = {}
@@ -300,7 +301,7 @@ class Wire:
             self._replies = self.frames
 
     def resync_of(self, block: Block) -> Resync:
-        """Register a block and return the resynchronisation state of its unit on a serial line."""
+        """Register a block and return the resynchronisation state of the unit on a serial line."""
         resync = self._resyncs.setdefault(block.unit, Resync())
         resync.add(block.count)
         self._counts.setdefault((block.unit, block.function), set()).update(resync.usual, resync.counts)
@@ -311,7 +312,7 @@ class Wire:
         return unit in self._resyncs and self._resyncs[unit].owed
 
     def request(self, unit: int, function: int, address: int, count: int) -> bytes:
-        """Return a read request without a transaction id, which `numbering` adds."""
+        """Return a read request. `numbering` adds the transaction id."""
         return self.encode(_REQUEST[function](dev_id=unit, address=address, count=count))
 
     def encode(self, pdu: ModbusPDU) -> bytes:
@@ -319,7 +320,7 @@ class Wire:
         return self._framer.buildFrame(pdu)
 
     def numbering(self, request: bytes) -> bytes:
-        """Return the request with the next transaction id, if applicable; it becomes the present request."""
+        """Add the next transaction id to the request, if applicable. It becomes the current request."""
         if self._replies:
             self._replies.asked = request
         if not self.numbered:
@@ -328,7 +329,7 @@ class Wire:
         return self._number.to_bytes(2, "big") + request[2:]
 
     def open(self, frame: bytes) -> tuple[int, int, bytes]:
-        """Return unit, transaction id and content of a frame; the content of a damaged frame is empty."""
+        """Return unit, transaction id and content of a frame. The content of a damaged frame is empty."""
         if self._ending and not _ASCII.fullmatch(frame):
             return 0, 0, b""
         _, unit, number, content = self._framer.decode(frame + self._ending)

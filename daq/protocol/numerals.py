@@ -1,25 +1,23 @@
 """Number formats of gauges: learned from the replies, and used to detect damaged numbers.
 
-In a reply without a checksum, a lost or doubled character often produces a different valid number. Gauges print all
-numbers in the same format: a constant number of decimals and, if padded with zeros or blanks, a constant length. A
-reply
-in a different format is a fault instead of a reading. With variable length (`+9.9985`, `+10.0012`) a new length is
-accepted unless a single lost or doubled character would put the number closer to the extrapolation of the last two
-readings; a second consistent reply always confirms it. The same applies to a missing sign if the gauge never prints
+In a reply that has no checksum, a lost or doubled character often produces a different valid number. Gauges print
+all numbers in the same format: a constant number of decimals and, if padded with zeros or blanks, a constant length. A
+reply in a different format is a fault instead of a reading. If the length varies (`+9.9985`, `+10.0012`), a new length
+is accepted unless a single lost or doubled character would put the number closer to the extrapolation of the last two
+readings. A second consistent reply always confirms it. The same applies to a missing sign if the gauge never prints
 `+`.
 
-A change in the number of decimals over several replies is not damage: somebody pressed in/mm or changed the resolution.
-Such readings are always rejected, because rigd cannot know which one happened.
+A change in the number of decimals over several replies is not damage: the user pressed in/mm or changed the resolution.
+Such readings are always rejected, because rigd cannot distinguish the two.
 
-The format cannot reveal a digit changed to a different digit on a line without parity. A jump by one digit and back is
-reported as doubtful. Changes of the last digits, within the scatter of the gauge, remain undetected.
+The format cannot reveal a digit changed to a different digit on a line that lacks parity. A jump by a single digit and
+back is reported as doubtful. Changes of the last digits, within the scatter of the gauge, remain undetected.
 
 Text that is not a number, or not a possible angle, gives None and never an exception.
 
-A number beyond the range in the rig file, or beyond any possible length, is not a reading. Numbers assembled
-incorrectly
-(byte or register order, type, address) are mostly beyond any length: GARBLED. A number outside the stated range is a
-problem of the gauge: DEVICE_ERROR.
+A number beyond the range in the rig file, or beyond any possible length, is not a reading. Incorrectly assembled
+numbers (byte or register order, type, address) are mostly beyond any length: GARBLED. A number outside the specified
+range is a problem of the gauge: DEVICE_ERROR.
 """
 
 from __future__ import annotations
@@ -36,24 +34,28 @@ from rigs.schema.part import LONGEST_MM
 from rigs.schema.probe import Probe
 
 AGREED = 20
-"""Replies needed to learn a format: with one damaged reply in 200, damaged ones cannot be the majority."""
+"""Number of replies for learning a format. With 1 damaged reply in 200, damaged replies cannot be the majority."""
 _LASTING = 3
-"""Replies in a row with a new number of decimals that count as a change: with one damaged reply in 200, three equal
-damaged ones in a row occur less than once in ten million."""
+"""Number of consecutive replies with a new number of decimals that count as a change.
+
+With 1 damaged reply in 200, three equal damaged replies in a row occur less than once in ten million.
+"""
 _PADDED = re.compile(rb"[+\- ]?( |0\d)")
 _DIGITS = b"0123456789"
 _REACH = 3
-"""Accepted deviation relative to the largest recent one: of `AGREED` normal deviations the largest is about 2 sigma, so
-fewer than one in a hundred million lies further out."""
+"""Accepted deviation relative to the largest recent deviation. The largest of `AGREED` normal deviations is about 2
+sigma, so fewer than one in a hundred million lies further out.
+"""
 _FAR = 10
-"""Relative deviation of a reading with a wrong digit; one in ten wrong readings is closer by chance."""
+"""Relative deviation of a reading with a wrong digit. One in ten wrong readings is closer by chance."""
 
 
 @dataclass(frozen=True, slots=True)
 class Written:
-    """Number as printed by a gauge. value_mm: value. text: all characters including the sign position.
+    """A number as printed by a gauge.
 
-    mm: length of one unit. fields: numbers in the message, if the order identifies the gauges.
+    value_mm: value. text: all characters including the position of the sign. mm: length of a unit. fields: count of
+    numbers in the message, if the order identifies the gauges.
     """
 
     value_mm: float
@@ -69,7 +71,7 @@ class Written:
 
 @dataclass(frozen=True, slots=True)
 class Shape:
-    """Number of decimals, characters of the number, and numbers in the message."""
+    """Number of decimals, number of characters, and count of numbers in the message."""
 
     decimals: int
     width: int
@@ -78,7 +80,7 @@ class Shape:
 
 @dataclass(frozen=True, slots=True)
 class Doubt:
-    """Reason for rejecting a number, or `count` earlier ones."""
+    """Reason for rejecting a number, or `count` earlier numbers."""
 
     kind: FaultKind
     detail: str
@@ -86,7 +88,7 @@ class Doubt:
 
 
 class HeldShape:
-    """Format of the numbers printed by one gauge, for checking the next number."""
+    """Format of the numbers printed by a gauge, used to check the next number."""
 
     def __init__(self) -> None:
         self._held: Shape | None = None
@@ -94,19 +96,19 @@ class HeldShape:
         self._padded = False
         self._other: Shape | None = None
         self._others = 0
-        """Different format, and the number of consecutive replies with it."""
+        """A different format, and the number of consecutive replies in this format."""
         self._last_mm = self._pending_mm = float("nan")
-        """Last accepted reading, and a later one awaiting confirmation."""
+        """Last accepted reading, and a later reading awaiting confirmation."""
         self._text = b""
         self._before_mm = float("nan")
-        """Reading before the last one."""
+        """Reading before the last."""
         self._bends_mm: deque[float] = deque(maxlen=AGREED)
         """Distance of each reading from the middle of its neighbours."""
         self._steps_mm: deque[float] = deque(maxlen=AGREED)
         """Signed steps between readings."""
 
     def check(self, written: Written) -> tuple[bool, Doubt | None]:
-        """Check the next number; return whether it is a reading, and the doubt to report."""
+        """Check the next number. Return whether it is a reading, and the doubt to report."""
         shape = written.shape
         if self._held is None:
             return self._believed(written)
@@ -140,7 +142,7 @@ class HeldShape:
         return self._believed(written)
 
     def _believed(self, written: Written) -> tuple[bool, Doubt | None]:
-        """Accept a number as a reading; report a single-digit jump of the previous one."""
+        """Accept a number as a reading. Report a jump of the previous reading by a single digit."""
         self._agreed += 1
         value_mm = written.value_mm
         doubt = self._one_digit(written)
@@ -152,8 +154,7 @@ class HeldShape:
         return True, doubt
 
     def _one_digit(self, written: Written) -> Doubt | None:
-        """Doubt the previous reading if it is far from the middle of its neighbours, but near with one digit
-        changed."""
+        """Doubt the previous reading if it is far from its neighbours, but near with a single digit changed."""
         middle_mm = (self._before_mm + written.value_mm) / 2
         off_mm = abs(self._last_mm - middle_mm)
         near_mm = _REACH * max([*self._bends_mm, written.mm * 10.0**-written.shape.decimals])
@@ -165,7 +166,7 @@ class HeldShape:
             abs(number * written.mm - middle_mm) <= near_mm
             for number in _with_another(self._text, _FAR * near_mm / written.mm)
         ):
-            if math.isfinite(off_mm):  # a distant reading counts as a near one, because it may be wrong itself
+            if math.isfinite(off_mm):  # a distant reading is treated as near, because it may itself be wrong
                 self._bends_mm.append(min(off_mm, near_mm) if len(self._bends_mm) == AGREED else off_mm)
             return None
         detail = f"{self._last_mm:.6g} mm alone between {self._before_mm:.6g} and {written.value_mm:.6g} mm"
@@ -178,7 +179,7 @@ class HeldShape:
         return self._last_mm + (self._steps_mm[-1] if self._steps_mm else 0.0)
 
     def _borne_out(self, written: Written) -> bool:
-        """Return whether the number is closer to the unconfirmed reading than to the last accepted one."""
+        """Return whether the number is closer to the unconfirmed reading than to the last accepted reading."""
         if abs(written.value_mm - self._pending_mm) < abs(written.value_mm - self._last_mm):
             return True
         self._pending_mm = written.value_mm
@@ -189,7 +190,7 @@ class HeldShape:
         if abs(wider) > 1:
             return True
         text = written.text
-        if wider > 0:  # one digit was doubled
+        if wider > 0:  # a digit was doubled
             doubled = (k for k in range(1, len(text)) if text[k] == text[k - 1] and text[k] in _DIGITS)
             originals = [text[:k] + text[k + 1 :] for k in doubled]
         else:  # a digit before the point was lost
@@ -215,13 +216,13 @@ class HeldShape:
 
 @runtime_checkable
 class Shaped(Protocol):
-    """Checks the numbers of its gauges, in order, against the learned formats."""
+    """Checks the numbers of gauges, in order, against the learned formats."""
 
     shapes: list[HeldShape]
 
 
 class PassesShapes:
-    """Conversation with the formats of its dialect or inner conversation; empty for binary values."""
+    """Conversation with the formats of the dialect or inner conversation; empty for binary values."""
 
     _asked: object
 
@@ -236,8 +237,10 @@ class PassesShapes:
 
 
 def hand_on(earlier: object, later: object) -> None:
-    """Pass on learned formats to the next conversation of a link: reconnecting a plug does not change a gauge, and an
-    in/mm press in the meantime is detected."""
+    """Pass on learned formats to the next conversation of a link.
+
+    Reconnecting a plug does not change a gauge, and a change of in/mm in the meantime is detected.
+    """
     if isinstance(earlier, Shaped) and isinstance(later, Shaped):
         later.shapes = earlier.shapes
 
@@ -252,7 +255,7 @@ def _number(text: bytes) -> float:
 
 
 def _with_another(text: bytes, least: float) -> Iterator[float]:
-    """Return the numbers produced by one wrong digit in this text, for digits worth at least `least`."""
+    """Return the numbers produced by a single wrong digit in this text, for digits worth at least `least`."""
     point = text.index(b".")
     for k, byte in enumerate(text):
         stands_for = 10.0 ** (point - k - (k < point))
@@ -262,7 +265,7 @@ def _with_another(text: bytes, least: float) -> Iterator[float]:
 
 _NUMBER = re.compile(r"[+-]?(\d{1,18}(\.\d{0,18})?|\.\d{1,18})([eE][+-]?\d{1,2})?", re.ASCII)
 _MAX_DEG = 1e6
-"""Axes never turn further from zero."""
+"""Largest possible angle of an axis."""
 _LARGEST_BESIDE = 1e9
 """Upper limit of speeds in percent, masses, temperatures and program numbers."""
 
@@ -278,17 +281,16 @@ def are_angles(values_deg: Iterable[float]) -> bool:
 
 
 def plausible(value: float) -> float:
-    """Return an additional value of a robot, or nan if it is impossible for a speed, mass, temperature or program
-    number."""
+    """Return an additional value of a robot, or nan if impossible for a speed, mass, temperature or program number."""
     return value if abs(value) <= _LARGEST_BESIDE else math.nan
 
 
 _LEAST_MM = 1e-20
-"""Rounding of differences of lengths near 0.1 mm gives 1e-17 or exactly 0."""
+"""Smallest possible length. Rounding differences of lengths near 0.1 mm gives 1e-17 or exactly 0."""
 
 
 def is_length(value_mm: float) -> bool:
-    """Return whether a number is a possible measured length; false for nan and infinity."""
+    """Return whether a number is a possible measured length; False for nan and infinity."""
     return value_mm == 0 or _LEAST_MM < abs(value_mm) <= LONGEST_MM
 
 

@@ -1,28 +1,26 @@
-"""Requests and answers: one request at a time, the next one as soon as it is due and the previous one is answered.
+"""Exchange of requests and answers. A request is sent when it is due and the previous request is answered.
 
-An answer must never be assigned to a later request. Serial answers carry no number, so in ambiguous situations the line
-is *drained*: received data is discarded until the line was silent for `timeout_s`. This happens
+An answer must never be assigned to a later request. Serial answers contain no number, so in ambiguous situations the
+line is *drained*: received data is discarded until the line has been silent for `timeout_s`. This happens
 
 - at connect, because an answer to an earlier request may be in transit,
 - after a time-out (fault SILENT), because the answer may still arrive (fault LATE with the discarded count),
 - after invalid bytes, because the real answer may be among them,
 - after surplus data.
 
-Draining also fills the time in which `rate_hz` permits no request (a slightly late request does not delay later ones;
-otherwise a busy computer could not reach the rate), and occasional pauses (`Stirring`). On a shared line an instrument
-is polled in turn, and data in the meantime belongs to other instruments (`daq.protocol.bus`).
+Draining also fills the time in which `rate_hz` permits no request, and occasional pauses (`Stirring`). A slightly late
+request does not delay later requests; otherwise a busy computer could not reach the rate. On a shared line an
+instrument is polled in turn, and data in the meantime belongs to other instruments (`daq.protocol.bus`).
 
 An answer later than twice `timeout_s` can still be misassigned if the protocol offers neither number nor length
-(`daq.protocol.modbus`): set `timeout_s` to at least half the slowest answer time. After an error answer the line pauses
-for `PAUSE_NS`, because an instrument refuses immediately.
+(`daq.protocol.modbus`): set `timeout_s` to at least half of the slowest answer time. After an error answer the line
+pauses for `PAUSE_NS`, because an instrument refuses immediately.
 
 Occasional pauses prevent a buffering adapter from synchronising with the requests. The latency timer of FTDI is 16 ms.
-If
-each request follows the previous answer immediately, all answers are delayed equally; then no answer of a run is as
-fast
-as the instrument allows, and the latching time is unknown. So after `STIR` requests the line pauses for up to
-`STIR_NS`,
-with varying duration and at intervals of at least `STIR_EVERY_NS`, because each pause leaves a gap in the readings.
+If each request follows the previous answer immediately, all answers are delayed equally. Then no answer of a run is as
+fast as the instrument allows, and the latching time is unknown. After `STIR` requests the line therefore pauses for up
+to `STIR_NS`. The duration varies, and the intervals are at least `STIR_EVERY_NS`, because each pause leaves a gap in
+the readings.
 
 Some instruments are polled by a modem line: DTR goes off briefly and the instrument sends a reading, as with cables
 that have no receive line. `Polled` handles such an exchange; the request is then a pulse of the line. DTR stays on
@@ -45,7 +43,7 @@ STIR = 50
 STIR_NS = 17_000_000
 STIR_EVERY_NS = 500_000_000
 _GOLDEN = 0.6180339887498949
-"""The fractional parts of its multiples fill the range from 0 to 1 evenly, for any count."""
+"""Golden ratio: the fractional parts of its multiples fill the range from 0 to 1 evenly, for any count."""
 
 
 class Stirring:
@@ -56,15 +54,15 @@ class Stirring:
         self._stirred_ns = 0
 
     def begin(self, now_ns: int) -> None:
-        """Record the opening of the link."""
+        """Note the time at which the link was opened."""
         self._stirred_ns = now_ns
 
     def count(self) -> None:
-        """Record a request."""
+        """Count a request."""
         self._requests += 1
 
     def rest_ns(self, now_ns: int) -> int:
-        """Return the pause after an answer, mostly 0."""
+        """Return the pause after an answer, usually 0."""
         if self._requests < STIR or now_ns < self._stirred_ns + STIR_EVERY_NS:
             return 0
         self._requests, self._stirred_ns = 0, now_ns
@@ -74,17 +72,17 @@ class Stirring:
 
 PAUSE_NS = 100_000_000
 _BABBLE = 4
-"""Time-outs after which a continuing drain is reported and the instrument is reset."""
+"""Number of time-outs after which a continuing drain is reported and the instrument is reset."""
 
 
 _ECHOED = 3
-"""Minimum length of an echo fragment; shorter matches may be the start of an answer."""
+"""Minimum length of an echo fragment. Shorter matches may be the start of an answer."""
 
 
 def echoed_part(sent: bytes, heard: bytes) -> int:
-    """Return the length of an echoed fragment of a request, 0 for none.
+    """Return the length of an echoed fragment of a request; 0 for none.
 
-    A slow adapter misses the first bytes of the echo; an early answer cuts off the last ones.
+    A slow adapter misses the first bytes of the echo; an early answer cuts off the last bytes.
     """
     for skipped in range(len(sent) - _ECHOED + 1):
         tail = sent[skipped:]
@@ -104,7 +102,7 @@ class Then(Enum):
     PAUSE = auto()
     """The message was a refusal."""
     WAIT = auto()
-    """The message was not the answer, which may still arrive."""
+    """The message was not the answer. The answer may still arrive."""
     DRAIN = auto()
     """It is unclear whether the message was the answer."""
 
@@ -128,7 +126,7 @@ class PolledDialect(Protocol):
         """Framer of the messages."""
 
     reset: bytes
-    """Bytes that silence the instrument; sent at the start of a drain without an expected answer."""
+    """Bytes that silence the instrument, sent at the start of a drain if no answer is expected."""
     check: str
     """Advice for a silent instrument."""
     babble: str
@@ -138,7 +136,7 @@ class PolledDialect(Protocol):
         """Return the next request."""
 
     def read(self, message: Message, requested_ns: int) -> Reply:
-        """Interpret a message as an answer to the request of that time."""
+        """Interpret a message as an answer to the request of this time."""
 
 
 class Polled(PassesShapes):
@@ -149,7 +147,7 @@ class Polled(PassesShapes):
     ) -> None:
         """Create the host side.
 
-        shared: whether other instruments are polled in between; then `tick` gives the turn.
+        shared: other instruments are polled in between, and `tick` gives the turn.
         """
         self._asked = self._dialect = dialect
         self._shared = shared
@@ -167,11 +165,11 @@ class Polled(PassesShapes):
         self._reporting = False
         self._babble_ns = 0
         self._sent = self._heard = b""
-        """Present request, and the data after it up to the length of an echo."""
+        """Current request, and the data received after it up to the length of an echo."""
 
     @property
     def asking(self) -> bool:
-        """Whether a request is pending."""
+        """True if a request is pending."""
         return self._requested_ns != NO_TIME
 
     def connected(self, now_ns: int) -> Step:
@@ -212,11 +210,11 @@ class Polled(PassesShapes):
             return Reply((self._explained(message),), Then.DRAIN)
         reply = self._dialect.read(message, self._requested_ns)
         if not has_fault(reply.items):
-            return reply  # nearly always a reading
+            return reply  # the usual case: a reading
         return replace(reply, items=tuple(map(self._explained, reply.items)))
 
     def _explained(self, item: Item) -> Item:
-        """Extend the fault for invalid bytes if they are a part of our own request."""
+        """Extend the fault for invalid bytes that are a part of the request."""
         if not isinstance(item, Fault) or item.kind is not FaultKind.GARBLED:
             return item
         if not (part := echoed_part(self._sent, self._heard)):
@@ -261,7 +259,7 @@ class Polled(PassesShapes):
         discarded: int = 0,
         reporting: bool = False,
     ) -> Step:
-        """Wait for a silent line before the next request; `reporting`: report the data received meanwhile."""
+        """Wait for a silent line before the next request. reporting: report the data received meanwhile."""
         self._requested_ns = NO_TIME
         self._quiet_ns = self._timeout_ns if quiet_ns is None else quiet_ns
         self._wake_ns = now_ns + self._quiet_ns

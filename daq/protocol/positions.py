@@ -1,19 +1,18 @@
 """Controllers that send joint angles in datagrams, each with a number and a timestamp of the controller.
 
-The interfaces differ in the datagram format and in the start procedure. Each received datagram is one message, and each
-step sends one datagram. `DatagramLines` is for texts: a datagram contains complete lines, the last one without a line
+The interfaces differ in the format of the datagrams and in the start procedure. Each received datagram is a message,
+and each step sends a datagram. `DatagramLines` is for texts: a datagram contains complete lines, the last with no line
 end. Both are framers like those of `daq.protocol.framing`, so conversations are independent of the transport.
 
 The numbers reveal lost, repeated and reordered datagrams. A repeated or overtaken sample is ignored and reported as
 LATE, because a decreasing clock would look like a restarted controller. Missing samples are a SKIPPED fault with the
-count, so an overtaken sample is first reported as missing and then as late.
+count. An overtaken sample is therefore first reported as missing and then as late.
 
-A device of constant rate (`SteadyDevice`) sends by an absolute schedule without drift (`Pace`).
+A device of constant rate (`SteadyDevice`) sends by an absolute schedule that does not drift (`Pace`).
 
-A controller may send at a lower rate than requested: at 125 Hz instead of 500 Hz nothing is missing. Therefore stamps
-are
-compared with the actual period of the controller: the requested one once it was observed, otherwise the smallest of the
-first steps.
+A controller may send at a lower rate than requested: at 125 Hz instead of 500 Hz nothing is missing. Timestamps are
+therefore compared with the actual period of the controller. This is the requested period once it was observed,
+otherwise the smallest of the first steps.
 """
 
 from __future__ import annotations
@@ -30,11 +29,11 @@ from daq.protocol.numerals import are_angles
 from daq.protocol.streamed import Reaction
 
 LIMIT = 4096
-"""Several times the longest known message, an RSI text with all possible elements."""
+"""Limit in bytes, several times the longest known message, an RSI text with all possible elements."""
 
 
 class Datagrams:
-    """Framer with one message per datagram; a datagram above `limit` bytes is a GARBLED fault."""
+    """Framer with a message per datagram. A datagram above `limit` bytes is a GARBLED fault."""
 
     pending = False
 
@@ -42,7 +41,7 @@ class Datagrams:
         self._limit = limit
 
     def clear(self) -> None:
-        """Do nothing: no data is buffered."""
+        """Ignored: no data is buffered."""
 
     def feed(self, data: bytes, now_ns: int) -> Sequence[Message | Fault]:
         if len(data) > self._limit:
@@ -51,7 +50,7 @@ class Datagrams:
 
 
 class DatagramLines(Datagrams):
-    """Framer with one message per line of a datagram."""
+    """Framer with a message per line of a datagram."""
 
     def feed(self, data: bytes, now_ns: int) -> Sequence[Message | Fault]:
         messages: list[Message | Fault] = []
@@ -64,13 +63,13 @@ class DatagramLines(Datagrams):
 
 
 _BEHIND = 20
-"""Largest reordering of a network in messages; a larger backward step means a restarted counter."""
+"""Largest reordering by a network, in messages. A larger backward step means a restarted counter."""
 _AHEAD = 1_000_000
-"""Largest loss in messages, an hour; a larger forward step means a restarted counter."""
+"""Largest loss in messages, an hour. A larger forward step means a restarted counter."""
 
 
 class Order:
-    """Checks the numbers of successive messages, which grow by `step` and wrap at `modulus`."""
+    """Checks the numbers of successive messages, which increase by `step` and wrap at `modulus`."""
 
     def __init__(self, step: int = 1, modulus: int = 2**32) -> None:
         self._step = step
@@ -78,19 +77,19 @@ class Order:
         self._last: int | None = None
 
     def forget(self) -> None:
-        """Forget the last number, so that the next message starts a new sequence."""
+        """Start a new sequence with the next message."""
         self._last = None
 
     def admit(self, sample: Sample, number: int) -> tuple[Item, ...]:
-        """Return the sample unless it is late, and the faults shown by its number."""
+        """Return the sample unless it is late, and the faults revealed by the number."""
         last, at_ns = self._last, sample.last_byte_ns
         if last is None:
             self._last = number
             return (sample,)
-        # Messages since the last one, negative for an earlier one.
+        # Number of messages since the last, negative for an earlier message.
         ahead = (number - last) % self._modulus
         signed = ahead if ahead < self._modulus // 2 else ahead - self._modulus
-        # Less than a step ahead still counts as the next: a controller may be faster than the rig file states.
+        # Less than a step ahead still counts as the next message: a controller may be faster than the rig file states.
         passed = max(1, round(signed / self._step)) if signed > 0 else signed // self._step
         if -_BEHIND < passed <= 0:
             problem = "came twice" if number == last else f"came after {last}"
@@ -121,14 +120,14 @@ class Position:
 
 @dataclass(frozen=True, slots=True)
 class Refused:
-    """Reason for a datagram without a position."""
+    """Reason for a datagram lacking a position."""
 
     kind: FaultKind
     detail: str
 
 
 class Positions:
-    """Receives positions; sends `start` at first and after each silence of the controller."""
+    """Receives positions. Sends `start` initially and after each silence of the controller."""
 
     def __init__(
         self, decode: Callable[[bytes], Position | Refused], check: str, order: Order, start: bytes = b""
@@ -165,7 +164,7 @@ class Positions:
 
 
 class Pace:
-    """Instants of a constant rate from `start_ns` on."""
+    """Instants of a constant rate, starting at `start_ns`."""
 
     def __init__(self, rate_hz: float, start_ns: int) -> None:
         self._rate_hz = rate_hz
@@ -178,7 +177,7 @@ class Pace:
         return self._start_ns + round(self._count * 1e9 / self._rate_hz)
 
     def step(self, now_ns: int) -> int | None:
-        """Return the next instant if it has come, otherwise None."""
+        """Return the next instant if it has come; otherwise None."""
         instant = self.next_ns
         if instant > now_ns:
             return None
@@ -192,11 +191,13 @@ class Pace:
 
 
 class SteadyDevice(ABC):
-    """Device sending at a constant rate: unprompted with `unasked_hz`, otherwise after a request."""
+    """Device with a constant rate: unprompted with `unasked_hz`, otherwise after a request."""
 
     IS_STREAM = False
-    """Whether a step sends all due messages. Otherwise it sends one datagram, followed immediately by the next if
-    late."""
+    """True if a step sends all due messages.
+
+    Otherwise it sends a single datagram, followed immediately by the next if late.
+    """
 
     def __init__(self, read: Callable[[int], Sequence[float]], unasked_hz: float | None = None) -> None:
         self.sent = 0
@@ -230,9 +231,9 @@ class SteadyDevice(ABC):
 
 
 _FIRST = 25
-"""Steps used to measure the period, a fifth of a second at 125 Hz: some of them are free of losses."""
+"""Number of steps for measuring the period, a fifth of a second at 125 Hz. Some of these steps contain no loss."""
 _MORE = 1.5
-"""Steps above this multiple of the period contain losses."""
+"""Multiple of the period above which a step contains losses."""
 
 
 class SteadySteps:
@@ -246,7 +247,7 @@ class SteadySteps:
         """Steps between stamps while the period is unknown."""
 
     def missing(self, clock_s: float, at_ns: int) -> list[Fault]:
-        """Add a stamp; return faults for missing packets and for an unexpected rate."""
+        """Add a stamp. Return faults for missing packets and for an unexpected rate."""
         before_s, self._last_s = self._last_s, clock_s
         if not clock_s > before_s:
             return []

@@ -1,10 +1,10 @@
-"""Read and serve a block of Modbus registers, for gauges and controllers.
+"""Reading and serving of a block of Modbus registers, for gauges and controllers.
 
-The block is read in a single request, because a value of several registers must not be split (Baumer OM20/OM30 manual
-p. 22, confirmed) and all values must be of the same instant. Over TCP the transaction id identifies an old answer. An
-RTU answer has no number, so after a time-out the line is drained (`daq.protocol.polled`), followed by a read of a
-different length with an unmistakable answer (`daq.protocol.modbus`). It has a unit number, which identifies a late
-answer on a line with several units (`daq.protocol.bus`).
+The block is read in a single request: a value of several registers must not be split (Baumer OM20/OM30 manual p. 22,
+confirmed), and all values must be from the same instant. Over TCP the transaction id identifies an old answer. An RTU
+answer has no number. After a time-out the line is therefore drained (`daq.protocol.polled`), followed by a read of a
+different length with an unmistakable answer (`daq.protocol.modbus`). The unit number identifies a late answer on a line
+with several units (`daq.protocol.bus`).
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ from rigs.schema.modbus import ModbusMap, SolartronOrbit, StatusRegister
 
 Registers = Sequence[int]
 Reading = Callable[[Registers, Message, int], Sample | Fault]
-"""Interprets the registers of a block, given the message and the request time."""
+"""Interprets the registers of a block, given the message and the time of the request."""
 Held = Callable[[int], list[int] | None]
 """Registers of a block at a time."""
 GaugeT = TypeVar("GaugeT", ModbusMap, SolartronOrbit)
-"""Gauge that may share its line."""
+"""Gauge that may share a line."""
 
 _REMEDY = {
     ExcCodes.ILLEGAL_FUNCTION: "set `function` to 3 or 4 as its manual says",
@@ -52,7 +52,7 @@ _REMEDY = {
     ExcCodes.GATEWAY_NO_RESPONSE: "check the cable behind the gateway and `unit`",
 }
 _PREFIX = 9
-"""Bytes of a TCP answer before the registers: transaction, protocol, length, unit, function, size."""
+"""Number of bytes before the registers in a TCP answer: transaction, protocol, length, unit, function, size."""
 _DAMAGED = "checksum wrong; check the cable and the line's settings"
 _RESPONSE = {3: ReadHoldingRegistersResponse, 4: ReadInputRegistersResponse}
 
@@ -60,7 +60,7 @@ _RESPONSE = {3: ReadHoldingRegistersResponse, 4: ReadInputRegistersResponse}
 def on_one_wire(gauges: Sequence[GaugeT], exchange: Callable[[GaugeT, Wire, bool], Polled]) -> Host:
     """Return the host side of a line with these gauges.
 
-    exchange: creates the exchange of one gauge; its last argument states whether the line is shared.
+    exchange: creates the exchange of a gauge. The last argument is True if the line is shared.
     """
     first, shared = gauges[0], len(gauges) > 1
     wire = Wire(first.port, first.framing, serving=False)
@@ -94,13 +94,13 @@ class RegisterDialect:
         self._requests: dict[int, bytes] = {}
         size = 2 * block.count
         self._plainly = struct.pack(">HHBBB", 0, 3 + size, block.unit, block.function, size)
-        """Expected head of a valid answer for the whole block, after the transaction id."""
+        """Expected head of a valid answer for the complete block, after the transaction id."""
         self._words = struct.Struct(f">{block.count}H")
         self._sent, self._count = b"", block.count
-        """Present request, and the number of registers requested."""
+        """Current request, and the number of registers requested."""
 
     def request(self) -> bytes:
-        """Return the request for the whole block; on a serial line it may be a probe of a different length."""
+        """Return the request for the complete block. On a serial line it may be a probe of a different length."""
         if not self._wire.numbered:
             self._count = self._resync.ask(self._block.count)
         if self._count not in self._requests:
@@ -111,7 +111,7 @@ class RegisterDialect:
 
     def read(self, message: Message, requested_ns: int) -> Reply:
         data = message.data
-        if self._wire.numbered and data[:_PREFIX] == self._sent[:2] + self._plainly:  # nearly always
+        if self._wire.numbered and data[:_PREFIX] == self._sent[:2] + self._plainly:  # the usual case
             return self._meant(self._words.unpack_from(data, _PREFIX), message, requested_ns)
         return self._examined(message, requested_ns)
 
@@ -174,7 +174,7 @@ class RegisterDialect:
 
 
 def unasked(wire: Wire, message: Message) -> Fault:
-    """Return the fault for a message that answers no present request."""
+    """Return the fault for a message that does not answer the current request."""
     at_ns = message.last_byte_ns
     if (asked := wire.asks(message.data)) is not None:
         detail = f"another master asks unit {asked} on this line; disconnect it, or let it read for both"
@@ -190,7 +190,7 @@ def unasked(wire: Wire, message: Message) -> Fault:
 
 
 def verdict(registers: Registers, status: StatusRegister | None, layout: Layout, at_ns: int) -> int | Fault:
-    """Return the instrument's status: 0 for good, its code for doubtful, or a fault."""
+    """Return the status of the instrument: 0 for good, a code for doubtful, or a fault."""
     if status is None:
         return 0
     code = unpack(registers, status, layout)
@@ -203,7 +203,7 @@ def verdict(registers: Registers, status: StatusRegister | None, layout: Layout,
 
 
 def pack_verdict(registers: list[int], status: StatusRegister | None, layout: Layout, *, good: bool) -> None:
-    """Store a status: the first listed value if `good`, otherwise an unlisted one."""
+    """Store a status: the first listed value if `good`, otherwise a value not listed."""
     if status is not None:
         listed = (*status.good, *status.doubtful)
         pack(registers, status, layout, listed[0] if good else min(set(range(len(listed) + 1)) - set(listed)))
@@ -219,11 +219,11 @@ class RegisterDevice:
     def __init__(self, served: Sequence[tuple[Block, Held]], silently: Sequence[tuple[Block, Held]] = ()) -> None:
         """Create the device side.
 
-        served: blocks with their content at a time, None if there is neither a reading nor a status. silently: blocks
-        without readings.
+        served: blocks with the content at a time; None if there is neither a reading nor a status. silently: blocks
+        that contain no readings.
         """
         self.sent = 0
-        """Number of answers with readings."""
+        """Number of answers that contain readings."""
         first = served[0][0]
         self._blocks = [*served, *silently]
         self._readings = len(served)

@@ -1,7 +1,7 @@
-"""Receive from a device that sends unprompted after it was started.
+"""Receiving from a device that sends unprompted after it was started.
 
 Messages are decoded on arrival. A silence of `timeout_s` is reported (fault SILENT) once per `timeout_s`, and the
-dialect chooses the reaction. Bytes without a message do not end a silence.
+dialect selects the reaction. Bytes that form no message do not end a silence.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from daq.protocol.numerals import PassesShapes
 
 @dataclass(frozen=True, slots=True)
 class Reaction:
-    """Items of a message and the bytes to send; `hang_up`: close the link, which is of no further use."""
+    """Items of a message and the bytes to send. hang_up: close the link because it is useless now."""
 
     items: tuple[Item, ...] = ()
     send: bytes = b""
@@ -38,7 +38,7 @@ class StreamedDialect(Protocol):
         """Return the bytes that start the stream."""
 
     def read(self, message: Message | Fault) -> Reaction:
-        """Interpret a message, or a framing fault."""
+        """Interpret a message or a framing fault."""
 
     def silent(self) -> Reaction:
         """Return the reaction to a silence."""
@@ -97,8 +97,10 @@ class Streamed(PassesShapes):
 
 
 _FIRST_SLOWLY_BYTES = 48
-"""Bytes decoded singly after a failed array decode, a few values. Doubled each time, to limit attempts on a garbled
-stream."""
+"""Number of bytes decoded individually after a failed array decoding, a few values.
+
+It is doubled each time to limit the attempts on a garbled stream.
+"""
 
 
 class QuickDialect(StreamedDialect, Protocol):
@@ -109,11 +111,12 @@ class QuickDialect(StreamedDialect, Protocol):
 
 
 class QuicklyStreamed(Streamed):
-    """Host side of a device with thousands of messages per second: plain readings are decoded as arrays."""
+    """Host side of a device with thousands of messages per second. Plain readings are decoded as arrays."""
 
     gather_ns = 100_000_000
-    """Decoding takes about 0.3 ms, in which nothing is stamped. At this interval it affects fewer than one stamp in a
-    hundred, and it is shorter than a recorder round."""
+    """Gathering time. Decoding takes about 0.3 ms, during which no data is stamped. At this interval it affects fewer
+    than one stamp in a hundred, and it is shorter than a round of the recorder.
+    """
 
     def __init__(self, dialect: QuickDialect, timeout_s: float) -> None:
         super().__init__(dialect, timeout_s)
@@ -140,7 +143,7 @@ class QuicklyStreamed(Streamed):
 
 
 def split(arrivals: Sequence[Arrival], size: int) -> tuple[list[Arrival], list[Arrival]]:
-    """Split the arrivals after `size` bytes, keeping all stamps."""
+    """Split the arrivals after `size` bytes. All stamps are preserved."""
     before, after = list[Arrival](), list[Arrival]()
     for data, at_ns in arrivals:
         if data[:size]:

@@ -1,12 +1,12 @@
 """Instruments with short text requests and answers: common parts of both sides.
 
-A driver adds its dialect: the request, the end of a message, and `read`, which converts a message into a reading in mm
-or a `Trouble` for one gauge. Gauges on a shared link share the message. A gauge in trouble reads nan next to a good
-one; if all are in trouble there is no sample. `TextDevice` is the instrument, for which a driver adds the answers.
+A driver adds a dialect: the request, the end of a message, and `read`, which converts a message into a reading in mm or
+a `Trouble` for a gauge. Gauges on a shared link share the message. A gauge in trouble reads nan next to a good gauge.
+If all gauges are in trouble, there is no sample. `TextDevice` is the instrument, for which a driver adds the answers.
 
-Every number is checked against the format of the previous ones (`daq.protocol.numerals`), which detects line damage and
-a changed unit on instruments that send none. The unit of an instrument is compared with the rig file (`in_mm`): a
-difference is reported as a fault and never converted, since either the gauge or the file is wrong.
+Every number is checked against the format of the previous numbers (`daq.protocol.numerals`). This detects line damage,
+and a changed unit on instruments that do not send the unit. A transmitted unit is compared with the rig file (`in_mm`).
+A difference is reported as a fault and never converted, because either the gauge or the file is wrong.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ from rigs.schema.probe import MM_PER_UNIT, Probe, Units
 
 CHECK = "check the cable, that the gauge is on, and the line's settings"
 SIGNED = rb"[+-]\d{1,7}\.\d{1,7}"
-"""Number with a mandatory sign; without it a lost first byte would change the sign."""
+"""Number with a mandatory sign: otherwise the loss of the first byte would change the sign."""
 _UNITS: dict[bytes, Units] = {b"mm": "mm", b"um": "um", b"in": "inch", b"inch": "inch"}
 
 Show = Callable[[], Sequence[float]]
-"""Takes a reading: one number per gauge in its units; nan for a head in error."""
+"""Takes a reading: a number per gauge in the units of the gauge; nan for a head in error."""
 ProbeT = TypeVar("ProbeT", bound=Probe)
 
 
 @dataclass(frozen=True, slots=True)
 class Trouble:
-    """Reason for a message without a reading, with advice."""
+    """Reason for a message lacking a reading, with advice."""
 
     detail: str
     kind: FaultKind = FaultKind.DEVICE_ERROR
@@ -56,9 +56,9 @@ def shown(data: bytes) -> str:
 
 
 def mm(number: bytes, gauge: Probe, fields: int = 1) -> Reading:
-    """Convert a number in the gauge's units to mm, ignoring blanks; Trouble if it is invalid.
+    """Convert a number in the units of the gauge to mm, ignoring blanks. Return Trouble if it is invalid.
 
-    fields: numbers in the message if the order identifies the gauges.
+    fields: count of numbers in the message if the order identifies the gauges.
     """
     value_mm = float(number.replace(b" ", b"")) * MM_PER_UNIT[gauge.units]
     if refused := refusal(value_mm, gauge):
@@ -68,7 +68,7 @@ def mm(number: bytes, gauge: Probe, fields: int = 1) -> Reading:
 
 
 def in_mm(number: bytes, unit: bytes, gauge: Probe) -> Reading:
-    """Convert a number with a transmitted unit to mm; Trouble if the unit differs from the rig file."""
+    """Convert a number with a transmitted unit to mm. Return Trouble if the unit differs from the rig file."""
     sent = _UNITS.get(unit.lower())
     if sent == gauge.units:
         return mm(number, gauge)
@@ -97,7 +97,7 @@ def items_of(message: Message, requested_ns: int, readings: Sequence[Reading]) -
 def held(
     readings: Sequence[Reading], shapes: Sequence[HeldShape], message: Message
 ) -> tuple[list[Reading], tuple[Fault, ...]]:
-    """Check each gauge's number against its format; return the readings and additional faults."""
+    """Check the number of each gauge against the format. Return the readings and additional faults."""
     checked, faults = list[Reading](), list[Fault]()
     for reading, shape in zip(readings, shapes, strict=True):
         if not isinstance(reading, Written):
@@ -128,7 +128,7 @@ class TextDialect(Generic[ProbeT]):
     ) -> None:
         """Create the dialect.
 
-        may_echo: whether a message starting with the request is an echo instead of an answer.
+        may_echo: treat a message starting with the request as an echo, not as an answer.
         """
         if may_echo and isinstance(frames, Lines):
             frames.echo = request
@@ -157,7 +157,7 @@ class TextDialect(Generic[ProbeT]):
 class TextDevice:
     """Device side of an instrument that answers requests.
 
-    `answer` returns the answer to a command, or empty bytes for none; an incomplete command is empty.
+    `answer` returns the answer to a command, or empty bytes for none. An incomplete command is empty.
     """
 
     def __init__(

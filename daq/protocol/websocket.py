@@ -1,6 +1,6 @@
-"""Carry a conversation over a WebSocket (RFC 6455), with one text message per step.
+"""Conversation over a WebSocket (RFC 6455), with a text message per step.
 
-wsproto implements the protocol, also without network access. Pings are answered. A message is stamped with its last
+wsproto implements the protocol independently of a network. Pings are answered. A message has the timestamp of the last
 piece. A refused, closed or invalid WebSocket, or a message above `LIMIT`, ends the link.
 """
 
@@ -24,11 +24,11 @@ from wsproto.utilities import RemoteProtocolError
 from daq.protocol.conversation import Conversation, Device, Fault, FaultKind, Host, Item, Step
 
 LIMIT = 1 << 16
-"""Limit of a message in bytes: ten times the joint states of an arm with a hand."""
+"""Maximum size of a message in bytes: ten times the joint states of an arm with a hand."""
 
 
 class _WebSocket:
-    """One side. The inner conversation starts when the WebSocket is open."""
+    """A side of the connection. The inner conversation starts when the WebSocket is open."""
 
     def __init__(self, side: ConnectionType, carried: Conversation) -> None:
         self._socket = WSConnection(side)
@@ -39,7 +39,7 @@ class _WebSocket:
     def received(self, data: bytes, now_ns: int) -> Step:
         if self._over:
             return Step(hang_up=True)
-        if not data:  # wsproto takes empty data for the end
+        if not data:  # wsproto interprets empty data as the end
             return self._waiting(Step(), now_ns)
         try:
             self._socket.receive_data(data)
@@ -58,7 +58,7 @@ class _WebSocket:
         return self._carry(self._carried.tick(now_ns)) if self._open else self._waiting(Step(), now_ns)
 
     def _waiting(self, step: Step, now_ns: int) -> Step:
-        """Add the wake-up time to the step of an event without data."""
+        """Add the wake-up time to the step of an event that contains no data."""
         if step.wake_ns is not None or step.hang_up or not self._open:
             return step
         return _after(step, self._carry(self._carried.tick(now_ns)))
@@ -101,12 +101,12 @@ class _WebSocket:
 
 
 def _after(step: Step, following: Step) -> Step:
-    """Merge two steps; the last one determines the wake-up time and the end."""
+    """Merge two steps. The last step determines the wake-up time and the end."""
     return replace(following, send=step.send + following.send, items=step.items + following.items)
 
 
 class WebSocketHost(_WebSocket):
-    """Client side. address: of the server, for example `robot:9090`."""
+    """Client side. address: address of the server, for example `robot:9090`."""
 
     def __init__(self, carried: Host, address: str, timeout_s: float) -> None:
         super().__init__(ConnectionType.CLIENT, carried)
@@ -132,7 +132,7 @@ class WebSocketHost(_WebSocket):
 
 
 class WebSocketDevice(_WebSocket):
-    """Server side, for one client."""
+    """Server side for a single client."""
 
     def __init__(self, carried: Device) -> None:
         super().__init__(ConnectionType.SERVER, carried)

@@ -1,10 +1,14 @@
-r"""Capture file: the raw bytes of every link with their stamps, as readable text.
+"""Capture file: the raw bytes of every link with their timestamps, as readable text.
 
-# rig capture 1 # stream g1: /dev/ttyUSB0, 4800 7E2 81273645120938 g1 + /dev/ttyUSB0 81273645204411 g1 > ?\r
-81273690012874 g1 < +00.12 81273690013020 g1 - the device was unplugged
+    # rig capture 1
+    # stream g1: /dev/ttyUSB0, 4800 7E2
+    81273645120938 g1 + /dev/ttyUSB0
+    81273645204411 g1 > ?\\r
+    81273690012874 g1 < +00.12
+    81273690013020 g1 - the device was unplugged
 
 `>` means sent, `<` received, `+` link opened, `-` link lost, `!` number of dropped pieces. Non-printable bytes are
-written in Python notation. A piece is the data of one read or write, never split or joined.
+written in Python notation. A piece is the data of a single read or write, never split or joined.
 """
 
 from __future__ import annotations
@@ -19,7 +23,7 @@ from rigs.files import read_bytes
 
 HEAD = "# rig capture 1"
 MOST_BYTES = 1_000_000_000
-"""Largest capture that can be read. An hour of three busy streams has 0.5 GB."""
+"""Largest capture that can be read. An hour of three busy streams takes 0.5 GB."""
 _LINE = re.compile(r"(\d{1,19}) (\S{1,64}) ([><+!-]) (.*)")
 
 
@@ -35,9 +39,10 @@ class Mark(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Piece:
-    """Event on the link of a stream.
+    """An event on the link of a stream.
 
-    at_ns: host monotonic time, before a write or after a read. data: the bytes, or ASCII text for the other marks.
+    at_ns: monotonic time of the host, before a write or after a read. data: the bytes, or ASCII text for the other
+    marks.
     """
 
     at_ns: int
@@ -46,24 +51,24 @@ class Piece:
     data: bytes
 
     def line(self) -> str:
-        """Format the piece as a line of the file."""
+        """The piece as a line of the file."""
         return f"{self.at_ns} {self.stream} {self.mark} {self.data.decode('latin-1').encode('unicode_escape').decode()}"
 
 
 @dataclass(frozen=True)
 class Capture:
-    """Content of a capture file, in order. cut: whether the file ends within a line, as after a crash."""
+    """Content of a capture file in order. cut: True if the file ends within a line, as after a crash."""
 
     pieces: tuple[Piece, ...]
     cut: bool
 
     @property
     def streams(self) -> tuple[str, ...]:
-        """Names of the streams, in order of their first piece."""
+        """Names of the streams in order of their first piece."""
         return tuple(dict.fromkeys(piece.stream for piece in self.pieces))
 
     def of(self, stream: str) -> tuple[Piece, ...]:
-        """Return the pieces of one stream."""
+        """Return the pieces of a stream."""
         return tuple(piece for piece in self.pieces if piece.stream == stream)
 
 

@@ -1,7 +1,7 @@
-"""The conversation loop for every gauge, robot and emulator.
+"""Conversation loop for every gauge, robot and emulator.
 
-One `select` and one `read` lie between the arrival of bytes and their stamp. While a conversation gathers
-(`daq.protocol.conversation.Gathering`), bytes are only stamped on arrival and decoded together afterwards.
+A single `select` and `read` lie between the arrival of bytes and the timestamp. While a conversation gathers
+(`daq.protocol.conversation.Gathering`), bytes are only stamped on arrival and decoded together later.
 """
 
 from __future__ import annotations
@@ -14,16 +14,18 @@ from daq.protocol.conversation import Arrival, Conversation, Gathering, Item, St
 from daq.wire.links import LinkLost
 
 _LONGEST_WAIT_S = 0.2
-"""Limit that lets a stop request take effect and feeds the watchdog on a silent link."""
+"""Longest wait. It lets a stop request take effect and feeds the watchdog on a silent link."""
 _ALIVE_NS = 5_000_000
-"""Shortest interval between calls of `alive` in a fast loop: the calls (heartbeat, counters, giving way) would
-otherwise take a tenth of a poll."""
+"""Shortest interval between calls of `alive` in a fast loop.
+
+Otherwise the calls (heartbeat, counters, yielding) would take a tenth of the time.
+"""
 _MOST_GATHERED_BYTES = 65_536
-"""Limit of one read: data of a flooding peer is decoded in pieces of about 2 ms each."""
+"""Size limit of a read: data of a flooding peer is decoded in pieces of about 2 ms each."""
 
 
 class ByteLink(Protocol):
-    """Interface of a link for the loop."""
+    """Interface of a link used by the loop."""
 
     def read(self, timeout_s: float) -> bytes:
         """Return the data received within the time-out; empty after a time-out. Raises LinkLost."""
@@ -42,10 +44,11 @@ def run_conversation(
     ended: Callable[[], bool],
     alive: Callable[[], None] = lambda: None,
 ) -> None:
-    """Run the conversation until `ended` is true or the conversation hangs up. Raises LinkLost.
+    """Run the conversation until `ended` returns True or the conversation hangs up. Raises LinkLost.
 
-    Stamps are taken before a write and right after a read, so the reading of the device lies between both stamps
-    whatever the scheduler does. `alive` is called at least every 0.2 s plus the gathering time, and at most every 5 ms.
+    Stamps are taken immediately before a write and after a read. The reading of the device therefore always lies
+    between the two stamps, regardless of the scheduler. `alive` is called at least every 0.2 s plus the gathering time,
+    and at most every 5 ms.
     """
     gathering = conversation if isinstance(conversation, Gathering) else None
     step = conversation.connected(clock.now_ns())
@@ -80,7 +83,10 @@ def run_conversation(
 
 
 def _gathered(link: ByteLink, first: Arrival, gather_ns: int) -> tuple[list[Arrival], LinkLost | None]:
-    """Read and stamp without decoding; return the arrivals, and the error if the link was lost."""
+    """Read and stamp data for a time. Decoding is deferred.
+
+    Return the arrivals, and the error if the link was lost.
+    """
     arrivals, size = [first], len(first[0])
     now_ns, until_ns = first[1], first[1] + gather_ns
     try:

@@ -1,17 +1,20 @@
-"""Links: the only module that touches serial devices and sockets.
+"""Links: the only module that accesses serial devices and sockets.
 
-A link is a named file descriptor, read with a time limit and stamped by its reader.
+A link is a named file descriptor. It is read with a time limit, and the reader adds the timestamps.
 
-A vanished TCP peer (power cut, cable, hung program) closes nothing, so a connection without data for `dead_s` counts as
-lost. The operating system detects an absent computer somewhat earlier, with its own error message.
+A vanished TCP peer (power cut, cable, hung program) closes nothing. A connection that receives no data for `dead_s`
+therefore counts as lost. The operating system detects an absent computer somewhat earlier, with a different error
+message.
 
-A listening port accepts one sender: the first one whose data forms a sample, until it falls silent. UDP has no
-connections at all (`UdpLink`); over TCP one program at a time can be connected (`ListeningLink`).
+A listening port accepts a single sender: the first sender of data that forms a sample, until it becomes silent. UDP has
+no connections (`UdpLink`). Over TCP a single program can be connected at a time (`ListeningLink`).
 
-Reads go straight to the descriptor: one `select` and one `read` per piece keep the stamp close to the arrival.
+Data is read directly from the descriptor: a single `select` and `read` per piece keep the timestamp close to the
+arrival.
 
 A port in a rig file is a serial device or a network address, remote or local. pyserial opens, configures and locks
-serial devices (`daq.wire.serial_port`). Nothing listens unless the rig file requests it, and only at the given address.
+serial devices (`daq.wire.serial_port`). Listening ports are opened only if the rig file requests it, and only at the
+given address.
 """
 
 from __future__ import annotations
@@ -36,14 +39,14 @@ from rigs.schema.links import Line, ModemLines, tcp_address, udp_address
 
 _WRITE_S = 2.0
 DEAD_S = 10.0
-"""Default time without data after which a TCP connection is lost; slow instruments may have a longer limit."""
+"""Default silence after which a TCP connection is lost. Slow instruments may have a longer limit."""
 _REPORT_EVERY_S = 1.0
 _COARSE_S = 0.02
-"""Waits above this length may end a millisecond late."""
+"""Minimum duration of waits that may end a millisecond late."""
 
 
 Address = tuple[Any, ...]
-"""Peer address as the operating system reports it: host, port, and more for IPv6."""
+"""Address of a peer as reported by the operating system: host, port, and additional fields for IPv6."""
 
 
 class LinkLost(Exception):
@@ -69,7 +72,7 @@ class Link:
         try:
             if timeout_s < _COARSE_S:
                 came = bool(select.select([self._fd], [], [], max(0.0, timeout_s))[0])
-            else:  # takes half the time of `select`, in whole milliseconds
+            else:  # takes half the time of `select`, but waits in whole milliseconds
                 came = bool(self._poll.poll(1e3 * timeout_s))
             if not came:
                 if clock.now_s() - self._heard_s > self._dead_s:
@@ -92,7 +95,7 @@ class Link:
         return poll
 
     def write(self, data: bytes) -> None:
-        """Send all data. Raises LinkLost, also if the line accepts no data for several seconds."""
+        """Send all data. Raises LinkLost, also if the line is blocked for several seconds."""
         try:
             while data:
                 try:
@@ -107,7 +110,7 @@ class Link:
         """Set the modem line DTR if the port has it. Raises LinkLost."""
 
     def close(self) -> None:
-        """Close the device; repeated calls and absent devices are harmless."""
+        """Close the device. It may already be closed or absent."""
         with contextlib.suppress(OSError):
             self._close()
 
@@ -115,12 +118,12 @@ class Link:
         """Inform the link of the items decoded from the last data."""
 
     def take_ignored(self) -> list[Fault]:
-        """Return ignored data since the last call as faults: from other senders, or damaged."""
+        """Return the data ignored since the last call as faults: damaged data, or data of other senders."""
         return []
 
 
 class SerialLink(Link):
-    """Serial port; its error counters are polled once a second."""
+    """Serial port. The error counters are polled once a second."""
 
     def __init__(self, name: str, device: serial.Serial) -> None:
         super().__init__(name, device.fileno(), device.close)
@@ -153,9 +156,9 @@ class SerialLink(Link):
 
 
 class UdpLink(Link):
-    """UDP port: one datagram per read and write.
+    """UDP port with a datagram per read and write.
 
-    peer: the accepted sender; None until a datagram forms a sample.
+    peer: accepted sender; None until a datagram forms a sample.
     """
 
     def __init__(self, name: str, sock: socket.socket, peer: Address | None) -> None:
@@ -166,8 +169,10 @@ class UdpLink(Link):
         self._strangers = _Strangers("datagrams")
 
     def read(self, timeout_s: float) -> bytes:
-        """Return the next datagram of the peer, waiting at most `timeout_s`; empty after a time-out. Raises
-        LinkLost."""
+        """Return the next datagram of the peer, waiting at most `timeout_s`; empty after a time-out.
+
+        Raises LinkLost.
+        """
         try:
             if not select.select([self], [], [], max(0.0, timeout_s))[0]:
                 return b""
@@ -183,7 +188,7 @@ class UdpLink(Link):
         return data
 
     def write(self, data: bytes) -> None:
-        """Answer the last sender. Raises LinkLost."""
+        """Send to the last sender. Raises LinkLost."""
         if self._sender is None:
             return
         try:
@@ -194,7 +199,7 @@ class UdpLink(Link):
             raise LinkLost(str(error)) from None
 
     def note_items(self, items: Sequence[Item]) -> None:
-        """Accept the sender of a sample as the peer; after a silence any sender can become the peer."""
+        """Accept the sender of a sample as the peer. After a silence any sender can become the peer."""
         if self._peer_is_fixed:
             return
         for item in items:
@@ -208,10 +213,10 @@ class UdpLink(Link):
 
 
 class ListeningLink(Link):
-    """Listening TCP port, with one connected program at a time.
+    """Listening TCP port for a single program at a time.
 
-    A second program is refused while the first one delivers samples. If the first one delivers none, the link is lost
-    and reopened for the next program with a new conversation, because a partial line may have been received.
+    Another program is refused while the first delivers samples. If the first delivers none, the link is lost and
+    reopened for the next program with a new conversation, because a partial line may have been received.
     """
 
     def __init__(self, name: str, server: socket.socket, dead_s: float) -> None:
@@ -229,12 +234,12 @@ class ListeningLink(Link):
             ready = select.select(waited, [], [], max(0.0, timeout_s))[0]
         except (OSError, ValueError) as error:
             raise LinkLost(str(error)) from None
-        if self._server in ready and self._caller not in ready:  # data already received may prove the present caller
+        if self._server in ready and self._caller not in ready:  # data already received may prove the current caller
             self._accept()
         return self._caller.read(0.0) if self._caller else b""
 
     def write(self, data: bytes) -> None:
-        """Send to the connected program, or drop the data if there is none. Raises LinkLost."""
+        """Send to the connected program; drop the data if none is connected. Raises LinkLost."""
         if self._caller:
             self._caller.write(data)
 
@@ -244,7 +249,7 @@ class ListeningLink(Link):
         super().close()
 
     def note_items(self, items: Sequence[Item]) -> None:
-        """Accept the program that delivered a sample, until it falls silent."""
+        """Accept the program that delivered a sample, until it becomes silent."""
         for item in items:
             if not isinstance(item, Fault):
                 self._makes_samples = True
@@ -298,8 +303,7 @@ def _address_text(address: Address | None) -> str:
 
 
 def set_up_tcp(sock: socket.socket, dead_s: float) -> None:
-    """Configure a TCP socket: no delay, non-blocking, keep-alive probes and a limit on unacknowledged data below
-    `dead_s`."""
+    """Make a TCP socket non-blocking, send without delay, and detect a dead peer within `dead_s`."""
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     part_s = max(1, round(dead_s / 5))
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
@@ -315,7 +319,7 @@ _OURS = (
     "give an address of this computer, to which the controller sends, and a port above 1023 that no other program uses"
 )
 _QUEUE = 1 << 20
-"""Bytes of datagrams queued for a delayed reader; the operating system may allow fewer."""
+"""Number of bytes queued in datagrams for a delayed reader. The operating system may allow fewer."""
 
 
 def open_link(
@@ -329,8 +333,8 @@ def open_link(
 ) -> Link:
     """Open a port of the rig file for the stream `name`.
 
-    dead_s: time without data after which a TCP connection is lost. listens: whether the address is local. modem: modem
-    lines of a serial port, None for both on. Raises CellError with the remedy.
+    dead_s: time of silence after which a TCP connection is lost. listens: the address is local. modem: modem lines of
+    a serial port; None for both on. Raises CellError with the remedy.
     """
     if address := tcp_address(port):
         return _listen(name, address, dead_s) if listens else _open_tcp(name, address, dead_s)
@@ -383,7 +387,7 @@ def _listen(name: str, address: tuple[str, int], dead_s: float) -> Link:
     except UnicodeError:
         raise CellError(where, "the host name is not valid", "correct the port in the rig file") from None
     except OSError as error:
-        # The plain system message, without Python's additions; unknown names have a negative number.
+        # The plain message of the system, stripped of additions by Python. Unknown names have a negative number.
         why = os.strerror(error.errno) if error.errno and error.errno > 0 else error.strerror or str(error)
         raise CellError(where, f"cannot listen: {why}", _OURS) from None
     server.setblocking(False)

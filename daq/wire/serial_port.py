@@ -1,4 +1,4 @@
-"""Open serial devices with pyserial: line settings, modem lines, and remedies for failures.
+"""Opening of serial devices with pyserial: line settings, modem lines, and remedies for failures.
 
 pyserial switches both modem lines on by default. Lines that power a cable are set before the first byte.
 """
@@ -24,16 +24,16 @@ _IFLAG = 0
 _COUNTS = struct.Struct("@20i")
 """`struct serial_icounter_struct` of linux/serial.h, filled by `TIOCGICOUNT`."""
 _PLACES = {"overrun": 7, "wrong framing": 6, "wrong parity": 8, "no room in the port": 10}
-"""Indices of the counters of lost and damaged characters, by their names in a report."""
+"""Indices of the counters for lost and damaged characters, by their names in a report."""
 _TIOCGICOUNT = 0x545D
-"""From asm-generic/ioctls.h, valid for x86 and ARM; absent from Python's termios."""
+"""Value from asm-generic/ioctls.h, valid for x86 and ARM; the termios module of Python lacks it."""
 _BITS = {7: serial.SEVENBITS, 8: serial.EIGHTBITS}
 
 
 def port_names(root: Path = Path("/")) -> list[str]:
     """Return the serial ports of this computer by their most permanent names.
 
-    Pluggable ports precede built-in ones; names without hardware are left out. root: parent of /dev and /sys.
+    Pluggable ports precede built-in ports. Names of missing hardware are omitted. root: parent of /dev and /sys.
     """
     files = [file for folder in _LASTING if (root / folder).is_dir() for file in sorted((root / folder).iterdir())]
     files += sorted(file for kind in _PLUGGED for file in (root / "dev").glob(kind))
@@ -45,12 +45,12 @@ def port_names(root: Path = Path("/")) -> list[str]:
 
 
 def is_built_in(port: str) -> bool:
-    """Return whether a port is part of the computer and therefore present with nothing plugged in."""
+    """Return whether a port is part of the computer and therefore exists even if nothing is connected."""
     return any(Path(port).resolve().match(f"/dev/{kind}") for kind in _BUILT_IN)
 
 
 def _has_chip(name: str, root: Path) -> bool:
-    """Return whether hardware exists: a PC lists /dev/ttyS0 to 31, mostly without a chip."""
+    """Return whether the hardware exists: a PC lists /dev/ttyS0 to 31, most of them lacking a chip."""
     try:
         return (root / "sys/class/tty" / name / "type").read_text().strip() != "0"  # PORT_UNKNOWN of serial_core.h
     except OSError:
@@ -67,8 +67,7 @@ def open_serial(name: str, port: str, line: Line, modem: ModemLines | None) -> s
         device = _configured(port, line, modem)
         if line.parity != "N":
             # Report a character with wrong parity as NUL, which never occurs in a reading. By default pyserial passes
-            # such a character
-            # on unchanged, and a flipped bit could turn a digit into a different digit.
+            # such a character on unchanged, and a flipped bit could turn a digit into a different digit.
             fd = device.fileno()
             settings = termios.tcgetattr(fd)
             settings[_IFLAG] |= termios.INPCK
@@ -99,7 +98,7 @@ def _configured(port: str, line: Line, modem: ModemLines | None) -> serial.Seria
     except termios.error as error:
         if error.args[0] != errno.EINVAL:
             raise
-        # A port without a physical line (a pty, some adapters) rejects parity; its bytes pass unchanged.
+        # A port that has no physical line (a pty, some adapters) rejects parity; the bytes pass unchanged.
         device.bytesize, device.parity, device.stopbits = serial.EIGHTBITS, serial.PARITY_NONE, serial.STOPBITS_ONE
         device.open()
     return device
@@ -108,7 +107,7 @@ def _configured(port: str, line: Line, modem: ModemLines | None) -> serial.Seria
 def line_errors(fd: int) -> dict[str, int]:
     """Return the counters of lost and damaged characters by cause.
 
-    Empty for a pty, and for adapters whose driver does not count.
+    Empty for a pty, and for adapters with a driver that does not count.
     """
     try:
         counts = _COUNTS.unpack(fcntl.ioctl(fd, _TIOCGICOUNT, bytes(_COUNTS.size)))

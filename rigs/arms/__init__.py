@@ -1,8 +1,8 @@
-"""Arm library: published data of robot arms, one YAML file per arm, named after the arm.
+"""Arm library: published data of robot arms, with a YAML file per arm, named after the arm.
 
-A file contains the `robot:` section of a rig file, the repeatability of the data sheet, and the sources of all numbers.
-Unpublished values are absent. `robot:` is the last key, so that the remaining text is a section with comments, ready to
-be pasted.
+A file contains the `robot:` section of a rig file, the repeatability from the data sheet, and the sources of all
+numbers. Unpublished values are absent. `robot:` is the last key: the file ends in a commented section ready for
+pasting.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _SECTION = "\nrobot:\n"
 
 
 class Sources(Part):
-    """Sources of an arm's numbers. second, third: used to check the geometry."""
+    """Sources of the numbers of an arm. second, third: sources used to check the geometry."""
 
     geometry: str
     second: str
@@ -36,7 +36,7 @@ class Sources(Part):
 
 
 class ArmFile(Part):
-    """File of the library."""
+    """A file of the library."""
 
     maker: str
     model: str
@@ -60,7 +60,7 @@ class ArmFile(Part):
 
 @dataclass(frozen=True)
 class Arm:
-    """Arm of the library. text: `robot:` section of a rig file, with comments."""
+    """An arm of the library. text: commented `robot:` section of a rig file."""
 
     name: str
     maker: str
@@ -84,7 +84,7 @@ def arm_files() -> dict[str, Path]:
 
 
 def rig_text_of(name: str) -> str:
-    """Return the text of a rig file that has this arm, and nothing else."""
+    """Return the text of a rig file that contains only this arm."""
     return f"name: {name}\n{load_arm(name).text}"
 
 

@@ -1,9 +1,8 @@
 """Registry of effects (link side = reported + effect), one per file of this folder, named after the effect.
 
-A file added here, or a class offered by another package under `rig.effects` (`rigs/schema/plugins.py`), immediately
-becomes an effect of rig files and a candidate of every simulation, fit, plan, diagnosis and correction:
-`rigs.effects.X`
-is its class. `rigs/schema/effect.py` defines the interface of an effect.
+A new file here, or a class offered by another package under `rig.effects` (`rigs/schema/plugins.py`), immediately
+becomes an effect of rig files and a candidate of every simulation, fit, plan, diagnosis and correction. The class of
+the effect is `rigs.effects.X`. `rigs/schema/effect.py` defines the interface of an effect.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ from rigs.schema.effect import size_field as size_field
 
 
 def _class_in(name: str) -> type[Effect]:
-    """Return the effect defined in a file. Raises ImportError if there is no complete effect of that name."""
+    """Return the effect defined in a file. Raises ImportError if the file defines no complete effect of that name."""
     members: list[Any] = list(vars(importlib.import_module(f"{__name__}.{name}")).values())
     for member in members:
         is_effect = isinstance(member, type) and issubclass(member, Effect)
@@ -72,8 +71,10 @@ def turned(axis: int, angle_deg: float) -> Effect:
 
 
 def changed(axis: int, key: str, delta: float) -> Effect:
-    """Return the effect that changes a constant of an axis (1 … 6), named as in the rig file, by delta mm or
-    degrees."""
+    """Return the effect that changes a constant of an axis (1 … 6) by delta mm or degrees.
+
+    key: name of the constant in the rig file.
+    """
     return next(effect for cls in VOCABULARY.values() if (effect := cls.changing(axis, key, delta)))
 
 
@@ -90,7 +91,7 @@ def swing(frequency_hz: float, amplitude_mm: float) -> Effect:
 
 @cache
 def late_stamps() -> tuple[Effect, ...]:
-    """Return the effects of the stamps, each at its healthy size; they need no parameter other than the size."""
+    """Return the effects of the timestamps, each at the healthy size. They have no parameter other than the size."""
     names = [name for name, cls in VOCABULARY.items() if cls.STAGE == "time"]
     return tuple(healthy(VOCABULARY[name].model_validate({"effect": name})) for name in names)
 

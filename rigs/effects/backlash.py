@@ -1,10 +1,9 @@
-"""Backlash: the link lags by half the width, -w/2 while q rises, +w/2 while it falls.
+"""Backlash: the link lags by half the width, -w/2 while q rises and +w/2 while it falls.
 
 `transit` spreads the crossing, as several elements of different width would (Prandtl-Ishlinskii). `preload` is the
-share
-of the width in which gravity rather than friction determines the flank: there the link rests where the torque pushes
-it,
-and a reversal has no effect. A joint without gravity torque, such as a vertical axis, shows the full width.
+share of the width in which gravity instead of friction determines the flank. There the link rests on the side to which
+the torque pushes it, and a reversal has no effect. A joint that carries no gravity torque, such as a vertical axis,
+shows the full width.
 """
 
 from __future__ import annotations
@@ -31,19 +30,19 @@ from rigs.schema.vocabulary import Build
 
 _SPREAD = np.linspace(-0.9, 0.9, 7)
 _FIRM_NM = 1.0
-"""Torque that presses the flank firmly; below, the transition is smooth."""
+"""Torque that presses the flank firmly. Below it the transition is smooth."""
 _SPECTRUM = (0.1, 0.25, 0.5, 0.75, 1.25, 1.5, 2.0, 3.0, 4.0)
 _SHARE = 0.05
 """Widths of elements, relative to the effect, that may replace a part of it, and the standard deviation of each part.
 
-Friction builds up gradually and wind-up adds to it, so the hysteresis of a joint has a spectrum of widths
-(Prandtl-Ishlinskii), and the effect gives its height. Chosen: with five widths the remainder of a backlash of 0.62° was
-named a servo lag.
+Friction builds up gradually, and wind-up adds to it. The hysteresis of a joint therefore has a spectrum of widths
+(Prandtl-Ishlinskii), and the effect gives the total height. Chosen: with five widths the remainder of a backlash of
+0.62° was named a servo lag.
 """
 
 
 class Backlash(Effect):
-    """Backlash of `width_deg`: the link lags, -w/2 while q rises, +w/2 while it falls, and crosses at a reversal.
+    """Backlash of `width_deg`: the link lags, -w/2 while q rises and +w/2 while it falls, and crosses at a reversal.
 
     transit: gradual crossing, 0 sharp, 1 spread over twice the width. preload: share of the width in which gravity
     determines the flank.
@@ -59,11 +58,11 @@ class Backlash(Effect):
     PLACE = AT_AXIS
     STRAIGHT = 0.0
     MOST = 200.0
-    """Largest width in a rig file, 2°: new servos of hobby arms have 0.9°."""
+    """Largest width in a rig file, 2°. New servos of hobby arms have 0.9°."""
     FREE = (FreeShape("transit", 0.2, 0.4, tried=(1.0,)), FreeShape("preload", 0.0, 0.15, tried=(1.0,)))
 
     def apply(self, scene: S) -> S:
-        """The joint lags; the trace, or each visit without a time, begins in the middle of the play."""
+        """Let the joint lag. The trace, or each visit if there are no times, starts in the middle of the play."""
         half = np.radians(self.width_deg) / 2
         q = scene.q[:, self.axis - 1]
         widths = half * (1 + self.transit * _SPREAD) if self.transit else np.array([half])
@@ -76,14 +75,15 @@ class Backlash(Effect):
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[Backlash]]:
-        """One per joint."""
         return at_each_axis(cls, scope)
 
     def usual_times(self, build: Build) -> float:
-        """Servos show thirty times as much, so that more than 1.5° is a fault. New Feetech STS3215, as in an SO-101,
-        show 0.87° (robonine.com, test of 2025), about 1° (TheRobotStudio/SO-ARM100, issue 134), 1.30° (robonine.com,
-        backlash compensation) and up to 1.49° in logs of whole arms, although their data sheet allows 0.5°. A test
-        stand with its logs: doi.org/10.5281/zenodo.19261714."""
+        """Return a multiple of thirty for servos: more than 1.5° is a fault.
+
+        New Feetech STS3215, as in an SO-101, show 0.87° (robonine.com, test of 2025), about 1°
+        (TheRobotStudio/SO-ARM100, issue 134), 1.30° (robonine.com, backlash compensation) and up to 1.49° in logs of
+        complete arms, although the data sheet allows 0.5°. A test stand with its logs: doi.org/10.5281/zenodo.19261714.
+        """
         return 30.0 if build == "servo" else 1.0
 
     def plain(self, joint: str) -> str:
@@ -95,18 +95,18 @@ class Backlash(Effect):
         )
 
     def compensation(self) -> Compensation:
-        """Not possible by targets, because a spike depends on the history."""
+        """Return no compensation by targets, because the effect depends on the history."""
         return Compensation(
             "none", "depends on where the joint came from: only the same approach direction to every target helps"
         )
 
     @property
     def idle(self) -> str:
-        """Only visible at reversals."""
+        """Reason for being invisible: only reversals show it."""
         return f"axis {self.axis} does not turn back"
 
     def departures(self) -> Departures:
-        """Initial position in the width, and the form of the crossing."""
+        """Return the initial position in the width and the form of the crossing."""
         half_deg = self.width_deg / 2
         free = scaled(self, 1.0, preload=0.0)
         spectrum = tuple(((_SHARE / ratio, scaled(free, ratio, transit=0.0)), (-_SHARE, free)) for ratio in _SPECTRUM)

@@ -33,7 +33,7 @@ class BallForm(Effect):
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[BallForm]]:
-        """Few lobes, if there is a ball."""
+        """Return forms with few lobes, if there is a ball."""
         return [[cls(lobes=lobes) for lobes in _LIKELY]] if scope.gauges else []
 
     def plain(self, joint: str) -> str:
@@ -46,7 +46,7 @@ class BallForm(Effect):
         return Compensation("none", "belongs to the ball, which the robot's controller cannot correct")
 
     def departures(self) -> Departures:
-        """Unequal lobes: one more and one fewer."""
+        """Return unequal lobes: a lobe more and a lobe less."""
         near = [lobes for lobes in (self.lobes - 1, self.lobes + 1) if _FEWEST <= lobes <= _MOST]
         return Departures(
             tuple(

@@ -1,4 +1,4 @@
-"""Sag of the base: the support of the arm yields on the side to which the arm leans."""
+"""Sag of the base: the support yields on the side to which the arm leans."""
 
 from __future__ import annotations
 
@@ -12,13 +12,15 @@ _WAYS: tuple[About, ...] = ("x", "y")
 
 
 class BaseSags(Effect):
-    """The base rises by `mm_per_Nm` of the moment about its x or y, as with a support beside the arm, such as a
-    column guide."""
+    """Rise of the base by `mm_per_Nm` of the moment about its x or y axis.
+
+    This describes a support next to the arm, such as a column guide.
+    """
 
     effect: Literal["base_sags"] = "base_sags"
     way: About
     mm_per_Nm: float = size(0.1, 1e-5)
-    """Healthy value, derived: tilt of a good base (`base_yields`, 0.09 µrad/Nm) at 100 mm from its support."""
+    """Healthy value, derived: tilt of a good base (`base_yields`, 0.09 µrad/Nm) at 100 mm from the support."""
 
     STAGE = "tool"
     DEED = "mount"
@@ -27,12 +29,11 @@ class BaseSags(Effect):
     MOST = 400.0
 
     def apply(self, scene: S) -> S:
-        """Move the whole arm along the z axis of its base."""
+        """Move the complete arm along the z axis of the base."""
         return scene.raised(self.mm_per_Nm * scene.moment()[:, _WAYS.index(self.way)])
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[BaseSags]]:
-        """One per direction."""
         return [[cls(way=way)] for way in _WAYS]
 
     def plain(self, joint: str) -> str:
@@ -42,15 +43,14 @@ class BaseSags(Effect):
         return "the base sags as the arm leans: bolt it down firmly and stiffen what it stands on"
 
     def compensation(self) -> Compensation:
-        """Depends on the posture only."""
+        """Return a compensation by targets: the effect depends only on the posture."""
         return BY_TARGETS
 
     @property
     def seat(self) -> str:
-        """Direction."""
         return self.way
 
     @property
     def idle(self) -> str:
-        """Only visible if the moment changes."""
+        """Reason for being invisible: only a changing moment shows it."""
         return "the arm's moment about its base hardly changes, or the rig file states no masses"

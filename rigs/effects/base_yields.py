@@ -1,4 +1,4 @@
-"""Compliant base: the support of the arm tilts under the moment of the arm's weight."""
+"""Compliant base: the support tilts under the moment of the weight of the arm."""
 
 from __future__ import annotations
 
@@ -14,8 +14,11 @@ from rigs.schema.vocabulary import Build
 Yields = Literal["evenly", "x", "y", "xy", "yx"]
 _WAYS: tuple[Yields, ...] = ("evenly", "x", "y", "xy", "yx")
 _ABOUT_DEG: dict[Yields, float] = {"x": 0.0, "xy": 45.0, "y": 90.0, "yx": 135.0}
-"""Tilt axis from the x axis of the base towards y. An isotropic compliance and one or two of these describe any column
-or frame, because the compliance is a symmetric tensor."""
+"""Angle of the tilt axis from the x axis of the base towards y.
+
+An isotropic compliance and one or two of these describe any column or frame, because the compliance is a symmetric
+tensor.
+"""
 _IN_WORDS: dict[Yields, str] = {
     "evenly": "tilt of the base under load, alike in all directions",
     "x": "tilt of the base under load, about its x",
@@ -24,19 +27,23 @@ _IN_WORDS: dict[Yields, str] = {
     "yx": "tilt of the base under load, about the line between its y and −x",
 }
 _BELOW_MM = 300.0
-"""Depth of the tilt axis below the origin of the base, unknown: half the height for a bending column, the full height
-for yielding anchors (the end of a beam turns about its middle). Columns and pedestals are 0 to 1000 mm high."""
+"""Depth of the tilt axis below the origin of the base, unknown. It is half of the height for a bending column (the end
+of a beam turns about the middle) and the full height for yielding anchors. Columns and pedestals are 0 to 1000 mm high.
+"""
 
 
 class BaseYields(Effect):
-    """The base turns by `deg_per_Nm` of the moment, isotropically (`evenly`) or about one line, `below_mm` below its
-    origin."""
+    """Tilt of the base by `deg_per_Nm` of the moment, isotropic (`evenly`) or about a single line.
+
+    below_mm: depth of the tilt axis below the origin of the base.
+    """
 
     effect: Literal["base_yields"] = "base_yields"
     way: Yields
     deg_per_Nm: float = size(0.01, 5e-6, least=0.0)
     """Healthy value, derived: the end of a steel column of 200 × 200 × 10 mm (I = 45.9 · 10⁶ mm⁴, 210 GPa) of 0.8 m
-    turns by L / EI = 0.083 µrad/Nm, rounded to 0.09 µrad/Nm."""
+    turns by L / EI = 0.083 µrad/Nm, rounded to 0.09 µrad/Nm.
+    """
     below_mm: float = shape(0, 5000, 0.0)
 
     STAGE = "tool"
@@ -45,10 +52,13 @@ class BaseYields(Effect):
     PLACE = Place("(?P<way>evenly|xy|yx|x|y)?", "evenly", {"way": _WAYS})
     FREE = (FreeShape("below_mm", _BELOW_MM, 300.0),)
     MOST = 400.0
-    """Chosen: twice a lifting column that tilted by 5 to 9 mrad under an arm of 33 kg, about 15 µrad/Nm."""
+    """Chosen: twice the compliance of a lifting column.
+
+    It tilted by 5 to 9 mrad under an arm of 33 kg, about 15 µrad/Nm.
+    """
 
     def apply(self, scene: S) -> S:
-        """Turn the arm with its base in the direction of its weight."""
+        """Turn the arm with the base in the direction of the weight."""
         moment = scene.moment() * [1.0, 1.0, 0.0]
         if self.way != "evenly":
             about = math.radians(_ABOUT_DEG[self.way])
@@ -58,7 +68,6 @@ class BaseYields(Effect):
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[BaseYields]]:
-        """One per direction."""
         return [[cls(way=way, below_mm=_BELOW_MM)] for way in _WAYS]
 
     def plain(self, joint: str) -> str:
@@ -71,20 +80,21 @@ class BaseYields(Effect):
         )
 
     def compensation(self) -> Compensation:
-        """Depends on the posture only."""
+        """Return a compensation by targets: the effect depends only on the posture."""
         return BY_TARGETS
 
     def usual_times(self, build: Build) -> float:
-        """Five times for light arms, which stand on frames, tables and carts; assumed, no measured stand was
-        available."""
+        """Return a multiple of five for light arms on frames, tables and carts.
+
+        Assumed; no measured support was available.
+        """
         return 1.0 if build == "industrial" else 5.0
 
     @property
     def seat(self) -> str:
-        """Direction."""
         return self.way
 
     @property
     def idle(self) -> str:
-        """Only visible if the moment changes."""
+        """Reason for being invisible: only a changing moment shows it."""
         return "the arm's moment about its base hardly changes, or the rig file states no masses"

@@ -1,4 +1,4 @@
-"""Clock rate: the gauges' clock is faster than the feedback's, so its stamps run ahead."""
+"""Clock rate: the gauge clock is faster than the feedback clock, so its timestamps run ahead."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from rigs.schema.scene import S
 
 
 class ClockRate(Effect):
-    """The gauges' clock is faster than the feedback's."""
+    """Relative rate by which the gauge clock is faster than the feedback clock."""
 
     effect: Literal["clock_rate"] = "clock_rate"
     ppm: float = size(10000, 20)
@@ -18,12 +18,12 @@ class ClockRate(Effect):
     DEED = "enter"
 
     def apply(self, scene: S) -> S:
-        """Shift each stamp t to t - ppm t, from the start of the run."""
+        """Shift each timestamp t to t - ppm t, counted from the start of the run."""
         return scene.taken_at(scene.t_s - 1e-6 * self.ppm * (scene.t_s - scene.t_s[0]))
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[ClockRate]]:
-        """One, if joints turn during the readings."""
+        """Return a single form, if joints turn during the readings."""
         return [[cls()]] if scope.timed else []
 
     def plain(self, joint: str) -> str:

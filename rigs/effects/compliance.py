@@ -16,7 +16,7 @@ _HANGS_KG = 5.0
 _HEAVY_KG = 15.0
 """Second assumption for an unknown payload."""
 _STATED_SHARE, _LEAST_KG = 0.03, 0.1
-"""Uncertainty of a stated payload. Chosen: a tool is weighed to a few percent; cables and a ball weigh 0.1 kg."""
+"""Uncertainty of a given payload. Chosen: a tool is weighed to a few percent; cables and a ball weigh 0.1 kg."""
 
 _SOFT_DEG_PER_NM: dict[Build, tuple[float, float]] = {
     "industrial": (5e-5, 3e-4),
@@ -24,24 +24,24 @@ _SOFT_DEG_PER_NM: dict[Build, tuple[float, float]] = {
     "torque_sensing": (4.3e-3, 4.3e-3),
     "servo": (1e-2, 1e-2),
 }
-"""Compliance of axes 1 to 3, and of the wrist, without a fault.
+"""Healthy compliance of axes 1 to 3, and of the wrist.
 
-- industrial: 0.9 and 5 µrad/Nm, assumed, without measured arms or reducer tables.
+- industrial: 0.9 and 5 µrad/Nm, assumed; neither measured arms nor reducer tables were available.
 - light: strain-wave gears. Axes 2 and 3 of a UR10 yield 8 to 11 µrad/Nm in four series (Landgraf et al., 2021, as
-fitted
-by rig), 4.6 to 6.3e-4 °/Nm. Rainbow Robotics states 9 µrad/Nm for the largest joint of an RB-Y1 and 20, 40, 71 and
-164
-for the smaller ones (joint specification, sizes 32 to 14): a wrist of size 17 to 20 yields 40 to 71, 2.3 to 4.1e-3
-°/Nm.
+  fitted by rig), 4.6 to 6.3e-4 °/Nm. Rainbow Robotics states 9 µrad/Nm for the largest joint of an RB-Y1 and 20, 40,
+  71 and 164 for the smaller joints (joint specification, sizes 32 to 14). A wrist of size 17 to 20 therefore yields 40
+  to 71, 2.3 to 4.1e-3 °/Nm.
 - torque_sensing: a torque sensor is a spring in series. Axes 2 to 4 of an iiwa 14 yield 55 to 75 µrad/Nm (Franzese et
-al., 2024, as fitted by rig), 3.2 to 4.3e-3 °/Nm.
+  al., 2024, as fitted by rig), 3.2 to 4.3e-3 °/Nm.
 - servo: 175 µrad/Nm after the encoder of the output shaft, assumed for horns and printed brackets.
 """
 
 
 class Compliance(Effect):
-    """Compliance of a joint under load: torque times `deg_per_Nm`. `payload_kg` is the difference between the real
-    payload and the rig file, down to no payload."""
+    """Compliance of a joint under load: torque times `deg_per_Nm`.
+
+    payload_kg: difference between the real payload and the rig file, down to no payload.
+    """
 
     effect: Literal["compliance"] = "compliance"
     axis: Axis
@@ -54,14 +54,19 @@ class Compliance(Effect):
     PLACE = AT_AXIS
     FREE = (FreeShape("payload_kg", _HANGS_KG, 7.0, tried=(_HEAVY_KG,), low=0.0),)
     MOST = 1000.0
-    """Chosen: the softest axis allowed in a rig file (0.05 °/Nm, a spring of 1.1 kNm/rad). Joints of light arms are far
-    softer
-    than those of industrial arms, which define the healthy sizes: fits of FR3 arms gave 0.006 with a limit of 0.018."""
+    """Chosen: the softest axis allowed in a rig file (0.05 °/Nm, a spring of 1.1 kNm/rad).
+
+    Joints of light arms are far softer than those of industrial arms, which define the healthy sizes: fits of FR3 arms
+    gave 0.006 with a limit of 0.018.
+    """
 
     @classmethod
     def free(cls, payload_kg: float) -> tuple[FreeShape, ...]:
-        """A stated payload is kept within the uncertainty of scales and cables, unless the readings contradict:
-        more, or none."""
+        """Return the free payload.
+
+        A given payload stays within the uncertainty of scales and cables, unless the readings contradict: more, or
+        none.
+        """
         if payload_kg <= 0:
             return cls.FREE
         spread = max(_STATED_SHARE * payload_kg, _LEAST_KG)
@@ -73,7 +78,6 @@ class Compliance(Effect):
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[Compliance]]:
-        """One per joint."""
         return at_each_axis(cls, scope, payload_kg=cls.free(scope.payload_kg)[0].expected)
 
     def plain(self, joint: str) -> str:
@@ -83,19 +87,19 @@ class Compliance(Effect):
         return f"axis {self.axis} yields under load: enter the payload as it is, or let the controller compensate"
 
     def compensation(self) -> Compensation:
-        """Depends on the posture only."""
+        """Return a compensation by targets: the effect depends only on the posture."""
         return BY_TARGETS
 
     @property
     def healthy(self) -> float:
-        """5e-5 °/Nm on axes 1 to 3, 3e-4 on the wrist; assumed, as for reducers of industrial arms."""
+        """Healthy size: 5e-5 °/Nm on axes 1 to 3, 3e-4 on the wrist. Assumed, as for reducers of industrial arms."""
         return 5e-5 if self.axis <= 3 else 3e-4
 
     def usual_times(self, build: Build) -> float:
-        """Joints of light arms are ten times as soft as those of industrial arms."""
+        """Return the ratio to industrial arms: joints of light arms are ten times as soft."""
         return max(_SOFT_DEG_PER_NM[build][self.axis > 3] / self.healthy, 1.0)
 
     @property
     def idle(self) -> str:
-        """Only visible under load."""
+        """Reason for being invisible: only a load shows it."""
         return f"gravity does not load axis {self.axis}"

@@ -1,4 +1,4 @@
-"""Gauge baseline: the distance between the gauges is larger than in the rig file, evenly about the middle."""
+"""Gauge baseline: the distance between the gauges is larger than in the rig file, symmetrically about the middle."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class GaugeBaseline(Effect):
     DEED = "enter"
 
     def apply(self, scene: S) -> S:
-        """Move each gauge outwards by half; a single gauge has no baseline."""
+        """Move each gauge outwards by half. A single gauge has no baseline."""
         offsets_mm = scene.offsets_mm
         if len(offsets_mm) < 2:
             return scene
@@ -28,7 +28,7 @@ class GaugeBaseline(Effect):
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[GaugeBaseline]]:
-        """One, if two gauges are read."""
+        """Return a single form, if two gauges are read."""
         return [[cls()]] if len(scope.gauges) > 1 else []
 
     def plain(self, joint: str) -> str:

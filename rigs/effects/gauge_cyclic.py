@@ -1,4 +1,4 @@
-"""Cyclic gauge error: interpolation error of a scale period, a sine of the reading."""
+"""Cyclic gauge error: interpolation error within a scale period, a sine of the reading."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _HARMONIC = 0.15
 
 
 class GaugeCyclic(Effect):
-    """Interpolation error of a gauge's scale: `amplitude_mm` once per `period_mm`."""
+    """Interpolation error of the scale of a gauge: `amplitude_mm` once per `period_mm`."""
 
     effect: Literal["gauge_cyclic"] = "gauge_cyclic"
     gauge: Gauge
@@ -47,7 +47,7 @@ class GaugeCyclic(Effect):
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[GaugeCyclic]]:
-        """Periods of usual scales at each gauge."""
+        """Return the periods of common scales at each gauge."""
         return [[cls(gauge=gauge, period_mm=period) for period in _PERIODS_MM] for gauge in scope.gauges]
 
     def plain(self, joint: str) -> str:
@@ -62,7 +62,7 @@ class GaugeCyclic(Effect):
         return OF_THE_GAUGES
 
     def departures(self) -> Departures:
-        """The second harmonic, because the two signals of a scale are never exactly equal."""
+        """Return the second harmonic, because the two signals of a scale are never exactly equal."""
         return Departures(
             tuple(
                 (_HARMONIC, self.model_copy(update={"period_mm": self.period_mm / 2, "phase_deg": phase}))

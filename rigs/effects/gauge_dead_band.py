@@ -31,8 +31,9 @@ class GaugeDeadBand(Effect):
     PLACE = AT_GAUGE
     STRAIGHT = 0.0
     FORM_U = 0.2
-    """The readings show the size of the lag, but hardly whether the plunger drags or jumps. Chosen: without it, a band
-    of 40 µm of a different generator gave 30.0 ± 0.3."""
+    """The readings show the size of the lag, but hardly whether the plunger drags or jumps. Chosen: otherwise a band of
+    40 µm from a different generator gave 30.0 ± 0.3.
+    """
 
     def apply(self, scene: S) -> S:
         """Apply the play operator to the reading."""
@@ -40,7 +41,6 @@ class GaugeDeadBand(Effect):
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[GaugeDeadBand]]:
-        """One per gauge."""
         return at_each_gauge(cls, scope)
 
     def plain(self, joint: str) -> str:
@@ -54,5 +54,5 @@ class GaugeDeadBand(Effect):
         return OF_THE_GAUGES
 
     def departures(self) -> Departures:
-        """Approach of the plunger to a target."""
+        """Return the approach of the plunger to a target."""
         return Departures(stick=(self.gauge, self.width_mm / 2))

@@ -21,12 +21,11 @@ class GaugeDrift(Effect):
     PLACE = AT_GAUGE
 
     def apply(self, scene: S) -> S:
-        """Linear from the start of the run."""
+        """Add a drift that is linear from the start of the run."""
         return scene.read(self.gauge, lambda g: g + self.mm_per_min * (scene.t_s - scene.t_s[0]) / 60)
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[GaugeDrift]]:
-        """One per gauge."""
         return at_each_gauge(cls, scope)
 
     def plain(self, joint: str) -> str:

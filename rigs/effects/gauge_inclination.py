@@ -1,4 +1,4 @@
-"""Gauge inclination: cosine error of a tilted gauge, which measures along its own axis."""
+"""Gauge inclination: cosine error of a tilted gauge, which measures along the tilted axis."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from rigs.schema.scene import S
 
 
 class GaugeInclination(Effect):
-    """Tilt of a gauge, which reads 1/cos too much."""
+    """Tilt of a gauge, which increases the reading by 1/cos."""
 
     effect: Literal["gauge_inclination"] = "gauge_inclination"
     gauge: Gauge
@@ -27,7 +27,6 @@ class GaugeInclination(Effect):
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[GaugeInclination]]:
-        """One per gauge."""
         return at_each_gauge(cls, scope)
 
     def plain(self, joint: str) -> str:

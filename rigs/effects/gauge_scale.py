@@ -9,7 +9,7 @@ from rigs.schema.scene import S
 
 
 class GaugeScale(Effect):
-    """Relative error of a gauge's reading."""
+    """Relative error of the readings of a gauge."""
 
     effect: Literal["gauge_scale"] = "gauge_scale"
     gauge: Gauge
@@ -25,7 +25,6 @@ class GaugeScale(Effect):
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[GaugeScale]]:
-        """One per gauge."""
         return at_each_gauge(cls, scope)
 
     def plain(self, joint: str) -> str:

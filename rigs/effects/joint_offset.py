@@ -1,4 +1,4 @@
-"""Joint zero offset: the paper's datum location error. Link side = reported + offset."""
+"""Joint zero offset, called datum location error in the paper. Link side = reported + offset."""
 
 from __future__ import annotations
 
@@ -32,7 +32,6 @@ class JointOffset(Effect):
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[JointOffset]]:
-        """One per joint."""
         return at_each_axis(cls, scope)
 
     def plain(self, joint: str) -> str:
@@ -42,13 +41,15 @@ class JointOffset(Effect):
         return f"re-master axis {self.axis}, which stands {self.offset_deg:+.4f}° further than it reports, or enter it"
 
     def compensation(self) -> Compensation:
-        """Replaced by the controller's zero of the joint."""
+        """Return the zero of the joint in the controller as the constant to correct."""
         return Compensation("joint zero", constant=(self.axis, "q_deg"))
 
     def usual_times(self, build: Build) -> float:
-        """Twice for light arms: zeros of axes 2 to 4 of a UR10 are off by up to 0.06° (Landgraf et al., 2021). Ten
-        times for servos, with zeros set by eye and limited by the teeth of a horn; assumed, so that an offset of 1° is
-        a fault."""
+        """Return a multiple of two for light arms and of ten for servos.
+
+        Zeros of axes 2 to 4 of a UR10 are wrong by up to 0.06° (Landgraf et al., 2021). Zeros of servos are set by eye
+        and limited by the teeth of a horn; assumed, so that an offset of 1° is a fault.
+        """
         return {"industrial": 1.0, "servo": 10.0}.get(build, 2.0)
 
     @property
@@ -58,5 +59,5 @@ class JointOffset(Effect):
 
     @classmethod
     def turning(cls, axis: int, angle_deg: float) -> JointOffset:
-        """Describe a joint turned by a constant."""
+        """Return the offset of a joint turned by a constant."""
         return cls(axis=axis, offset_deg=angle_deg)

@@ -1,4 +1,7 @@
-"""Link bending: the link after an axis bends under the torque at that axis; its end moves without turning."""
+"""Link bending: the link after an axis bends under the torque at that axis.
+
+The end of the link moves but does not turn.
+"""
 
 from __future__ import annotations
 
@@ -11,11 +14,11 @@ from rigs.schema.part import Axis
 from rigs.schema.scene import S
 
 _NOTHING_MM = 1e-6
-"""Lever arm across the axis below which a link cannot bend."""
+"""Lever arm perpendicular to the axis below which a link cannot bend."""
 
 
 class LinkBending(Effect):
-    """Bending of the link after `axis` under gravity: its end moves by `mm_per_Nm` times the torque."""
+    """Bending of the link after `axis` under gravity: the end moves by `mm_per_Nm` times the torque."""
 
     effect: Literal["link_bending"] = "link_bending"
     axis: Axis
@@ -26,7 +29,7 @@ class LinkBending(Effect):
     PLACE = AT_AXIS
 
     def apply(self, scene: S) -> S:
-        """Move everything after the link, without turning, across the link in the plane of the torque."""
+        """Move all parts after the link across it, in the plane of the torque. Their orientation is unchanged."""
         joint, z, end = scene.link_after(self.axis)
         across = np.cross(z, end - joint)
         length = np.linalg.norm(across, axis=1, keepdims=True)
@@ -36,7 +39,6 @@ class LinkBending(Effect):
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[LinkBending]]:
-        """One per joint."""
         return at_each_axis(cls, scope)
 
     def plain(self, joint: str) -> str:
@@ -46,10 +48,10 @@ class LinkBending(Effect):
         return f"the link after axis {self.axis} bends: enter the payload as it is; look for a loose flange or bolts"
 
     def compensation(self) -> Compensation:
-        """Depends on the posture only."""
+        """Return a compensation by targets: the effect depends only on the posture."""
         return BY_TARGETS
 
     @property
     def idle(self) -> str:
-        """Only visible under load."""
+        """Reason for being invisible: only a load shows it."""
         return f"gravity does not bend the link after axis {self.axis}"

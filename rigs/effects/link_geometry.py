@@ -17,7 +17,7 @@ _IN_WORDS: dict[Constant, str] = {"a": "length a", "d": "offset d", "alpha": "tw
 _KEYS: dict[Constant, str] = {"a": "a_mm", "alpha": "alpha_deg", "beta": "beta_deg", "d": "d_mm"}
 """Keys of the fields in a rig file."""
 _PARALLEL = 1e-3
-"""Sine of the angle between two axes below which they are parallel."""
+"""Sine of the angle between two axes below which they count as parallel."""
 
 
 class LinkGeometry(Effect):
@@ -30,8 +30,8 @@ class LinkGeometry(Effect):
 
     STAGE = "arm"
     DEED = "enter"
-    STRAIGHT = 0.02  # beyond this share of a healthy size non-linearity would be visible
-    # Hayati's beta exceeds the four parameters of a joint.
+    STRAIGHT = 0.02  # beyond this share of a healthy size the non-linearity would be visible
+    # The angle beta of Hayati is an addition to the four parameters of a joint.
     PLACE = Place(
         r"(?:(?P<axis>[1-7])(?:\.(?P<field>a|alpha|d|beta))?)?",
         "3.a",
@@ -44,12 +44,12 @@ class LinkGeometry(Effect):
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[LinkGeometry]]:
-        """Each constant of each axis."""
+        """Return a form for each constant of each axis."""
         return [
             [cls(axis=axis, field=field)]
             for axis in scope.axes
             for field in _CONSTANTS
-            # Hayati's angle applies to a joint parallel to the previous one; otherwise it is redundant.
+            # The angle of Hayati applies to a joint parallel to the previous joint; otherwise it is redundant.
             if field != "beta" or (axis > 1 and abs(np.sin(np.radians(scope.twist_deg[axis - 1]))) < _PARALLEL)
         ]
 
@@ -63,40 +63,42 @@ class LinkGeometry(Effect):
         )
 
     def compensation(self) -> Compensation:
-        """Is a constant."""
+        """Return the constant to correct."""
         return Compensation("link constant", constant=(self.axis, _KEYS[self.field]))
 
     def usual_times(self, build: Build) -> float:
-        """Twice for light arms: 0.78 mm and 0.089° for a UR10 in two series (Landgraf et al., 2021, as fitted by rig).
-        Ten times for
-        angles of printed brackets, assumed: an edge of 30 mm is printed to 0.1 mm."""
+        """Return a multiple of two for light arms, and of ten for angles of printed brackets.
+
+        A UR10 has 0.78 mm and 0.089° in two series (Landgraf et al., 2021, as fitted by rig). For brackets assumed: an
+        edge of 30 mm is printed to 0.1 mm.
+        """
         if build == "servo" and not self._length:
             return 10.0
         return 1.0 if build == "industrial" else 2.0
 
     @property
     def healthy(self) -> float:
-        """0.2 mm for lengths, 0.02° for angles."""
+        """Healthy size: 0.2 mm for lengths, 0.02° for angles."""
         return 0.2 if self._length else 0.02
 
     @property
     def seat(self) -> str:
-        """Axis and field."""
+        """Axis and field of the seat."""
         return f"{self.axis}.{self.field}"
 
     @classmethod
     def changing(cls, axis: int, key: str, delta: float) -> LinkGeometry:
-        """Describe a wrong constant."""
+        """Return the effect of a wrong constant."""
         unchanged = cls.model_validate({"axis": axis, "field": key.rsplit("_", 1)[0]})
         return unchanged.model_copy(update={"delta": delta})
 
     @property
     def symbol(self) -> str:
-        """Craig's symbol: a, alpha and beta belong to the previous link."""
+        """Symbol by Craig: a, alpha and beta belong to the previous link."""
         return f"{self.field}{self.axis if self.field == 'd' else self.axis - 1}"
 
     def unit(self, parameter: str) -> str:
-        """mm for lengths, degrees for angles."""
+        """Return mm for lengths and degrees for angles."""
         return "mm" if self._length else "deg"
 
     @property

@@ -1,6 +1,6 @@
 """Link growth: thermal expansion of the bar between tool and ball, or of the gauge holder.
 
-Both gauges change equally while the arm is unaffected: two gauges with equal drift are one growth.
+It changes both gauges equally, and the arm is unaffected: two gauges with equal drift indicate a growth of the link.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from rigs.schema.scene import S
 
 
 class LinkGrowth(Effect):
-    """Growth of the bar between tool and ball with run time: `growth_mm` finally, with a time constant."""
+    """Growth of the bar between tool and ball during the run: finally `growth_mm`, with a time constant."""
 
     effect: Literal["link_growth"] = "link_growth"
     growth_mm: float = size(1, 0.002)
@@ -37,14 +37,13 @@ class LinkGrowth(Effect):
     STRETCHED = (StretchedShape("time_constant_s", 0.7),)
 
     def apply(self, scene: S) -> S:
-        """Reduce the distance between tool and ball by growth_mm (1 - exp(-t / time constant)), so every gauge shows
-        less."""
+        """Reduce the distance between tool and ball, and all readings, by growth_mm (1 - exp(-t / time constant))."""
         growth = self.growth_mm * warmed(scene.t_s, self.time_constant_s)
         return scene.all_read(lambda g: g - growth[:, None])
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[LinkGrowth]]:
-        """Fast and slow, if joints turn during the readings."""
+        """Return a fast and a slow form, if joints turn during the readings."""
         return [[cls(time_constant_s=tau) for tau in WARMING_S]] if scope.timed else []
 
     def plain(self, joint: str) -> str:
@@ -54,9 +53,9 @@ class LinkGrowth(Effect):
         return "both gauges drift alike, as the link between tool and ball warms up: let it warm up before measuring"
 
     def compensation(self) -> Compensation:
-        """Not possible, because the link is not a part of the robot."""
+        """Return no compensation: the link is not a part of the robot."""
         return Compensation("none", "belongs to the ball link, which the robot's controller cannot correct")
 
     def departures(self) -> Departures:
-        """Uneven warming."""
+        """Return uneven warming."""
         return Departures(alike=warming_parts(self))

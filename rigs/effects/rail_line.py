@@ -1,4 +1,4 @@
-"""Rail line: the direction of a rail differs from the rig file and the controller."""
+"""Rail line: the direction of a rail differs from that in the rig file and the controller."""
 
 from __future__ import annotations
 
@@ -24,13 +24,18 @@ _REMEDIES: dict[Way, str] = {
 
 
 class RailLine(Effect):
-    """Displacement of the base by `mm_per_m` per metre of the rail: `along` it (scale), `across` it horizontally, or
-    `up`."""
+    """Displacement of the base by `mm_per_m` per metre of the rail.
+
+    Directions: `along` the rail (scale), `across` it horizontally, or `up`.
+    """
 
     effect: Literal["rail_line"] = "rail_line"
     way: Way
     mm_per_m: float = size(50, 0.05)
-    """Healthy value: racks of quality 6 (DIN 3962) are within 0.036 mm per metre; levels and lasers align as well."""
+    """Healthy value: racks of quality 6 (DIN 3962) are within 0.036 mm per metre.
+
+    Levels and lasers align with similar accuracy.
+    """
 
     STAGE = "tool"
     DEED = "mount"
@@ -43,7 +48,7 @@ class RailLine(Effect):
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[RailLine]]:
-        """One per direction, if a rail was moved."""
+        """Return a form per direction, if the rail moved."""
         return [[cls(way=way)] for way in _WAYS] if scope.rail else []
 
     def plain(self, joint: str) -> str:
@@ -53,10 +58,9 @@ class RailLine(Effect):
         return f"the arm stands {self.mm_per_m:+.4f} mm off for each metre of the rail: {_REMEDIES[self.way]}"
 
     def compensation(self) -> Compensation:
-        """Depends on the rail position, which is part of a target."""
+        """Return a compensation by targets: the effect depends on the rail position, which is part of a target."""
         return BY_TARGETS
 
     @property
     def seat(self) -> str:
-        """Direction."""
         return self.way

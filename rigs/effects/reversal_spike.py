@@ -23,7 +23,7 @@ from rigs.schema.scene import S
 _SLOWER = 4.0
 _DECAYS_S = (0.1, 0.3, 1.0)
 _GONE = 40.0
-"""Decay times after which a spike is exactly negligible: exp(-40) is 4e-18, below the resolution of a double at 1."""
+"""Number of decay times after which a spike is negligible: exp(-40) is 4e-18, below the resolution of a double at 1."""
 
 
 class ReversalSpike(Effect):
@@ -45,7 +45,7 @@ class ReversalSpike(Effect):
     STRETCHED = (StretchedShape("decay_s", 0.7),)
 
     def apply(self, scene: S) -> S:
-        """Add a spike at each reversal, exp(-t / decay), partly four times as slow, after its rise."""
+        """Add a spike exp(-t / decay) at each reversal, partly four times as slow, after the rise."""
         t_s, gone_s = scene.t_s, _GONE * self.decay_s * (_SLOWER if self.slow else 1.0)
         deviation = np.zeros(len(t_s))
         for when, direction in scene.reversals(self.axis):
@@ -59,7 +59,7 @@ class ReversalSpike(Effect):
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[ReversalSpike]]:
-        """Fast and slow spikes at each joint that reverses during the readings."""
+        """Return fast and slow spikes at each joint that reverses during the readings."""
         return [[cls(axis=axis, decay_s=decay) for decay in _DECAYS_S] for axis in scope.axes if scope.timed]
 
     def plain(self, joint: str) -> str:
@@ -69,14 +69,14 @@ class ReversalSpike(Effect):
         return f"axis {self.axis} sticks at reversals: inspect brake, seals, grease and the tuning of the servo"
 
     def compensation(self) -> Compensation:
-        """Not possible by targets, because a spike depends on the history."""
+        """Return no compensation by targets, because a spike depends on the history."""
         return Compensation("none", "fades after each reversal: only a pause, or the same approach direction, helps")
 
     @property
     def idle(self) -> str:
-        """Only visible at reversals."""
+        """Reason for being invisible: only reversals show it."""
         return f"axis {self.axis} does not turn back"
 
     def departures(self) -> Departures:
-        """Earlier or later start, and any decay time at a target."""
+        """Return an earlier or later start, and any decay time at a target."""
         return Departures(jolt=(self.axis, abs(self.amplitude_deg), self.decay_s), fades=True)

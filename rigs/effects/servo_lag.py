@@ -27,7 +27,7 @@ class ServoLag(Effect):
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[ServoLag]]:
-        """One per joint that turns during the readings."""
+        """Return a form for each joint that turns during the readings."""
         return at_each_axis(cls, scope) if scope.timed else []
 
     def plain(self, joint: str) -> str:
@@ -38,5 +38,5 @@ class ServoLag(Effect):
         return f"axis {self.axis} is {late_ms:.3g} ms late: record encoder angles, not commands, or tune the servo"
 
     def compensation(self) -> Compensation:
-        """Not needed, because a target is at rest."""
+        """Return that a compensation is not needed, because a target is at rest."""
         return Compensation("none", "shows in motion only: a slower path helps, another target does not")

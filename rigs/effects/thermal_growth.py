@@ -22,12 +22,14 @@ from rigs.schema.scene import S
 _PARTS = (2, 3, 4, 6)
 """Joints after which a part of the arm may grow separately: upper arm, forearm, wrist and tool."""
 _PART_SHARE = 0.3
-"""Standard deviation of the additional growth after such a joint, as a share of the total. Chosen: motors heat the
-joints, and a cast base grows little."""
+"""Standard deviation of the additional growth after such a joint, as a share of the total.
+
+Chosen: motors heat the joints, and a cast base grows little.
+"""
 
 
 class ThermalGrowth(Effect):
-    """Growth of every length with run time: `ppm` finally, with a time constant."""
+    """Growth of every length during the run: finally `ppm`, with a time constant."""
 
     effect: Literal["thermal_growth"] = "thermal_growth"
     ppm: float = size(2000, 20)
@@ -46,7 +48,7 @@ class ThermalGrowth(Effect):
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[ThermalGrowth]]:
-        """Fast and slow, if gauges are read: poses have no time."""
+        """Return a fast and a slow form, if gauges are read: poses have no time."""
         return [[cls(time_constant_s=tau) for tau in WARMING_S]] if scope.gauges else []
 
     def plain(self, joint: str) -> str:
@@ -56,11 +58,11 @@ class ThermalGrowth(Effect):
         return "the arm grows as it warms up: warm it up before measuring, or measure faster"
 
     def compensation(self) -> Compensation:
-        """Not possible, because a target has no time."""
+        """Return no compensation, because a target has no time."""
         return Compensation("none", "changes with run time: warming up helps, a fixed target does not")
 
     def departures(self) -> Departures:
-        """Uneven warming: parts of the arm may grow faster, slower, more or less."""
+        """Return uneven warming: parts of the arm may grow faster, slower, more or less."""
         keys = {"ppm": self.ppm, "time_constant_s": self.time_constant_s}
         return Departures(
             beside=tuple((_PART_SHARE, _GrowthBeyond(axis=axis, **keys)) for axis in _PARTS),

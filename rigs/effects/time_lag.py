@@ -1,4 +1,4 @@
-"""Time lag: gauges with late stamps, read earlier than stamped."""
+"""Time lag: the timestamps of the gauges are late; the readings were taken earlier."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from rigs.schema.scene import S
 
 
 class TimeLag(Effect):
-    """Delay of the gauges' stamps relative to the feedback's."""
+    """Delay of the gauge timestamps relative to the feedback."""
 
     effect: Literal["time_lag"] = "time_lag"
     lag_s: float = size(1, 1e-3)
@@ -18,12 +18,12 @@ class TimeLag(Effect):
     DEED = "enter"
 
     def apply(self, scene: S) -> S:
-        """Use the state `lag_s` before the stamp."""
+        """Use the state `lag_s` before the timestamp."""
         return scene.taken_at(scene.t_s - self.lag_s)
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[TimeLag]]:
-        """One, if joints turn during the readings."""
+        """Return a single form, if joints turn during the readings."""
         return [[cls()]] if scope.timed else []
 
     def plain(self, joint: str) -> str:

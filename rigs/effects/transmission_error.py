@@ -26,20 +26,23 @@ from rigs.schema.part import Axis
 from rigs.schema.scene import S
 
 _MOST_ORDER, _MOST_OF_STANDS = 200, 100
-"""Highest orders of the waves tried: on circles, where joints turn slowly, and for static poses.
+"""Highest orders of the waves tried: on circles, with slowly turning joints, and for static poses.
 
-Poses show the sum of all waves, of which higher orders are hardly visible: with waves up to 60, 100 and 200 per turn, a
-fit to poses of one UR10 series left 240, 245 and 248 µm in a second series, and vice versa 275, 253 and 252 µm.
+Poses show the sum of all waves, in which higher orders are hardly visible. With waves up to 60, 100 and 200 per turn, a
+fit to poses of a UR10 series left 240, 245 and 248 µm in a second series, and vice versa 275, 253 and 252 µm.
 """
 _MOST_WAVES = 135
-"""Limit of waves within the range of a joint; more would be shorter than the resolution: three readings per wave, of
-the 400 readings in a lap of 8 s at 50 Hz."""
+"""Maximum number of waves within the range of a joint. More would be shorter than the resolution: three readings per
+wave, for the 400 readings in a lap of 8 s at 50 Hz.
+"""
 _HARMONIC = 0.15
 
 
 class TransmissionError(Effect):
-    """Gear error `amplitude sin(order q + phase)`, `order` in cycles per turn, with a share `third` at three times
-    the order."""
+    """Gear error `amplitude sin(order q + phase)`, with `order` in cycles per turn.
+
+    third: share of the wave at three times the order.
+    """
 
     effect: Literal["transmission_error"] = "transmission_error"
     axis: Axis
@@ -50,23 +53,26 @@ class TransmissionError(Effect):
 
     STAGE = "joint"
     PART = "curve"
-    # An open gear starts with eccentricity and twice its order.
+    # An open gear starts with eccentricity and twice that order.
     PLACE = Place(
         rf"(?:(?P<axis>[1-7])(?::(?P<order>{NUMBER}))?)?", "4:2 (axis:order)", {"axis": EVERY_AXIS, "order": "12"}
     )
     FREE = (FreeShape("third", 0.0, 0.3),)
-    # A period of more than a turn does not repeat with the joint: gears do not cause it.
+    # A period of more than a turn does not repeat with the joint, so gears cannot cause it.
     STRETCHED = (StretchedShape("order", 0.03, least=0.5, low=1.0),)
 
     def apply(self, scene: S) -> S:
-        """N = 1 is eccentricity; the gear ratio, twice the wave generator and the tooth mesh are other orders."""
+        """Turn the joint by the wave.
+
+        N = 1 is eccentricity; the gear ratio, twice the wave generator and the tooth mesh are other orders.
+        """
         turn = self.order * scene.q[:, self.axis - 1] + np.radians(self.phase_deg)
         wave = np.sin(turn) + self.third * np.sin(3 * turn) if self.third else np.sin(turn)
         return scene.turned(self.axis, np.radians(self.amplitude_deg) * wave)
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[TransmissionError]]:
-        """Waves of each joint by order, as dense as the readings can distinguish."""
+        """Return the waves of each joint by order, as dense as the readings can distinguish."""
         most = _MOST_ORDER if scope.timed else _MOST_OF_STANDS
         return [
             [cls(axis=axis, order=order) for order in _orders_for(scope.turned[axis - 1], most)] for axis in scope.axes
@@ -86,11 +92,11 @@ class TransmissionError(Effect):
         )
 
     def compensation(self) -> Compensation:
-        """Depends on the posture only."""
+        """Return a compensation by targets: the effect depends only on the posture."""
         return BY_TARGETS
 
     def departures(self) -> Departures:
-        """Harmonics, because real gears deviate from a pure sine."""
+        """Return harmonics, because real gears deviate from a pure sine."""
         return Departures(
             tuple(
                 (_HARMONIC, self.model_copy(update={"order": n * self.order, "phase_deg": phase, "third": 0.0}))
@@ -101,8 +107,10 @@ class TransmissionError(Effect):
 
 
 def _orders_for(turned: float, most: int) -> list[int]:
-    """Return orders distinguishable over the range of the joint (in turns), low ones denser by a third; fits refine
-    them."""
+    """Return the orders distinguishable over the range of the joint (in turns).
+
+    Low orders are denser by a third; fits refine them.
+    """
     orders, order = [], 1.0
     while order <= most:
         if order * turned < _MOST_WAVES:

@@ -1,4 +1,4 @@
-"""Vibration of the link, seen equally by all gauges."""
+"""Vibration of the link, which affects all gauges equally."""
 
 from __future__ import annotations
 
@@ -42,10 +42,10 @@ class Vibration(Effect):
         )
 
     def compensation(self) -> Compensation:
-        """Not possible, because the link vibrates about every target."""
+        """Return no compensation, because the link vibrates about every target."""
         return Compensation("none", "swings about the target: only its cause can be removed")
 
     @classmethod
     def swinging(cls, frequency_hz: float, amplitude_mm: float) -> Vibration:
-        """Describe a vibration of the link."""
+        """Return the effect of a vibration of the link."""
         return cls(frequency_hz=frequency_hz, amplitude_mm=amplitude_mm)

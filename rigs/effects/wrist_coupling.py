@@ -1,4 +1,4 @@
-"""Wrist coupling: motion of a wrist axis turns a second one through common gears."""
+"""Wrist coupling: the motion of a wrist axis turns a second axis through common gears."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _WRIST = ((-3, -2), (-3, -1), (-2, -1))
 
 
 class WristCoupling(Effect):
-    """Motion of a wrist axis turns a second one: link[to] gains `ratio` times q[from]."""
+    """Rotation of a wrist axis caused by another wrist axis: link[to] gains `ratio` times q[from]."""
 
     effect: Literal["wrist_coupling"] = "wrist_coupling"
     from_axis: Axis
@@ -31,7 +31,7 @@ class WristCoupling(Effect):
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[WristCoupling]]:
-        """From each axis of the wrist to the axes after it."""
+        """Return forms from each axis of the wrist to the following axes."""
         return [[cls(from_axis=scope.axes[start], to_axis=scope.axes[end])] for start, end in _WRIST]
 
     def plain(self, joint: str) -> str:
@@ -41,10 +41,10 @@ class WristCoupling(Effect):
         return f"motion of axis {self.from_axis} leaks into axis {self.to_axis}: correct the wrist's coupling ratio"
 
     def compensation(self) -> Compensation:
-        """Depends on the posture only."""
+        """Return a compensation by targets: the effect depends only on the posture."""
         return BY_TARGETS
 
     @property
     def seat(self) -> str:
-        """Driving and driven axis, `4>5`."""
+        """Driving and driven axis of the seat, such as `4>5`."""
         return f"{self.from_axis}>{self.to_axis}"

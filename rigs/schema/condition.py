@@ -1,6 +1,6 @@
-"""Condition of a robot in addition to its joint angles: maker-independent columns and codes.
+"""Condition of a robot in addition to the joint angles: columns and codes independent of the maker.
 
-Each interface translates the controller's data. Values that are missing or have an unknown code are nan, never assumed.
+Each interface translates the data of the controller. Missing values and unknown codes are nan, never assumed.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from enum import IntEnum
 
 PROGRAM, SAFETY, MOTORS, SPEED, PAYLOAD = "program_state", "safety_state", "motors_on", "speed_percent", "payload_kg"
 FULL_PERCENT = 99.5
-"""Limit of a reduced speed: controllers show whole percent."""
+"""Speed below which it counts as reduced: controllers show integer percentages."""
 TEMPERATURES = tuple(f"temperature{axis}_c" for axis in range(1, 7))
 """Joint temperatures in °C."""
 CURRENTS = tuple(f"current{axis}_a" for axis in range(1, 7))
@@ -29,17 +29,17 @@ class ProgramState(IntEnum):
 
 
 class SafetyState(IntEnum):
-    """State of the controller's safety functions (`safety_state`)."""
+    """State of the safety functions of the controller (`safety_state`)."""
 
     NORMAL = 0
     REDUCED = 1
     """The robot moves within reduced limits."""
     PROTECTIVE_STOP = 2
     SAFEGUARD_STOP = 3
-    """A gate, a scanner or an enabling device."""
+    """Stop by a gate, a scanner or an enabling device."""
     EMERGENCY_STOP = 4
     RECOVERY = 5
-    """The robot is outside its limits, and may only be moved back."""
+    """The robot is outside of its limits and may only be moved back."""
     FAULT = 6
 
 
@@ -54,12 +54,11 @@ UNDISTURBED = {
     **dict.fromkeys(TEMPERATURES, 30.0),
     **dict.fromkeys(CURRENTS, 0.0),
 }
-"""Condition during an undisturbed test: warm joints, unloaded motors."""
+"""Condition during an undisturbed test: warm joints, and motors with no load."""
 
 
 def condition_words(shown: Mapping[str, float]) -> Iterator[tuple[str, bool]]:
-    """Yield the known parts of a condition as text, each with a flag for disturbances such as a stop or a reduced
-    speed."""
+    """Yield the known parts of a condition as text, each with a flag for disturbances like a stop or reduced speed."""
     if shown.get(SAFETY, math.nan) in STOPPED:
         yield words_of(SafetyState(int(shown[SAFETY]))), True
     if shown.get(MOTORS) == 0:

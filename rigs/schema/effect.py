@@ -1,8 +1,8 @@
 """Interface of effects: keys and physics, possible seats, wording, remedy, and correction by a controller.
 
-An effect is one class in one file of `rigs/effects/`, referenced nowhere else. The name of a parameter contains the
-unit; the field contains the bounds, and the size shown by a healthy arm. The size scales an effect and is zero for
-none; shapes describe its form and are only visible with a size. A wave has a `phase_deg`; gear errors have an `order`.
+An effect is a class in a file of `rigs/effects/`, and no other file refers to it. The name of a parameter contains the
+unit. The field contains the bounds and the size for a healthy arm. The size scales an effect and is zero for none.
+Shapes describe the form and are only visible with a size. A wave has a `phase_deg`; gear errors have an `order`.
 """
 
 from __future__ import annotations
@@ -25,8 +25,11 @@ from rigs.schema.vocabulary import FEWEST_AXES, MOST_AXES, Build
 
 Gauge = Literal["g1", "g2"]
 PartKind = Literal["constants", "gravity", "curve", "reversal", "warming", "gauges", "clocks"]
-"""Part of an arm's error in the user's view: link constants and zeros, elasticity under load, the angle error of a
-joint, behaviour at reversals, heat, measuring instruments, and reading times."""
+"""Part of the error of an arm as seen by the user.
+
+Link constants and zeros, elasticity under load, the angle error of a joint, behaviour at reversals, heat, measuring
+instruments, and reading times.
+"""
 _PART_OF: dict[Stage, PartKind] = {
     "time": "clocks",
     "arm": "constants",
@@ -37,19 +40,23 @@ _PART_OF: dict[Stage, PartKind] = {
 }
 Use = Literal["joint zero", "link constant", "targets only", "none"]
 Deed = Literal["repair", "remaster", "enter", "mount", "wait"]
-"""Action for an effect: repair a part of the arm, re-master a joint, enter a number, remount ball or gauges, or wait
-for thermal equilibrium."""
+"""Action for an effect.
+
+Repair a part of the arm, re-master a joint, enter a number, remount ball or gauges, or wait for thermal equilibrium.
+"""
 PHASE = "phase_deg"
 """Parameter of waves."""
 _OF_A_WAVE = 0.1
-"""Tolerance of a whole order in waves: no gear has 8.001 teeth."""
+"""Tolerance in waves for an integer order: no gear has 8.001 teeth."""
 SEATS = ("axis", "field", "gauge", "from_axis", "to_axis", "way")
 """Parameters that give the seat of an effect."""
 
 
 def size(bound: float, healthy: float, *, least: float | None = None) -> Any:
-    """Declare a size parameter limited to [-bound or least, bound], zero for no effect; `healthy` is the spread over
-    good arms."""
+    """Declare a size parameter limited to [-bound or least, bound], zero for no effect.
+
+    healthy: spread over good arms.
+    """
     return Field(default=0.0, ge=-bound if least is None else least, le=bound, json_schema_extra={"healthy": healthy})
 
 
@@ -59,20 +66,20 @@ def shape(low: float, high: float, default: float) -> Any:
 
 
 class Found(Part):
-    """Provenance of an effect in a rig file: time, runs, certainty, and the explained gap."""
+    """Provenance of an effect in a rig file: time, runs, certainty, and the explained part of the error."""
 
     date: dt.date
     runs: tuple[str, ...]
     sd: dict[str, float] = Field(default_factory=dict)
-    """Standard uncertainty of each fitted parameter, in the parameter's unit."""
+    """Standard uncertainty of each fitted parameter in the unit of the parameter."""
     gap_um: tuple[float, float] | None = None
     """Unexplained rms before and after, in µm of the readings."""
     correlation: dict[str, float] = Field(default_factory=dict)
     """Correlation of the size with other effects of the fit, by name."""
     together: tuple[str, ...] = ()
-    """Effects of the fit that resemble this one: only their sum is known."""
+    """Effects of the fit that resemble this effect: only their sum is known."""
     rivals: tuple[str, ...] = ()
-    """Effects that may explain the runs instead: separate them by a measurement before correcting."""
+    """Effects that may explain the runs instead. Separate them by a measurement before correcting."""
     joints_deg: tuple[tuple[float, float], ...] | None = Field(
         default=None, min_length=FEWEST_AXES, max_length=MOST_AXES
     )
@@ -83,7 +90,7 @@ class Found(Part):
 class Scope:
     """Observability of effects in runs.
 
-    timed: joints turn during the readings (circles). gauges: read gauges. twist_deg (axes): alpha of the arm. turned
+    timed: joints turn during the readings (circles). gauges: gauges read. twist_deg (axes): alpha of the arm. turned
     (axes): range of each joint in turns during the readings.
     """
 
@@ -92,9 +99,9 @@ class Scope:
     twist_deg: tuple[float, ...]
     turned: tuple[float, ...]
     rail: bool = False
-    """Whether the arm is on a rail with several positions."""
+    """True if the arm is on a rail with several positions."""
     payload_kg: float = 0.0
-    """Payload at the flange in the rig file, 0 if not stated."""
+    """Payload at the flange in the rig file; 0 if not given."""
 
     @property
     def axes(self) -> range:
@@ -106,8 +113,8 @@ class Scope:
 class FreeShape:
     """Shape fitted together with the size: expected value and uncertainty.
 
-    tried: start values of a search; empty if not searched. stated: the expected value was stated and applies unless the
-    readings contradict: a fit starting elsewhere has the distance as its uncertainty. low: lower limit of a fit.
+    tried: start values of a search; empty if not searched. stated: the expected value was given and applies unless the
+    readings contradict; a fit starting elsewhere has the distance as the uncertainty. low: lower limit of a fit.
     """
 
     field: str
@@ -118,14 +125,16 @@ class FreeShape:
     low: float = -math.inf
 
     def spread_from(self, begin: float) -> float:
-        """Return the spread in a fit starting at a value."""
+        """Return the spread in a fit that starts at a value."""
         return max(self.spread, abs(begin - self.expected)) if self.stated else self.spread
 
 
 @dataclass(frozen=True)
 class StretchedShape:
-    """Shape fitted from its value in a form, with an uncertainty of a share of it, or at least `least`; low: lower
-    limit."""
+    """Shape fitted from the value in a form, with a relative uncertainty.
+
+    least: minimum uncertainty. low: lower limit.
+    """
 
     field: str
     share: float
@@ -135,17 +144,13 @@ class StretchedShape:
 
 @dataclass(frozen=True)
 class Departures:
-    """Deviations of real effects from their ideal form, since gears, balls and brakes are not ideal.
+    """Deviations of real effects from the ideal form, because gears, balls and brakes are not ideal.
 
-    beside: effects, each with the share of one standard deviation. alike: combinations of effects with shares of one
-    standard
-    deviation each, too similar to be included in the first fit. gap: a joint and half its backlash in degrees, because
-    the
-    initial position in the backlash is unknown. jolt: a joint, its deviation in degrees at each reversal, and the decay
-    time
-    in s, 0 for none. stick: a gauge and its deviation in mm at a target, because the approach of the plunger is
-    unknown.
-    fades: whether the effect decays while the robot stands at a target for an unknown time.
+    beside: effects, each with a share of one standard deviation. alike: combinations of effects with such shares, too
+    similar to be included in the first fit. gap: a joint and half of its backlash in degrees, because the initial
+    position in the backlash is unknown. jolt: a joint, its deviation in degrees at each reversal, and the decay time in
+    s; 0 for none. stick: a gauge and its deviation in mm at a target, because the approach of the plunger is unknown.
+    fades: the effect decays while the robot rests at a target for an unknown time.
     """
 
     beside: tuple[tuple[float, Effect], ...] = ()
@@ -161,7 +166,7 @@ class Compensation:
     """Correction of an effect by a controller.
 
     why_not: reason if impossible. constant: axis (from 1) and key of the number in the rig file, mm or degrees, if it
-    is a constant; `q_deg` is the joint angle itself.
+    is a constant. `q_deg` is the joint angle itself.
     """
 
     use: Use
@@ -176,8 +181,11 @@ BY_TARGETS = Compensation("targets only")
 
 @dataclass(frozen=True)
 class Place:
-    """Notation of a seat. pattern: expression with a group per parameter. example. every: meaning of omitted
-    parameters."""
+    """Notation of a seat.
+
+    pattern: expression with a group per parameter. example: a seat in this notation. every: meaning of omitted
+    parameters.
+    """
 
     pattern: str
     example: str
@@ -193,7 +201,7 @@ AT_GAUGE = Place("(?P<gauge>g[12])?", "g1", {"gauge": ("g1", "g2")})
 
 
 class Effect(Part, ABC):
-    """An effect. `found`: provenance; None if written by a person."""
+    """An effect. found: provenance; None if written by a user."""
 
     effect: str
     found: Found | None = None
@@ -203,29 +211,32 @@ class Effect(Part, ABC):
     STRAIGHT: ClassVar[float] = 1.0
     """Largest size, in healthy sizes, with a linear response; 0 for nonlinear effects such as backlash."""
     NEEDS_REPEATS: ClassVar[bool] = False
-    """Whether the effect is only visible in changes between laps or runs: the slow noise of a single lap looks
-    similar."""
+    """True if only changes between laps or runs reveal the effect: the slow noise of a single lap looks similar."""
     PART: ClassVar[PartKind | None] = None
-    """Part of the arm's error, unless determined by the stage."""
+    """Part of the error of the arm, unless the stage determines it."""
     FORM_U: ClassVar[float] = 0.0
-    """Relative standard uncertainty of the size caused by a form that the readings hardly show."""
+    """Relative standard uncertainty of the size caused by a form that the readings hardly reveal."""
     FREE: ClassVar[tuple[FreeShape, ...]] = ()
     STRETCHED: ClassVar[tuple[StretchedShape, ...]] = ()
     DEED: ClassVar[Deed] = "repair"
     """Action for this effect."""
     MOST: ClassVar[float] = 120.0
-    """Largest size in a fit, in healthy sizes: faults are at most 100, and the simulator is not validated far
-    beyond."""
+    """Largest size in a fit, in healthy sizes.
+
+    Faults are at most 100, and the simulator is not validated far beyond.
+    """
 
     @abstractmethod
     def apply(self, scene: S) -> S:
-        """Apply the effect to the scene over the whole trace; a size of zero is the identity."""
+        """Apply the effect to the scene over the complete trace. A size of zero is the identity."""
 
     @classmethod
     @abstractmethod
     def forms(cls, scope: Scope) -> list[list[Self]]:
-        """Return the possible forms at size zero, as a list per possible seat in the runs. Callers add the second
-        phase of a wave."""
+        """Return the possible forms at size zero, with a list per possible seat in the runs.
+
+        Callers add the second phase of a wave.
+        """
 
     @abstractmethod
     def plain(self, joint: str) -> str:
@@ -233,7 +244,7 @@ class Effect(Part, ABC):
 
     @abstractmethod
     def remedy(self) -> str:
-        """Return the action in the imperative, with the size if it must be entered."""
+        """Return the action in the imperative, including the size if it must be entered."""
 
     @abstractmethod
     def compensation(self) -> Compensation:
@@ -241,7 +252,7 @@ class Effect(Part, ABC):
 
     @classmethod
     def free(cls, payload_kg: float) -> tuple[FreeShape, ...]:
-        """Return the shapes fitted with the effect for a stated payload, 0 for none."""
+        """Return the shapes fitted with the effect for a given payload; 0 if unknown."""
         return cls.FREE
 
     @property
@@ -260,7 +271,7 @@ class Effect(Part, ABC):
 
     @property
     def repeats_each_turn(self) -> bool:
-        """Whether a joint angle a whole turn further has the same effect."""
+        """True if the effect is periodic with a full turn of the joint."""
         return True
 
     @property
@@ -270,12 +281,12 @@ class Effect(Part, ABC):
 
     @property
     def symbol(self) -> str:
-        """Return the standard symbol of the changed number; empty if there is none."""
+        """Standard symbol of the changed number; empty if there is none."""
         return ""
 
     @property
     def idle(self) -> str:
-        """Return the reason why a test without the required motion cannot show the effect."""
+        """Reason for being invisible in a test that lacks the required motion."""
         return "nothing in these tests moves it"
 
     def unit(self, parameter: str) -> str:
@@ -290,20 +301,22 @@ class Effect(Part, ABC):
 
     @classmethod
     def turning(cls, axis: int, angle_deg: float) -> Effect | None:
-        """Return the effect for a joint turned by a constant; implemented by one class."""
+        """Return the effect of a joint turned by a constant. A single class implements this."""
         return None
 
     @classmethod
     def changing(cls, axis: int, key: str, delta: float) -> Effect | None:
-        """Return the effect for a changed constant of an axis, named as in the rig file, by delta mm or degrees;
-        implemented by one class."""
+        """Return the effect of a constant of an axis changed by delta mm or degrees. A single class implements this.
+
+        key: name of the constant in the rig file.
+        """
         return None
 
     @classmethod
     def swinging(cls, frequency_hz: float, amplitude_mm: float) -> Effect | None:
-        """Return the effect for a vibration of the link; implemented by one class.
+        """Return the effect of a vibration of the link. A single class implements this.
 
-        Its phase changes in each run, so it is searched in the time of each run, and has no forms.
+        The phase changes in each run. The effect is therefore searched in the time of each run, and has no forms.
         """
         return None
 
@@ -312,17 +325,17 @@ _E = TypeVar("_E", bound=Effect)
 
 
 def at_each_axis(cls: type[_E], scope: Scope, **values: float) -> list[list[_E]]:
-    """Return one form per joint."""
+    """Return a form per joint."""
     return [[cls.model_validate({"axis": axis, **values})] for axis in scope.axes]
 
 
 def at_each_gauge(cls: type[_E], scope: Scope) -> list[list[_E]]:
-    """Return one form per gauge."""
+    """Return a form per gauge."""
     return [[cls.model_validate({"gauge": gauge})] for gauge in scope.gauges]
 
 
 def scaled(effect: _E, share: float, **values: float) -> _E:
-    """Return an effect with a share of its size, and other changed values."""
+    """Return an effect with a share of the size, and with other changed values."""
     name = size_field(effect)
     return effect.model_copy(update={name: share * getattr(effect, name), **values})
 
@@ -351,12 +364,12 @@ def label_of(effect: Effect) -> str:
 
 
 def whole_order(order: float) -> float:
-    """Return the displayed order of a gear wave: the number of teeth if whole to a tenth of a wave."""
+    """Return the displayed order of a gear wave: the number of teeth if integer to a tenth of a wave."""
     return float(round(order)) if abs(order - round(order)) < _OF_A_WAVE and round(order) > 0 else order
 
 
 def phases(effect: _E) -> tuple[_E, ...]:
-    """Return an effect, and for a wave also the quarter-shifted effect: together they span every phase."""
+    """Return an effect, and for a wave also the effect shifted by a quarter. Together they span every phase."""
     if not is_wave(effect):
         return (effect,)
     return effect, effect.model_copy(update={PHASE: (getattr(effect, PHASE) + 90.0) % 360.0})
@@ -379,7 +392,7 @@ def size_field(effect: Effect) -> str:
 
 @cache
 def size_fields(cls: type[Effect]) -> tuple[str, ...]:
-    """Return the keys declared by `size`: exactly one for a complete effect."""
+    """Return the keys declared by `size`. A complete effect has exactly one."""
     return tuple(str(name) for name in cls.model_fields if "healthy" in _extra(cls, name))
 
 
@@ -389,7 +402,7 @@ def _extra(cls: type[Effect], name: str) -> dict[str, Any]:
 
 
 def bounds(effect: Effect, name: str) -> tuple[float, float]:
-    """Return the range of a parameter, infinite if unbounded."""
+    """Return the range of a parameter; infinite if unbounded."""
     return _bounds(type(effect), name)
 
 
@@ -419,15 +432,19 @@ def size_of(effect: Effect) -> float:
 WARMING_S = (60.0, 300.0, 1200.0)
 """Initial time constants in s. Chosen: factors of about five, refined by the fit."""
 SPECTRUM = (0.2, 0.5, 2.0)
-"""Time constants of parts of a real arm, relative to the effect: motors and gears warm up faster than castings.
-Chosen."""
+"""Time constants of parts of a real arm relative to the effect: motors and gears warm up faster than castings.
+
+Chosen.
+"""
 SPECTRUM_SHARE = 0.25
-"""Standard deviation of each part's share. Chosen: for an arm with a quarter warming up five times as fast, 5 % turned
-a growth of 149 ppm into 120 ± 8."""
+"""Standard deviation of the share of each part.
+
+Chosen: for an arm with a quarter warming up five times as fast, 5 % turned a growth of 149 ppm into 120 ± 8.
+"""
 
 
 def warmed(t_s: Array, time_constant_s: float) -> Array:
-    """Return the share (n,) of a growth reached at times t_s (n,) s after the start of the run."""
+    """Return the share (n,) of a growth reached at times t_s (n,) in s after the start of the run."""
     share: Array = -np.expm1(-np.maximum(t_s, 0) / time_constant_s)
     return share
 

@@ -1,5 +1,8 @@
-"""Sources of the robot's position: a maker's interface, an OPC UA server with the Robotics companion specification (OPC
-40010-1), or ROS 2 joint states. `interface` is the name of a file in `daq/feedback/`."""
+"""Sources of the robot position.
+
+These are interfaces of makers, OPC UA servers with the Robotics companion specification (OPC 40010-1), and ROS 2 joint
+states. `interface` is the name of a file in `daq/feedback/`.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +23,7 @@ _NODE = re.compile(r"(ns=\d{1,5};)?(i=\d{1,10}|s=.+)")
 
 
 class OPCUARobotics(Part):
-    """OPC UA for Robotics: a server with a MotionDeviceSystem in its DeviceSet, read only."""
+    """OPC UA for Robotics: a server with a MotionDeviceSystem in the DeviceSet, read only."""
 
     driver: ClassVar[str] = "daq.apps.opc_ua.robotics"
     listens: ClassVar[bool] = False
@@ -36,20 +39,21 @@ class OPCUARobotics(Part):
     interface: Literal["opc_ua_robotics"]
     port: Port
     path: str = Field(default="", pattern=r"^(/[^\s\x00-\x1f]{0,200})?$")
-    """Path of the server's endpoint, such as `/UA/Robot` in `opc.tcp://robot:4840/UA/Robot`."""
+    """Path of the server endpoint, such as `/UA/Robot` in `opc.tcp://robot:4840/UA/Robot`."""
     device: str | None = Field(default=None, min_length=1, max_length=200)
     """Browse name of the robot below MotionDevices, if the server has several."""
     axes: tuple[AxisName, AxisName, AxisName, AxisName, AxisName, AxisName] | None = None
     """Browse names of q1 … q6 below Axes, or node ids of the position variables, such as `ns=2;s=A1.Pos`. By default
-    the robot must have six axes with names ending in numbers."""
+    the robot must have six axes with names ending in numbers.
+    """
     units: Literal["deg", "rad"] | None = None
-    """Angle unit, if the server does not state it (EngineeringUnits)."""
+    """Angle unit, if not given by the server (EngineeringUnits)."""
     rate_hz: float = Field(default=100, ge=1, le=500)
-    """Requested sampling rate; the server may reduce it."""
+    """Requested sampling rate. The server may reduce it."""
     condition: bool = True
-    """Whether to read the condition of the robot: task, stops, drives, speed, load, motor temperatures."""
+    """Read the condition of the robot: task, stops, drives, speed, load, motor temperatures."""
     timeout_s: float = Field(default=2.0, ge=0.1, le=60)
-    """Time without a message after which the server counts as silent."""
+    """Longest time between messages; after it the server counts as silent."""
 
     @field_validator("port")
     @classmethod
@@ -94,9 +98,9 @@ class ROS2JointStates(Part):
     port: Port
     topic: str = Field(default="/joint_states", pattern=r"^/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*$")
     joints: tuple[JointName, JointName, JointName, JointName, JointName, JointName]
-    """Joint names of q1 … q6 in the messages, in any order; other joints are ignored."""
+    """Joint names of q1 … q6 in the messages, in any order. Other joints are ignored."""
     timeout_s: float = Field(default=2.0, ge=0.01, le=60)
-    """Time without a message after which the topic counts as silent."""
+    """Longest time between messages; after it the topic counts as silent."""
 
     @field_validator("port")
     @classmethod
@@ -116,9 +120,9 @@ class ROS2JointStates(Part):
 JOINT_FIELDS = {f"q{axis}_{unit}" for axis in range(1, 7) for unit in ("deg", "rad")}
 CLOCK_FIELDS = {"t_s", "t_ms", "t_us"}
 SIGNAL = "signal"
-"""Column with the program number in the robot's samples, and the field name in a line."""
+"""Column with the program number in the samples of the robot, and the field name in a line."""
 _TAG = re.compile(r"[A-Za-z_][A-Za-z0-9_-]{0,63}(\.[A-Za-z_][A-Za-z0-9_-]{0,63})?")
-"""Tag of an element, or of an attribute as `Element.Attribute`, in KUKA's Ethernet configuration."""
+"""Tag of an element, or of an attribute as `Element.Attribute`, in the Ethernet configuration of KUKA."""
 
 
 class RTDESignal(Part):
@@ -138,14 +142,14 @@ class RTDESignal(Part):
 
 
 class _Feedback(Part):
-    """Base of all interfaces. `listens`: whether `port` is a local address, contacted by the controller."""
+    """Base of all interfaces. listens: `port` is a local address, contacted by the controller."""
 
     timeout_s: float = Field(default=2.0, ge=0.01, le=60)
-    """Time without a message after which the robot counts as silent."""
+    """Longest time between messages; after it the robot counts as silent."""
 
 
 class NoFeedback(_Feedback):
-    """No robot: the cell is measured by a tracker only. Never named in a rig file."""
+    """No robot: only a tracker measures the cell. Never named in a rig file."""
 
     listens: ClassVar[bool] = False
 
@@ -171,14 +175,16 @@ class URRTDE(_Feedback):
     rate_hz: float = Field(default=500, ge=1, le=500)
     signal: RTDESignal | None = None
     condition: bool = True
-    """Whether to request the condition of the robot: program, safety, speed, payload, temperatures. Fields unknown to
-    the controller are omitted."""
+    """Request the condition of the robot: program, safety, speed, payload, temperatures.
+
+    Fields unknown to the controller are omitted.
+    """
     currents: bool = False
-    """Whether to record the joint motor currents, used to measure friction."""
+    """Record the joint motor currents, which reveal the friction."""
 
 
 class LineFeed(_Feedback):
-    """Lines printed by a user program on the controller, one sample per line, over TCP, UDP or a serial port."""
+    """Lines printed by a user program on the controller, with a sample per line, over TCP, UDP or a serial port."""
 
     origin: ClassVar[Origin] = Origin(
         instruments="any controller whose program prints lines over TCP, UDP or a serial port: FANUC KAREL and others",
@@ -189,11 +195,11 @@ class LineFeed(_Feedback):
     interface: Literal["line_feed"]
     port: AnyPort
     listens: bool = False
-    """Whether the program connects to this computer: `port` is then a local address for one program at a time."""
+    """The program connects to this computer. `port` is then a local address for a single program at a time."""
     fields: tuple[str, ...] = ("t_ms", *(f"q{axis}_deg" for axis in range(1, 7)))
     """Field names in order of the line: q1_deg … q6_deg (or _rad), at most one of t_s, t_ms, t_us, at most one
-    `signal`, and
-    printed condition columns (program_state, speed_percent …); `_` is skipped."""
+    `signal`, and printed condition columns (program_state, speed_percent …). `_` is skipped.
+    """
     separator: str = Field(default=",", min_length=1)
     """A blank represents any sequence of blanks and tabs."""
     line: Line = Line(baud=9600, bits=8, parity="N", stop=1)
@@ -242,20 +248,20 @@ class KUKARSI(_Feedback):
     cycle_ms: Literal[4, 12] = 4
     """Cycle of the controller: 4 for IPO_FAST, 12 for IPO. A longer IPOC step means missing datagrams."""
     onlysend: bool = False
-    """ONLYSEND of the controller's Ethernet configuration: no answers are expected or sent."""
+    """ONLYSEND of the Ethernet configuration: the controller neither expects nor receives answers."""
     timeout_s: float = Field(default=1.0, ge=0.01, le=60)
     """Silence of a controller after which a restarted program with a new port is accepted."""
     sentype: str = Field(default="ImFree", pattern=r"^[A-Za-z0-9_.-]{1,64}$")
-    """SENTYPE of the Ethernet configuration; the controller ignores answers with other names."""
+    """SENTYPE of the Ethernet configuration. The controller ignores answers with other names."""
     condition: dict[str, str] = Field(default_factory=dict)
     """TAG in SEND of the Ethernet configuration for each transmitted part of the condition, such as `speed_percent:
-    Override` or
-    `motors_on: Drives.On`."""
+    Override` or `motors_on: Drives.On`.
+    """
 
     @field_validator("condition")
     @classmethod
     def _of_the_condition(cls, condition: dict[str, str]) -> dict[str, str]:
-        parts = [name for name in CONDITION if name not in CURRENTS]  # KUKA's $CURR_ACT is a share, not A
+        parts = [name for name in CONDITION if name not in CURRENTS]  # $CURR_ACT of KUKA is a share, not A
         if unknown := [name for name in condition if name not in parts]:
             raise ValueError(f"unknown part {unknown[0]!r}; known: {', '.join(parts)}")
         if odd := [tag for tag in condition.values() if not _TAG.fullmatch(tag)]:
@@ -298,9 +304,9 @@ class FANUCStreamMotion(_Feedback):
     interface: Literal["fanuc_stream_motion"]
     port: UDPPort
     version: int | None = Field(default=None, ge=1, le=4)
-    """Stream Motion version; by default the controller is asked."""
+    """Stream Motion version. By default it is requested from the controller."""
     currents: bool = False
-    """Whether to record the joint motor currents, part of every status."""
+    """Record the joint motor currents, which are part of every status."""
 
 
 class ModbusJoints(_Feedback, RegisterBlock):
@@ -323,7 +329,7 @@ class ModbusJoints(_Feedback, RegisterBlock):
     """Registers of q1 … q6, each `raw * scale + offset` in `units`."""
     units: Literal["deg", "rad"] = "deg"
     status: StatusRegister | None = None
-    """State of controller or program; unlisted values are errors."""
+    """State of controller or program. Unlisted values are errors."""
 
     @model_validator(mode="after")
     def _readable(self) -> ModbusJoints:
@@ -343,7 +349,7 @@ if not TYPE_CHECKING:
 
 
 def carries_signal(feedback: Feedback) -> bool:
-    """Return whether the robot's samples have the column `signal`."""
+    """Return whether the samples of the robot have the column `signal`."""
     match feedback:
         case URRTDE():
             return feedback.signal is not None
@@ -353,17 +359,17 @@ def carries_signal(feedback: Feedback) -> bool:
 
 
 def signal_of_outputs(feedback: Feedback) -> RTDESignal | None:
-    """Return the outputs or register with the signal; None if the interface has none."""
+    """Return the outputs or register of the signal; None if the interface has none."""
     return feedback.signal if isinstance(feedback, URRTDE) else None
 
 
 def columns_beside_joints(feedback: Feedback) -> tuple[str, ...]:
-    """Return the columns after the joints in the robot's samples, in order."""
+    """Return the columns after the joints in the samples of the robot, in order."""
     return (*((SIGNAL,) if carries_signal(feedback) else ()), *condition_columns(feedback))
 
 
 def condition_columns(feedback: Feedback) -> tuple[str, ...]:
-    """Return the condition columns in the robot's samples, in order (`rigs.schema.condition`)."""
+    """Return the condition columns in the samples of the robot, in order (`rigs.schema.condition`)."""
     columns: tuple[str, ...] = ()
     match feedback:
         case URRTDE():

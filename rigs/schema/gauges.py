@@ -1,10 +1,9 @@
 """Gauges of a rig: instrument, port, and position on the baseline.
 
 `interface` is the name of a file in `daq/gauges/`. Gauges with the same port share an instrument, with different
-`channel`,
-or a line, where each is polled separately.
+`channel`, or a line on which each is polled separately.
 
-Each interface has a class with its settings and their sources. Unconfirmed line settings have no default and must be
+Each interface has a class with the settings and their sources. Unconfirmed line settings have no default and must be
 given in the rig file.
 """
 
@@ -25,7 +24,7 @@ from rigs.schema.vocabulary import FURTHER
 
 
 class SylvacOptoRS(Probe):
-    """Sylvac simplex or duplex cable, and compatible ones."""
+    """Sylvac simplex or duplex cable, and compatible cables."""
 
     origin: ClassVar[Origin] = Origin(
         instruments="Sylvac simplex and duplex cables (Opto-RS)",
@@ -44,7 +43,10 @@ class SylvacOptoRS(Probe):
     line: Line = Line(baud=4800, bits=7, parity="E", stop=2)
     mode: Literal["polled", "continuous"] = "polled"
     cable: Literal["duplex", "simplex"] = "duplex"
-    """A simplex cable ignores commands, and is polled by DTR off for 120 ms; about four readings a second."""
+    """Kind of cable.
+
+    A simplex cable ignores commands, and is polled by DTR off for 120 ms: about four readings a second.
+    """
 
     @property
     def modem(self) -> ModemLines:
@@ -77,7 +79,7 @@ class TesaTT(Probe):
 
 
 class MahrC1202(Probe):
-    """Mahr Millimar C1202: up to three features, selected by `channel`; two gauges may share it."""
+    """Mahr Millimar C1202: up to three features, selected by `channel`. Two gauges may share it."""
 
     origin: ClassVar[Origin] = Origin(
         instruments="Mahr Millimar C1202",
@@ -93,7 +95,7 @@ class MahrC1202(Probe):
 
 
 class MahrC1208(Probe):
-    """Mahr Millimar C1208, C1216, C1240, in the protocol set in its menu."""
+    """Mahr Millimar C1208, C1216, C1240, in the protocol set in the menu."""
 
     origin: ClassVar[Origin] = Origin(
         instruments="Mahr Millimar C1208, C1216, C1240",
@@ -106,7 +108,7 @@ class MahrC1208(Probe):
     interface: Literal["mahr_c1208"]
     line: Line
     protocol: Literal["optorsd", "m1240"] = "optorsd"
-    """OPTORSD uses `?` (OPTORSS too), M1240 uses `M`."""
+    """Protocol set in the menu. OPTORSD and OPTORSS use `?`, M1240 uses `M`."""
 
 
 class HeidenhainND281B(Probe):
@@ -127,7 +129,7 @@ class HeidenhainND281B(Probe):
 
 
 class HeidenhainND287(Probe):
-    """Heidenhain ND 287, read from its display."""
+    """Heidenhain ND 287, read from the display."""
 
     origin: ClassVar[Origin] = Origin(
         instruments="Heidenhain ND 287",
@@ -144,7 +146,7 @@ class HeidenhainND287(Probe):
 
 
 class KeyenceDLRS1A(Probe):
-    """Keyence GT2 heads connected to a DL-RS1A: all heads in one answer."""
+    """Keyence GT2 heads connected to a DL-RS1A: all heads in a single answer."""
 
     origin: ClassVar[Origin] = Origin(
         instruments="Keyence DL-RS1A with GT2 heads",
@@ -167,7 +169,7 @@ class KeyenceDLRS1A(Probe):
 
 
 class MagnescaleLT(Probe):
-    """Magnescale LT20A or LT30: channel 1 is A, channel 2 is B; two gauges may share it."""
+    """Magnescale LT20A or LT30: channel 1 is A, channel 2 is B. Two gauges may share it."""
 
     origin: ClassVar[Origin] = Origin(
         instruments="Magnescale LT20A, LT30",
@@ -200,7 +202,7 @@ class MagnescaleMG80(Probe):
     address: str = Field(pattern=r"^[0-9A-Za-z]{2}$")
     """Module and counter at the start of a reply."""
     request: str = Field(pattern=r"^[ -~]{1,40}$")
-    """Request for the counter's value, without CR LF."""
+    """Request for the value of the counter, excluding CR LF."""
 
 
 class MitutoyoUSB(Probe):
@@ -220,7 +222,7 @@ class MitutoyoUSB(Probe):
 
 
 class MitutoyoQMHeight(Probe):
-    """Mitutoyo QM-Height on its USB port."""
+    """Mitutoyo QM-Height on the USB port."""
 
     origin: ClassVar[Origin] = Origin(
         instruments="Mitutoyo QM-Height",
@@ -306,8 +308,7 @@ if not TYPE_CHECKING:
 
 
 class Gauges(Part):
-    """Gauge 1, and gauge 2 for angle tests: the two gauges used by tests. Additional ones are recorded, exported and
-    shown."""
+    """Gauge 1, and gauge 2 for angle tests. All other gauges are only recorded, exported and shown."""
 
     g1: Gauge
     g2: Gauge | None = None
@@ -365,9 +366,9 @@ class Gauges(Part):
 
     @property
     def baseline_mm(self) -> float:
-        """Distance between the gauges, offset of g1 less that of g2: positive for two gauges, 0 for none."""
+        """Distance between the gauges: offset of g1 minus offset of g2. Positive for two gauges, otherwise 0."""
         return sum(sign * gauge.offset_mm for sign, (_, gauge) in zip((1, -1), self, strict=False))
 
 
 NO_GAUGES = Gauges.model_construct(g1=None)  # type: ignore[arg-type]  # which no rig file can write
-"""Gauges of a cell measured by a tracker only: none."""
+"""Gauges of a cell measured only by a tracker: none."""

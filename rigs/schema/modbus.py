@@ -11,8 +11,7 @@ from rigs.schema.part import Origin, Part
 from rigs.schema.probe import Probe
 
 SLOWEST_HZ = 0.5
-"""Slowest rate: a recording cannot start with a reading older than 3 s, and a connection without data for 10 s is
-lost."""
+"""Slowest rate. A recording cannot start with a reading older than 3 s, and a connection silent for 10 s is lost."""
 Number = Literal[
     "int16", "uint16", "float16", "int32", "uint32", "float32", "int64", "uint64", "float64"
 ]  # fmt: skip
@@ -33,7 +32,7 @@ class Register(Part):
 
 
 class ValueRegister(Register):
-    """The reading: `raw * scale + offset`, in the gauge's units."""
+    """The reading: `raw * scale + offset`, in the units of the gauge."""
 
     scale: float = Field(default=1.0, ge=-1e6, le=1e6)
     offset: float = Field(default=0.0, ge=-1e6, le=1e6)
@@ -47,7 +46,7 @@ class ValueRegister(Register):
 
 
 class StatusRegister(Register):
-    """Status of a reading; unlisted values are errors."""
+    """Status of a reading. Unlisted values are errors."""
 
     type: Number = "uint16"
     good: tuple[int, ...] = (0,)
@@ -56,7 +55,7 @@ class StatusRegister(Register):
 
 
 class RegisterBlock(Part):
-    """Modbus registers read in one request."""
+    """Modbus registers read in a single request."""
 
     unit: int = Field(default=1, ge=0, le=247)
     function: Literal[3, 4] = 4
@@ -65,9 +64,9 @@ class RegisterBlock(Part):
     word_order: Order = "big"
     """Order of the registers of a 32 or 64 bit value: the highest (big) or the lowest first."""
     byte_order: Order = "big"
-    """Order of the bytes of a register; the standard is the higher (big) first, but some instruments swap them."""
+    """Order of the bytes of a register. The standard is the higher (big) first, but some instruments swap them."""
     rate_hz: float = Field(default=500.0, ge=SLOWEST_HZ)
-    """Maximum requests per second; a serial line limits the rate itself, TCP does not."""
+    """Maximum requests per second. A serial line limits the rate by itself, TCP does not."""
 
     def check_inside(self, **registers: Register | None) -> None:
         """Raise ValueError for the first register outside the block."""
@@ -82,7 +81,7 @@ class RegisterBlock(Part):
 
 
 class ModbusMap(Probe, RegisterBlock):
-    """Any Modbus gauge: a block of registers read in one request, on a serial port or over TCP."""
+    """Any Modbus gauge: a block of registers read in a single request, on a serial port or over TCP."""
 
     origin: ClassVar[Origin] = Origin(
         instruments="any Modbus gauge; Baumer OM20, OM30",
@@ -113,12 +112,12 @@ class ModbusMap(Probe, RegisterBlock):
 
     @property
     def place(self) -> str:
-        """Identification of the gauge on a shared line."""
+        """Identifier of the gauge on a shared line."""
         return f"unit {self.unit}, {'holding' if self.function == 3 else 'input'} register {self.value.address}"
 
 
 class SolartronOrbit(Probe):
-    """Solartron Orbit ACS, SI100, SI200 or SI400: two parameters, the reading and its status."""
+    """Solartron Orbit ACS, SI100, SI200 or SI400: two parameters, the reading and the status."""
 
     origin: ClassVar[Origin] = Origin(
         instruments="Solartron Orbit ACS: SI100, SI200, SI400",
@@ -139,7 +138,7 @@ class SolartronOrbit(Probe):
     word_order: Order = "big"
     byte_order: Order = "big"
     parameter: int = Field(ge=0, le=7999)
-    """Address of the reading in the maker's parameter map (503116, 503166)."""
+    """Address of the reading in the parameter map of the maker (503116, 503166)."""
     status_parameter: int = Field(ge=0, le=7999)
     """Address of the status."""
 
@@ -153,5 +152,5 @@ class SolartronOrbit(Probe):
 
     @property
     def place(self) -> str:
-        """Identification of the probe on a shared line."""
+        """Identifier of the probe on a shared line."""
         return f"unit {self.unit}, parameter {self.parameter}"

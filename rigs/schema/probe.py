@@ -1,5 +1,4 @@
-"""Common part of all gauges: the timing of readings, calibration certificates of gauge, ball and link, and the
-temperature."""
+"""Common part of all gauges: timing of readings, certificates of gauge, ball and link, and the temperature."""
 
 from __future__ import annotations
 
@@ -14,12 +13,12 @@ from rigs.schema.links import ModemLines, Port
 from rigs.schema.part import Length, Origin, Part
 
 Correction = Annotated[float, Field(ge=-1, le=1)]
-"""mm; a larger value suggests the table of a different gauge, or a table in µm."""
+"""Correction in mm. A larger value suggests the table of a different gauge, or a table in µm."""
 Celsius = Annotated[float, Field(ge=-50, le=100)]
 _TIME_ZONES = dt.timedelta(days=1)
-"""A certificate from a place further east may bear tomorrow's date."""
+"""Tolerance for dates: a certificate from further east may have the date of tomorrow."""
 _STEPS = 200
-"""Steps for checking the range of a polynomial."""
+"""Number of steps for checking the range of a polynomial."""
 
 
 class Temperature(Part):
@@ -31,20 +30,20 @@ class Temperature(Part):
 
 
 class Certificate(Part):
-    """Common part of certificates. The uncertainty is expanded, U = k u, as stated in certificates."""
+    """Common part of certificates. The uncertainty is expanded, U = k u, as usual in certificates."""
 
     number: str = Field(min_length=1, max_length=100)
     date: dt.date
     valid_until: dt.date | None = None
     interval_months: int | None = Field(default=None, ge=1, le=240)
-    """Interval until the next calibration, in place of valid_until."""
+    """Interval until the next calibration, as an alternative to valid_until."""
     u_mm: float = Field(ge=0, le=10)
     k: float = Field(gt=0, le=10)
     """Coverage factor of u_mm: u_mm / k is the standard uncertainty."""
     reference_c: Celsius = 20.0
     """Reference temperature of the certificate; 20 °C by ISO 1."""
     coefficient_per_c: float = Field(default=0.0, ge=-1e-3, le=1e-3)
-    """Thermal expansion: 11.5e-6 for steel, 0 if unknown and not corrected."""
+    """Thermal expansion: 11.5e-6 for steel; 0 if unknown and not corrected."""
 
     @field_validator("date")
     @classmethod
@@ -63,7 +62,7 @@ class Certificate(Part):
 
     @property
     def due(self) -> dt.date | None:
-        """Last day of validity; None if not stated."""
+        """Last day of validity; None if not given."""
         if self.interval_months is None:
             return self.valid_until
         years, month = divmod(self.date.month - 1 + self.interval_months, 12)
@@ -77,9 +76,9 @@ class GaugeCertificate(Certificate):
     correction_mm: tuple[tuple[Length, Correction], ...] = Field(default=(), max_length=10_000)
     """Pairs of a reading and its correction, interpolated linearly."""
     polynomial_mm: tuple[Annotated[float, Field(ge=-1e6, le=1e6)], ...] = Field(default=(), max_length=20)
-    """c0, c1, c2, …: the correction is c0 + c1 r + c2 r² + … mm for the reading r mm."""
+    """Coefficients c0, c1, c2, …: the correction is c0 + c1 r + c2 r² + … mm for the reading r mm."""
     range_mm: tuple[Length, Length] | None = None
-    """Valid readings of the polynomial; a table defines its own range."""
+    """Valid readings of the polynomial. A table defines the range by itself."""
 
     @field_validator("correction_mm")
     @classmethod
@@ -114,7 +113,7 @@ class GaugeCertificate(Certificate):
 
     @property
     def valid_mm(self) -> tuple[float, float] | None:
-        """Range of readings with a known correction; None without a correction."""
+        """Range of readings with a known correction; None if there is no correction."""
         return (self.correction_mm[0][0], self.correction_mm[-1][0]) if self.correction_mm else self.range_mm
 
 
@@ -144,19 +143,22 @@ internal cycle. streamed: the reading is taken when sent. unknown: no source, so
 """
 
 _FILTER_U = 0.1
-"""Makers state the length of an averaging filter, but rarely its shape; a tenth of the delay is assumed."""
+"""Relative uncertainty of the delay of a filter.
+
+Makers give the length of an averaging filter, but rarely the shape.
+"""
 
 
 class Timing(Part):
-    """Latching time of the reading in an answer; emulated gauges follow it."""
+    """Latching time of the reading in an answer. Emulated gauges follow it."""
 
     latch: Latch = "unknown"
     cycle_ms: float | None = Field(default=None, gt=0, le=10_000)
     """Length of an internal cycle, or the interval of a streaming gauge."""
     filter_ms: float = Field(default=0.0, ge=0, le=10_000)
-    """Group delay of the averaging filter: for a moving average over n cycles, (n - 1)/2 cycles."""
+    """Group delay of the averaging filter. For a moving average over n cycles it is (n - 1)/2 cycles."""
     filter_u_ms: float | None = Field(default=None, ge=0, le=10_000)
-    """Standard uncertainty of the group delay; a tenth by default."""
+    """Standard uncertainty of the group delay; one tenth by default."""
     answer_delay_ms: float = Field(default=0.0, ge=0, le=10_000)
     """Minimum delay of the answer, during which no reading is taken."""
     latched_within_ms: float | None = Field(default=None, gt=0, le=10_000)
@@ -180,7 +182,7 @@ class Timing(Part):
 
     @property
     def filter_uncertainty_ms(self) -> float:
-        """Standard uncertainty of the filter's delay."""
+        """Standard uncertainty of the filter delay."""
         return _FILTER_U * self.filter_ms if self.filter_u_ms is None else self.filter_u_ms
 
     def __str__(self) -> str:
@@ -204,7 +206,7 @@ def _rising(limits_mm: tuple[float, float]) -> tuple[float, float]:
 
 
 Range = Annotated[tuple[Length, Length], AfterValidator(_rising)]
-"""Lowest and highest reading, mm."""
+"""Lowest and highest reading in mm."""
 
 
 class Probe(Part):
@@ -212,38 +214,39 @@ class Probe(Part):
 
     origin: ClassVar[Origin]
     shares: ClassVar[bool] = False
-    """Whether an answer contains several gauges of a port, distinguished by `channel`."""
+    """True if an answer contains several gauges of a port, distinguished by `channel`."""
     cables: ClassVar[dict[str, ModemLines]] = {}
-    """Modem lines by kind of cable, for cables powered by them."""
+    """Modem lines by kind of cable, for cables powered by the port."""
     bus: ClassVar[bool] = False
-    """Whether a port can have several gauges, polled separately."""
+    """True if a port can have several gauges, polled separately."""
     request_bytes: ClassVar[int] = 1
-    """Minimum characters of a request on a serial line, for its transmission time."""
+    """Minimum number of characters of a request on a serial line, for the transmission time."""
     timing_source: ClassVar[str] = "no public source says when a reading is latched"
     """Source of the default `timing`."""
 
     port: Port
-    """Serial device, preferably by its name in `/dev/serial/by-id/`, or `tcp://host:number`."""
+    """Serial device, preferably by a name in `/dev/serial/by-id/`, or `tcp://host:number`."""
     channel: int = Field(default=1, ge=1, le=32)
     """Index in an answer shared by the gauges of a port; 1 for an instrument with a single gauge."""
     units: Units = "mm"
-    """Unit set at the instrument; a reading in a different unit is a fault, never a value."""
+    """Unit set at the instrument. A reading in a different unit is a fault, never a value."""
     counts: Counts = "away"
-    """Direction of increasing readings: as the tool moves away from the ball, or towards it, as with most plunger
-    gauges, which are then pushed in. Runs store readings as displayed."""
+    """Direction of increasing readings: as the tool moves away from the ball, or towards it. Most plunger gauges count
+    towards it, because the plunger is then pushed in. Runs store readings as displayed.
+    """
     offset_mm: Length
     """Position on the baseline, along y_T (yaw) or x_T (roll): +25 for gauge 1, -25 for gauge 2."""
     accuracy_mm: float = Field(default=0.0005, gt=0, le=10)
-    """Standard uncertainty of a single reading; errors common to all readings belong to the certificate."""
+    """Standard uncertainty of a single reading. Errors common to all readings belong to the certificate."""
     range_mm: Range | None = None
-    """Lowest and highest possible reading; a reading outside is a fault and left out."""
+    """Lowest and highest possible reading. A reading outside of the range is a fault and left out."""
     certificate: GaugeCertificate | None = None
     calibrated: dt.date | None = None
     """Calibration date, in files older than `certificate`; not used."""
     timeout_s: float = Field(default=0.5, ge=0.01, le=60)
-    """Time without an answer after which the gauge counts as silent."""
+    """Time limit for an answer, after which the gauge counts as silent."""
     timing: Timing = Timing()
-    """Latching time of readings; a value in the rig file replaces the maker's default completely."""
+    """Latching time of readings. A value in the rig file replaces the default of the maker completely."""
 
     @property
     def modem(self) -> ModemLines | None:
@@ -257,7 +260,7 @@ class Probe(Part):
 
     @property
     def place(self) -> str:
-        """Identification of the gauge on a shared port."""
+        """Identifier of the gauge on a shared port."""
         return f"channel {self.channel}"
 
     @property

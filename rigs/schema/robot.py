@@ -1,4 +1,4 @@
-"""Arm description in a rig file: modified Denavit–Hartenberg after Craig, in mm and degrees."""
+"""Arm description in a rig file: modified Denavit–Hartenberg parameters after Craig, in mm and degrees."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ class Pose(Part):
 class JointAxis(Part):
     """Joint: `T(i-1,i) = RotX(alpha) TransX(a) RotY(beta) RotZ(theta) TransZ(d)`.
 
-    alpha, a and beta belong to the link before the joint (Craig's alpha[i-1], a[i-1]); beta is Hayati's angle, for a
-    joint parallel to the previous one.
+    alpha, a and beta belong to the link before the joint (alpha[i-1] and a[i-1] in the notation of Craig). beta is the
+    angle of Hayati, for a joint parallel to the previous joint.
     """
 
     name: str
@@ -38,7 +38,7 @@ class JointAxis(Part):
     mass_kg: float = Field(default=0.0, ge=0, le=1e4)
     """Mass of the link moved by this joint, for gravity effects."""
     centre_mm: Vector = (0.0, 0.0, 0.0)
-    """Centre of mass in the link's frame."""
+    """Centre of mass in the frame of the link."""
 
     @model_validator(mode="after")
     def _ordered(self) -> JointAxis:
@@ -48,10 +48,10 @@ class JointAxis(Part):
 
 
 class Rail(Part):
-    """Rail of the arm: at position e1_mm, the base is displaced from `base` by this distance along the rail."""
+    """Rail of the arm. At position e1_mm, the base is displaced from `base` by this distance along the rail."""
 
     direction: Vector = (1.0, 0.0, 0.0)
-    """Direction of motion in the base frame; its length is ignored."""
+    """Direction of motion in the base frame. The length of the vector is ignored."""
     limits_mm: tuple[Length, Length]
 
     @model_validator(mode="after")
@@ -69,7 +69,7 @@ Posture = tuple[Angle, Angle, Angle, Angle, Angle, Angle]
 
 
 def identity(count: int) -> tuple[Row, ...]:
-    """Return the coupling of axes that turn with their own joints."""
+    """Return the coupling of axes that turn with their joints."""
     return tuple(tuple(float(row == column) for column in range(count)) for row in range(count))
 
 
@@ -78,7 +78,10 @@ _NUMBERED = re.compile(r"(a|j|axis|joint)?[ _.-]?a?\d")
 
 
 _SHORTEST_MM = 20.0
-"""Lengths of an arm in all: some 300 mm for hobby arms, 6 m for the longest industrial arms, which is 6 in metres."""
+"""Minimum sum of the lengths of an arm.
+
+Hobby arms have some 300 mm. The longest industrial arms have 6 m, which is 6 if written in metres.
+"""
 
 
 class Robot(Part):
@@ -95,8 +98,10 @@ class Robot(Part):
     payload_kg: float = Field(default=0.0, ge=0, le=1e4)
     """Tool and ball link, at the flange."""
     build: Build | None = Field(default=None, exclude_if=lambda value: value is None)
-    """Design of the arm; by default, an arm of seven axes has torque sensors, and an arm of four or five axes is
-    light."""
+    """Design of the arm.
+
+    By default an arm of seven axes has torque sensors, and an arm of four or five axes is light.
+    """
 
     @model_validator(mode="after")
     def _in_mm(self) -> Robot:
@@ -110,13 +115,12 @@ class Robot(Part):
 
     @property
     def built(self) -> Build:
-        """Design of the arm, as stated or as usual for its number of axes."""
+        """Design of the arm, as given or typical for the number of axes."""
         more = len(self.axes) - DRIVEN_AXES
         return self.build or ("torque_sensing" if more > 0 else "light" if more < 0 else "industrial")
 
     def axis_words(self, axis: int) -> str:
-        """Return the displayed name of an axis, counted from 1: `axis 4 (gamma)`, or `axis 4` if its name only
-        repeats the number."""
+        """Return the displayed name of an axis, counted from 1: `axis 4 (gamma)`, or `axis 4` for a mere number."""
         name = self.own_name(axis)
         return f"axis {axis} ({name})" if name else f"axis {axis}"
 
@@ -128,7 +132,7 @@ class Robot(Part):
     @model_validator(mode="before")
     @classmethod
     def _coupled(cls, written: Any) -> Any:
-        """Default coupling: each axis turns with its own joint."""
+        """Set the default coupling: each axis turns with the joint of the same number."""
         if isinstance(written, Mapping) and "coupling" not in written:
             axes = written.get("axes")
             if isinstance(axes, list | tuple) and FEWEST_AXES <= len(axes) <= MOST_AXES:
@@ -142,7 +146,7 @@ class Robot(Part):
         if {len(rows), *map(len, rows)} != {count}:
             raise ValueError(f"coupling is not {count} rows of {count} numbers, one for each axis; correct its rows")
         remaining = [list(row) for row in rows]
-        for column in range(count):  # elimination, largest pivot first
+        for column in range(count):  # elimination with the largest pivot first
             remaining[column:] = sorted(remaining[column:], key=lambda row: -abs(row[column]))
             pivot, *below = remaining[column:]
             if abs(pivot[column]) < 1e-6:

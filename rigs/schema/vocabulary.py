@@ -1,4 +1,4 @@
-"""Names shared by rig files, runs, commands and reports; without slow imports, for a fast command line."""
+"""Names shared by rig files, runs, commands and reports. No slow imports, for a fast command line."""
 
 from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, Literal, get_args
@@ -14,7 +14,7 @@ TestName = Literal[
 ]
 """Kinds of tests: modules of `analysis.procedures`, or offered by packages as `rig.tests`."""
 OFFERED_TESTS = {kind.name: kind for kind in entry_points(group="rig.tests") if kind.name not in get_args(TestName)}
-"""Tests of other packages by name, different from rig's own names."""
+"""Tests of other packages by name. Names of rig are excluded."""
 if not TYPE_CHECKING and OFFERED_TESTS:
     TestName = Literal[(*get_args(TestName), *sorted(OFFERED_TESTS))]
 Direction = Literal["cw", "acw"]
@@ -29,9 +29,9 @@ SimulatedTest = Literal[DrivenTest, "touch", "iso9283"]
 CIRCLES: tuple[CircleTest, ...] = get_args(CircleTest)
 """Tests on a circle."""
 OF_ISO9283: tuple[TestName, ...] = ("pose", "path")
-"""Tests of ISO 9283, recorded by a tracker itself."""
+"""Tests of ISO 9283, recorded by a tracker."""
 WITHOUT_GAUGES: tuple[TestName, ...] = (*OF_ISO9283, "touch")
-"""Tests without gauges."""
+"""Tests that need no gauges."""
 PartName = Literal["circle", "hemisphere", "touch", "iso9283"]
 TEST_PARTS: dict[TestName, PartName] = {
     **dict.fromkeys(CIRCLES, "circle"),
@@ -39,7 +39,7 @@ TEST_PARTS: dict[TestName, PartName] = {
     **dict.fromkeys(OF_ISO9283, "iso9283"),
     "touch": "touch",
 }
-"""The part of `tests` in a rig file that says where each test is driven."""
+"""Part of `tests` in a rig file that defines the place of each test."""
 FURTHER = ("g3", "g4", "g5", "g6", "g7", "g8")
 """Gauges not used by tests."""
 
@@ -49,10 +49,11 @@ _WAYS: dict[str, Direction] = {
 MeasuredBy = Literal["gauges", "tracker", "sockets"]
 """Measuring device: two gauges and a ball link, a tracker, or a ball seated in sockets."""
 TEST_WITHOUT_GAUGES: dict[MeasuredBy, TestName] = {"tracker": "pose", "sockets": "touch"}
-"""Test of an arm measured without gauges."""
+"""Test for an arm measured by other devices than gauges."""
 FEWEST_AXES, DRIVEN_AXES, MOST_AXES = 4, 6, 7
-"""Fewest and most axes of an arm, and the number for the ball link: a tool reaches any pose with six axes, so circles,
-their programs and controller entries require six."""
+"""Smallest and largest number of axes of an arm, and the number for the ball link: a tool reaches any pose with six
+axes, so circles, programs and controller entries require six.
+"""
 
 
 def direction_of(word: str) -> Direction | None:
@@ -69,20 +70,22 @@ _ALSO_NAMED: dict[MakerName, tuple[str, ...]] = {
     "abb": (),
     "yaskawa": ("motoman",),
 }
-"""Makers supported for programs and corrections, with other names of their arms; each has a folder in
-analysis/apps/makers."""
+"""Makers supported for programs and corrections, with other names of their arms.
+
+Each has a folder in analysis/apps/makers.
+"""
 MAKERS: tuple[MakerName, ...] = tuple(_ALSO_NAMED)
 
 
 def offered_makers() -> dict[MakerName, str]:
-    """Return the makers of other packages with their packages."""
+    """Return the makers of other packages, each with the package."""
     from rigs.schema.plugins import packages_of_makers  # noqa: PLC0415 - no command line waits for pydantic
 
     return {name: package for name, package in packages_of_makers().items() if name not in MAKERS}
 
 
 def makers() -> tuple[MakerName, ...]:
-    """Return all makers, those of other packages last."""
+    """Return all makers, with those of other packages last."""
     return (*MAKERS, *offered_makers())
 
 
@@ -99,10 +102,11 @@ def _letters(word: str) -> str:
 
 
 def maker_of(interface: str) -> MakerName | None:
-    """Return the maker whose controllers use a feedback interface named after it; None for general interfaces."""
+    """Return the maker of controllers that use a feedback interface; None for general interfaces."""
     return next((maker for maker in makers() if interface.startswith(f"{maker}_")), None)
 
 
 Build = Literal["industrial", "light", "torque_sensing", "servo"]
-"""Design of an arm, which determines normal sizes of effects: reducers of industrial arms, strain-wave gears of light
-arms and cobots, joint torque sensors, or hobby servos with load-bearing brackets."""
+"""Design of an arm, which determines typical sizes of effects: reducers of industrial arms, strain-wave gears of light
+arms and cobots, joint torque sensors, or hobby servos with load-bearing brackets.
+"""

@@ -1,4 +1,4 @@
-"""Which part of a path is a circle, which rows lie on it, and how they deviate where noise is slow."""
+"""Detection of circles in a path, selection of the rows on a circle, and a fit that allows for slow noise."""
 
 from __future__ import annotations
 
@@ -22,63 +22,69 @@ from analysis.runs.stands import Stand, stands_of
 from rigs.errors import FileError
 
 # ----------------------------------------------------------------------------------------------------------------------
-# Which part of a path is the circle: found among approaches, ways home and stops, without knowing the circle.
+# Search for the circular part of a path among approaches, returns and stops, with an unknown circle.
 #
-# The path is taken at even steps of distance, so that a stop weighs nothing. Circles through three of its points,
-# near and far apart, are held against all of it; the one along which the path turns furthest without leaving it wins.
-# A straight line stays within the tolerance of a circle for 23° at the most. An arm that swings one joint seldom
-# turns as far as a programmed circle; where it does, that is a second circle, and a person decides.
+# The path is resampled at equal distances, so stops have no weight. Circles through triples of points, close together
+# and far apart, are compared with the entire path. The circle that the path follows over the largest angle wins.
+# A straight line stays within the tolerance of a circle for at most 23°. An arm that swings a single joint seldom
+# turns as far as a programmed circle. If it does, the motion contains a second circle and the user has to decide.
 
 _POINTS = 600
-"""Points along the path, so that a tenth of it still has sixty."""
+"""Number of points along the path: a tenth of the path still has sixty."""
 _TRIPLES = 1500
-"""Some hundred have all three points on the circle, also where it is only a tenth of the path."""
+"""Number of random triples. A few hundred have all points on the circle, even if it is only a tenth of the path."""
 _BEST = 20
-"""Triples of points that are refined: those that turn furthest, most of which are the same circle."""
+"""Number of triples that are refined. They have the largest angles, and most belong to the same circle."""
 _REFINED = 3
-"""Times that a circle is fitted to what lies on it; it ends earlier where nothing changes."""
+"""Number of fits to the points on a circle."""
 _RADIUS_MM = (1.0, 2000.0)
-"""Radii that a rig file may have (`rigs.schema.declared_tests.Circle`)."""
+"""Radii allowed in a rig file (`rigs.schema.declared_tests.Circle`)."""
 _OF_RADIUS = 0.01
-"""Share of the radius that a point may be off at the most, so that a small circle does not take in a corner."""
+"""Largest deviation relative to the radius. It prevents a small circle from absorbing a corner."""
 _FEWEST_OF_A_STRETCH = 10
-"""Points of a stretch; fewer are the corner where two lines meet."""
+"""Minimum number of points in a stretch. Fewer points are the corner between two lines."""
 _HOLES = 2
-"""Points in a row that may be off: a row or two of the feedback wrong."""
+"""Number of consecutive outliers tolerated within a stretch: a few feedback rows may be wrong."""
 
 
 @dataclass(frozen=True)
 class Tolerance:
-    """How far, in mm, a path may be off its circle, at most `scale` hundredths of the radius, and the arc in rad along
-    which it must follow it to be one."""
+    """Tolerance for following a circle.
+
+    mm: largest deviation, limited to `scale` hundredths of the radius. least_rad: smallest angle that the path must
+    follow.
+    """
 
     mm: float
     scale: float
     least_rad: float
 
     def at(self, radius_mm: float) -> float:
-        """The tolerance in mm on a circle of this radius."""
+        """Return the tolerance in mm for a circle of this radius."""
         return min(self.mm, self.scale * _OF_RADIUS * radius_mm)
 
 
 DRIVEN = Tolerance(0.5, 1.0, float(np.radians(30.0)))
-"""A robot's own circle: the constants of a healthy arm bend it by some tenths of a mm."""
+"""Circle driven by the robot. The constants of a healthy arm bend it by some tenths of a mm."""
 BENT = Tolerance(2.0, 3.0, float(np.radians(90.0)))
-"""The circle of a robot whose controller has other constants than the rig file, as with zeros off by half a degree."""
+"""Circle of a robot with other constants in the controller than in the rig file, such as zeros wrong by 0.5°."""
 LED = Tolerance(5.0, 5.0, float(np.radians(120.0)))
-"""A circle along which a person led the robot; a line is as near to it for up to 52°."""
+"""Circle along which the user guided the robot by hand. A line stays within this tolerance for up to 52°."""
 
 
 @dataclass(frozen=True)
 class FoundCircle:
-    """A circle in a path, and along how much of it, in rad, the path went."""
+    """A circle found in a path, and the angle in rad over which the path follows it."""
 
     circle: CircleFrame
     turned_rad: float
 
 
 def even_path(places: Array, run: Integers) -> tuple[Array, Integers]:
-    """At most some hundred points (k, 3) mm at even distances along places (n, 3) mm, and the run (k,) of each."""
+    """Resample the places (n, 3) in mm to some hundred points (k, 3) at equal distances.
+
+    Also return the run number (k,) of each point.
+    """
     steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
     steps[np.diff(run) != 0] = 0.0
     along = np.concatenate([[0.0], np.cumsum(steps)])
@@ -88,7 +94,10 @@ def even_path(places: Array, run: Integers) -> tuple[Array, Integers]:
 
 
 def find_circle(points: Array, run: Integers, tolerance: Tolerance) -> FoundCircle | None:
-    """The circle along which a path of even steps (k, 3) mm in runs (k,) by number turns furthest; None without one."""
+    """Return the circle that a path follows over the largest angle; None if there is no circle.
+
+    points (k, 3): places in mm at equal distances. run (k,): number of the run of each point.
+    """
     rng = np.random.default_rng(0)
     half = np.exp(rng.uniform(np.log(3), np.log((len(points) - 1) / 2), _TRIPLES)).astype(int)
     middle = (half + rng.uniform(size=_TRIPLES) * (len(points) - 2 * half)).astype(int)
@@ -114,8 +123,10 @@ def find_circle(points: Array, run: Integers, tolerance: Tolerance) -> FoundCirc
 
 
 def followed(circle: CircleFrame, points: Array, run: Integers, tolerance: Tolerance) -> tuple[Mask, float]:
-    """Which points (k, 3) mm of runs (k,) by number belong to stretches that follow a circle, and how far these turn in
-    rad."""
+    """Select the stretches of a path that follow a circle and sum the angles in rad.
+
+    points (k, 3): places in mm. run (k,): number of the run of each point. Return a mask (k,) and the angle.
+    """
     away = deviations(circle, points)
     on = away.largest < tolerance.at(circle.radius)
     rows = np.flatnonzero(on)
@@ -132,35 +143,36 @@ def followed(circle: CircleFrame, points: Array, run: Integers, tolerance: Toler
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# A regression whose noise may be slow: how much each coefficient is worth where neighbouring readings err alike.
+# Regression with slow noise: the uncertainty of each coefficient if the errors of neighbouring readings correlate.
 #
-# The noise is taken as white and slow together: the covariance of two readings is s² (white + r k(|t - t'| / tau)), k
-# falling exponentially (rough) or as Matérn's of order 3/2 (smooth). How much is slow (r), over which time (tau) and
-# how large all of it is (s) is not known. Each combination on a grid is weighed by its restricted likelihood, in
-# which the coefficients and s are integrated out, and the answer is the mean over all of them, each with Student's t.
-# So a short record, which cannot distinguish slow noise from the motion itself, has a large uncertainty.
+# The noise is a sum of white and slow noise. The covariance of two readings is s² (white + r k(|t - t'| / tau)). The
+# kernel k decays exponentially (rough) or is a Matérn kernel of order 3/2 (smooth). The share of slow noise (r), the
+# correlation time (tau) and the scale (s) are unknown. Each combination on a grid is weighted by the restricted
+# likelihood, with the coefficients and s integrated out. The result is the mean over all combinations, each with a
+# Student t distribution. A short record cannot distinguish slow noise from the motion itself and therefore has a large
+# uncertainty.
 #
-# Noise that a record cannot show at all could be of any size: its standard deviation has a half-Cauchy prior as wide
-# as what the regression leaves (Gelman, Bayesian Analysis 1, 2006), and smooth noise is at the slowest a quarter of
-# the record long.
+# Noise that a record cannot reveal could have any size. The standard deviation therefore has a half-Cauchy prior as
+# wide as the residual of the regression (Gelman, Bayesian Analysis 1, 2006). The correlation time of smooth noise is
+# limited to a quarter of the record.
 
 _TIMES = 7
-"""Correlation times from a step to the longest: neighbours differ by less than a factor of three at 100 steps."""
+"""Number of correlation times, from a step to the longest: their ratio is below three for 100 steps."""
 _LONGEST = (1.0, 0.25)
-"""Longest times of rough and of smooth noise in lengths of the record. What is slower is a part of the motion to it."""
+"""Longest correlation times of rough and smooth noise, relative to the record. Slower noise looks like motion."""
 _SHARES = np.concatenate([[0.0], np.geomspace(1e-2, 1e6, 9)])
-"""Slow variance over white variance; the mean of some hundred readings shows white noise hardly at all."""
+"""Ratios of slow to white variance. White noise almost vanishes in the mean of some hundred readings."""
 _NONE = float(np.pi / np.log(_SHARES[2] / _SHARES[1]))
-"""Weight of no slow noise: that of all shares together, which is the half-Cauchy's sum over the grid."""
+"""Weight of zero slow noise. It equals the weight of all other shares, which is the sum of the half-Cauchy prior."""
 _NOTHING = 1e-24
-"""Square of a deviation, of readings without noise."""
+"""Squared deviation used for noise-free readings."""
 _DRAWS = 4000
-"""Draws of the coefficients; a quantile of 95 % is then good to 2 %."""
+"""Number of draws of the coefficients: a 95 % quantile is then accurate to 2 %."""
 
 
 @dataclass(frozen=True)
 class Regression:
-    """value (p,) of the coefficients, in the readings' unit; covariance (p, p), in its square."""
+    """Result of a regression: value (p,) in the unit of the readings, covariance (p, p) in the squared unit."""
 
     value: Array
     covariance: Array
@@ -168,8 +180,11 @@ class Regression:
 
 @dataclass(frozen=True)
 class _Case:
-    """One combination of the grid: log of its weight; value (p,) of the coefficients; over s² their covariance (p, p);
-    squares: the sum of squares of what is left, whitened."""
+    """One combination of the grid.
+
+    log: logarithm of the weight. value (p,): coefficients. inverse (p, p): covariance of the coefficients over s².
+    squares: whitened sum of squared residuals.
+    """
 
     log: float
     value: Array
@@ -178,9 +193,10 @@ class _Case:
 
 
 def regress(design: Array, readings: Array, t_s: Array, count: Array) -> list[Regression]:
-    """The coefficients of each column of readings (m, k), in any unit, by a design (m, p), as shares.
+    """Fit the coefficients of each column of readings (m, k), in any unit, as shares of the design (m, p).
 
-    t_s (m,): times; count (m,): how many equal readings each is the mean of. m must be 4 above p or more."""
+    t_s (m,): timestamps. count (m,): number of equal readings averaged in each row. m must be at least p + 4.
+    """
     m, p = design.shape
     step = float(np.median(np.diff(t_s)))
     span = max(step * m, 2 * step)
@@ -191,7 +207,7 @@ def regress(design: Array, readings: Array, t_s: Array, count: Array) -> list[Re
     for longest, smooth in zip(_LONGEST, (0.0, 1.0), strict=True):
         for tau in np.geomspace(step, longest * span, _TIMES):
             away = np.abs(t_s[:, None] - t_s) / tau
-            # Whitened by the white part, so that one decomposition serves every share.
+            # Whiten with the white part: a single decomposition then serves every share.
             level, V = np.linalg.eigh((1 + smooth * away) * np.exp(-away) * np.outer(root, root))
             X, Y = (V.T @ (values * root[:, None]) for values in (design, readings))
             for share in _SHARES.tolist():
@@ -202,7 +218,10 @@ def regress(design: Array, readings: Array, t_s: Array, count: Array) -> list[Re
 
 
 def _case(X: Array, y: Array, variance: Array, share: float, usual: float) -> _Case:
-    """One case by its restricted likelihood and the prior of its slow part; usual: mean square of what is left."""
+    """Evaluate a combination by the restricted likelihood and the prior of the slow part.
+
+    usual: mean squared residual of an ordinary fit.
+    """
     scaled = X / variance[:, None]
     information = scaled.T @ X
     inverse: Array = np.asarray(np.linalg.inv(information), dtype=np.float64)
@@ -211,14 +230,17 @@ def _case(X: Array, y: Array, variance: Array, share: float, usual: float) -> _C
     squares = max(float(((y - X @ value) ** 2 / variance).sum()), _NOTHING)
     log = -0.5 * float(np.log(variance).sum() + np.linalg.slogdet(information)[1] + free * np.log(squares))
     slow = share * squares / free / usual
-    # Half-Cauchy over the logarithm; no slow noise at all is as likely as some.
+    # Half-Cauchy prior of the logarithm. Zero slow noise is as likely as any slow noise.
     return _Case(
         log + (float(np.log(np.sqrt(slow) / (1 + slow))) if share else float(np.log(_NONE))), value, inverse, squares
     )
 
 
 def _posterior(cases: list[_Case], free: int) -> Regression:
-    """The mean over all cases, and its covariance, scaled so that 1.96 u of each coefficient hold 95 % of the draws."""
+    """Average all combinations.
+
+    The covariance is scaled to make ±1.96 u of each coefficient cover 95 % of the draws.
+    """
     logs = np.array([case.log for case in cases])
     weight = np.exp(logs - logs.max())
     weight /= weight.sum()
@@ -237,39 +259,43 @@ def _posterior(cases: list[_Case], free: int) -> Regression:
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# The rows of one or several motions that lie on a circle, and how they deviate from it, in blocks.
+# Rows of one or several motions on a circle, and the deviations from it in blocks.
 #
-# Rows that stand, approach or go home are not on it; single rows far from their neighbours are left out and counted.
-# The deviations of neighbouring rows are averaged, not their places: the mean of places on an arc lies inside it.
+# Rows of stops, approaches and returns are excluded. Single rows distant from their neighbours are dropped and counted.
+# Averages are taken over the deviations of neighbouring rows, not over places: the mean of places on an arc lies inside
+# the arc.
 
 _BIN_S = 0.05
-"""So much of a motion is one place when the circle is searched: a few degrees of a circle that is driven fast."""
+"""Bin length in the search for a circle: a few degrees of a fast circle."""
 _FEWEST = 8
-"""Bins on the circle, from which the scatter of the rest can be distinguished from the circle."""
+"""Minimum number of bins on the circle for separating scatter from the circle."""
 _OUTLYING = 6.0 * 1.4826
-"""Median deviations beyond which a row does not belong to the circle: as in `analysis.runs.stands`."""
+"""Limit in median deviations beyond which a row is off the circle, as in `analysis.runs.stands`."""
 _SMALLEST_MM = 0.02
-"""Deviations up to this are a robot's on a circle, however even most of it is."""
+"""Smallest limit for outliers: a robot on a circle deviates this much, however even the other rows are."""
 _MOST_OUTLYING = 0.1
-"""Share of rows that may be left out as wild; where more deviate, the arm bends its circle and all rows count."""
+"""Largest share of outliers to drop. If more rows deviate, the arm bends the circle and all rows are used."""
 _ALONG = 0.9
-"""Cosine between the way the tool goes and the circle; it approaches at a larger angle."""
+"""Minimum cosine between the motion of the tool and the circle. An approach has a larger angle."""
 _MOST_ROWS = 40_000
-"""Rows that are taken of a motion, evenly: a lap of 18 s at 500 Hz has 9000."""
+"""Maximum number of rows used, spread evenly. A lap of 18 s at 500 Hz has 9000."""
 _BLOCKS = 80
-"""Means of rows that the regression takes; its time grows with their third power."""
+"""Maximum number of block means in the regression. The run time grows with the third power."""
 _TRIMS = 3
-"""Times that bins off the circle are left out and the circle is fitted again; the second changes hardly any."""
+"""Number of rounds of dropping outlying bins and refitting the circle. The second round changes very little."""
 _ROUNDS = 4
-"""Gauss-Newton steps from a circle that was found to a part in a hundred: each squares what is left of it."""
+"""Number of Gauss-Newton steps from a circle accurate to 1 %: each step squares the relative error."""
 _APART_S = 1e7
-"""Between two runs: noise that both share is not seen."""
+"""Time between two runs, long enough to make them uncorrelated. Noise common to both runs is ignored."""
 
 
 @dataclass(frozen=True)
 class Binned:
-    """Motions in bins, in order: t_s (n,) s; q (n, 6) rad, medians; T (n, 4, 4) of the tool; run (n,), the number of
-    the motion; stands, by bins; rows: how many rows of each motion make a bin."""
+    """Motions of the robot in bins, in order of time.
+
+    t_s (n,): median timestamps in s. q (n, 6): median angles in rad. T (n, 4, 4): tool poses. run (n,): number of the
+    motion. stands: stops by bin indices. rows: rows per bin for each motion.
+    """
 
     t_s: Array
     q: Array
@@ -280,24 +306,24 @@ class Binned:
 
     @property
     def places(self) -> Array:
-        """Places (n, 3) mm of the tool."""
+        """Places (n, 3) of the tool in mm."""
         return self.T[:, :3, 3]
 
     @property
     def path(self) -> Mask:
-        """Which bins (n,) are the path: all while the robot moved, and one of each stand."""
+        """Mask (n,) of the bins on the path: all bins with motion and a single bin of each stop."""
         rows = self.moving
         rows[self.stand_rows] = True
         return rows
 
     @property
     def stand_rows(self) -> Integers:
-        """Index (m,) of the bin in the middle of each stand."""
+        """Index (m,) of the middle bin of each stop."""
         return np.array([(stand.begin + stand.end) // 2 for stand in self.stands], dtype=np.int64)
 
     @property
     def moving(self) -> Mask:
-        """Whether (n,) the robot moved."""
+        """Mask (n,) of the bins with motion of the robot."""
         moves = np.ones(len(self.t_s), dtype=bool)
         for stand in self.stands:
             moves[stand.begin : stand.end] = False
@@ -305,9 +331,10 @@ class Binned:
 
 
 def binned(motions: Sequence[RobotMotion], arm: Arm) -> Binned:
-    """Motions in bins of a twentieth of a second, or of one row where rows are further apart.
+    """Divide motions into bins of 0.05 s, or of a single row if the rows are further apart.
 
-    Raises FileError for a motion of fewer than two bins."""
+    Raises FileError for a motion of fewer than two bins.
+    """
     times: list[Array] = []
     angles, runs, counts = [], [], []
     stands: list[Stand] = []
@@ -333,8 +360,10 @@ def binned(motions: Sequence[RobotMotion], arm: Arm) -> Binned:
 
 
 def on_circle(bins: Binned, circle: CircleFrame, tolerance: Tolerance, where: str) -> tuple[Mask, CircleFrame]:
-    """A mask (n,) of the bins that lie on a circle while the tool goes along it, and the nearest circle of these.
-    Raises FileError for too few."""
+    """Return a mask (n,) of the bins on a circle with the tool moving along it, and fit the nearest circle.
+
+    Raises FileError if there are too few bins.
+    """
     on, _ = followed(circle, bins.places, bins.run, tolerance)
     way = np.gradient(bins.places, axis=0)
     radial = np.cross(circle.n, bins.places - circle.centre)
@@ -353,7 +382,10 @@ def on_circle(bins: Binned, circle: CircleFrame, tolerance: Tolerance, where: st
 
 @dataclass(frozen=True)
 class Fit:
-    """The circle with what its regressions of radial and axial deviations say; rows used, and rows left out as wild."""
+    """A fitted circle with the regressions of radial and axial deviations.
+
+    rows: number of rows used. wild: number of outliers.
+    """
 
     circle: CircleFrame
     radial: Regression
@@ -363,9 +395,9 @@ class Fit:
 
 
 def fit_rows(motions: Sequence[RobotMotion], arm: Arm, bins: Binned, on: Mask, circle: CircleFrame) -> Fit:
-    """The circle by all rows of the bins that are on it, a mask (n,), with slow noise allowed for."""
-    # Which bins (n,) are off a circle that the robot was on just before and just after: their rows are judged singly,
-    # since a wild row spoils the median of three, and so does a joint that turns back
+    """Fit a circle to all rows of the selected bins, allowing for slow noise. on (n,): mask of the bins."""
+    # Mask (n,) of bins off the circle with neighbours on it. Their rows are tested individually, because an outlier or
+    # a reversing joint spoils the median of a small bin.
     before, after = np.zeros_like(on), np.zeros_like(on)
     for off in (1, 2):
         before[off:] |= on[:-off] & (bins.run[:-off] == bins.run[off:])
@@ -377,7 +409,7 @@ def fit_rows(motions: Sequence[RobotMotion], arm: Arm, bins: Binned, on: Mask, c
     if sound.mean() < 1 - _MOST_OUTLYING:
         sound[:] = True
     t_s, places, stretch = t_s[sound], places[sound], stretch[sound]
-    # The first row of each block: stretches (m,) by number cut into pieces of nearly one length
+    # First row of each block: stretches (m,) cut into pieces of similar length.
     size = max(1, -(-len(stretch) // _BLOCKS))
     begins = np.flatnonzero(np.diff(stretch, prepend=stretch[0] - 1))
     ends = np.append(begins[1:], len(stretch))
@@ -402,12 +434,15 @@ def fit_rows(motions: Sequence[RobotMotion], arm: Arm, bins: Binned, on: Mask, c
 
 
 def _wild_from(largest: Array) -> float:
-    """The deviation in mm from which a place is not of a circle whose places deviate by (n,) mm."""
+    """Return the deviation in mm from which a place counts as an outlier.
+
+    largest (n,): deviations of all places in mm.
+    """
     return max(_OUTLYING * float(np.median(largest)), _SMALLEST_MM)
 
 
 def _rows(motions: Sequence[RobotMotion], arm: Arm, bins: Binned, on: Mask) -> tuple[Array, Array, Integers]:
-    """Times (m,) s, places (m, 3) mm and numbers (m,) of the stretch of the rows in the bins that are on the circle."""
+    """Return timestamps (m,) in s, places (m, 3) in mm and stretch numbers (m,) of the rows in the selected bins."""
     stretches = np.cumsum(np.diff(on, prepend=False) | (np.diff(bins.run, prepend=0) != 0))
     times, angles, numbers = [], [], []
     for number, (motion, count) in enumerate(zip(motions, bins.rows, strict=True)):

@@ -1,4 +1,4 @@
-"""`rig circle fit` and `rig ball fit`: where the circle and the ball of a rig file are, from what the robot did."""
+"""`rig circle fit` and `rig ball fit`: circle and ball of a rig file, found from the motion of the robot."""
 
 from __future__ import annotations
 
@@ -128,7 +128,7 @@ def fit_ball(
 
 
 def _of_one_robot(paths: Iterable[Path], named: RigFile | None) -> tuple[list[Run], RigFile]:
-    """The runs of directories, and the rig. Raises FileError where a run is of another robot."""
+    """Read runs and the rig. Raises FileError if a run belongs to a different robot."""
     from analysis.apps.commission.cli_fitted_test import RigFile
     from daq.store import read_run
 
@@ -155,7 +155,7 @@ def _check_same_robot(where: str, run_rig: Rig, rig: Rig) -> None:
 
 
 def _watched(named: RigFile | None) -> tuple[list[RobotMotion], RigFile]:
-    """What the robot does until Ctrl-C, and the rig: that of the daemon where none is named."""
+    """Watch the robot until Ctrl-C. Return the motion and the named rig, by default the rig of the daemon."""
     from analysis.apps.commission.cli_fitted_test import RigFile, u_written
     from analysis.apps.commission.driven_circle import driven_circle
     from analysis.apps.live.daemon_source import watched_motion

@@ -1,4 +1,4 @@
-"""`rig doctor RIG`: what is wrong with a cell; `rig logs [RIG]`: what its service said, for a person."""
+"""`rig doctor RIG`: problems of a cell. `rig logs [RIG]`: log entries of the service."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def doctor(
         raise UseError("--scan", problem, "give the rig file of your cell")
     unit = f"rigd@{path.stem}" if path.parent == SERVED else None
     findings = []
-    # Where rigd would record: the service has a directory of its own.
+    # The service records in a separate directory.
     where = runs or (Path("/var/lib") / unit.replace("@", "-") / "runs" if unit else Path("runs"))
     examined = partial(examine, rig, where.absolute(), unit, example=is_shipped(path))
     made = scan_modbus(rig, partial(say, err=True)) if scan else examined()
@@ -100,7 +100,7 @@ def logs(
 
 
 def line(entry: Entry, *, named: bool) -> str:
-    """One line: time, severity where it is worth a look, and text; with the rig's name where there are several."""
+    """Format a log entry: time, severity if relevant, and text. named: include the name of the rig."""
     from daq.service.journal import ERROR, INFO, WARNING
 
     if entry.severity <= ERROR:

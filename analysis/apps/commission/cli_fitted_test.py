@@ -1,4 +1,4 @@
-"""A test that was fitted, as the block of a rig file with its uncertainties: printed, or written into the file."""
+"""Output of a fitted test with its uncertainties: printed as a block of a rig file, or written into the file."""
 
 from __future__ import annotations
 
@@ -17,16 +17,19 @@ from rigs.load import find, load, parse, shipped
 from rigs.rig import Rig
 
 _MOST_BYTES = 1_000_000
-"""No rig file is larger (`rigs.load`)."""
+"""Upper limit for the size of a rig file (`rigs.load`)."""
 _DIRECTIONS = ("normal", "zero")
-"""Keys of unit vectors: their uncertainty is an angle."""
+"""Keys of unit vectors. Their uncertainty is an angle."""
 _LEAST = 0.0005
 """Half of the last digit of a length."""
 
 
 @dataclass(frozen=True)
 class RigFile:
-    """A rig with the text of its file; path: None where it came with a run or from a daemon, and cannot be written."""
+    """A rig with the text of the rig file.
+
+    path: None if the text comes from a run or a daemon and cannot be written.
+    """
 
     rig: Rig
     text: str
@@ -35,8 +38,11 @@ class RigFile:
 
 @dataclass(frozen=True)
 class FittedTest:
-    """A test's values; u: the standard uncertainties of each, in degrees for directions, otherwise in mm; used: what
-    they were fitted to; doubts in words."""
+    """Fitted values of a test.
+
+    u: standard uncertainties of each value, in degrees for directions, otherwise in mm. used: description of the data.
+    doubts: warnings for the user.
+    """
 
     test: Literal["circle", "hemisphere"]
     values: Values
@@ -46,7 +52,10 @@ class FittedTest:
 
 
 def rig_file_to_write(name: str | None, write: bool) -> RigFile | None:
-    """The rig file that --rig names. Raises UseError if --write has none, FileError if it is a shipped one."""
+    """Load the rig file of the option --rig; None if not given.
+
+    Raises UseError if --write is given without --rig, and FileError for a shipped rig.
+    """
     if name is None:
         if write:
             raise UseError("--write", "needs the rig file that it writes", "give it with --rig FILE")
@@ -61,11 +70,14 @@ def rig_file_to_write(name: str | None, write: bool) -> RigFile | None:
 
 
 def print_or_write(fitted: FittedTest, to: RigFile, *, write: bool, as_json: bool) -> None:
-    """Print the block, write it if asked to, and say what the new rig file can do. Raises FileError, CellError."""
+    """Print the block of a test, write it on request, and report whether the robot can drive the circle.
+
+    Raises FileError and CellError.
+    """
     where = str(to.path or to.rig.name)
     text = with_test(to.text, fitted.test, fitted.values, where)
     doubts = [*fitted.doubts, *_not_drivable(parse(text, where))] if fitted.test == "circle" else list(fitted.doubts)
-    # What is written is written first of all, since an error is one line alone.
+    # Write first: an error is printed as a single line.
     if not (write and to.path):
         done = f"nothing is written: paste this, or give {'--write' if to.path else '--rig FILE --write'}"
     elif text == to.text:
@@ -76,7 +88,7 @@ def print_or_write(fitted: FittedTest, to: RigFile, *, write: bool, as_json: boo
     for doubt in doubts:
         say(doubt, err=True)
     if as_json:
-        # With two digits; one number alone is no list.
+        # Two digits each; a single number is not written as a list.
         rounded = {key: [float(f"{value:.2g}") for value in values] for key, values in fitted.u.items()}
         u = {
             f"{key}_deg" if key in _DIRECTIONS else key: values if len(values) > 1 else values[0]
@@ -94,7 +106,10 @@ def print_or_write(fitted: FittedTest, to: RigFile, *, write: bool, as_json: boo
 
 
 def u_written(u: Sequence[float], unit: str) -> str:
-    """Uncertainties with two digits and their unit; smaller ones than the last digit of a value only as such."""
+    """Format uncertainties with two digits and the unit.
+
+    Values below the last digit of a length are shown as a bound.
+    """
     if max(u) < _LEAST:
         return f"< {_LEAST:g}{unit}"
     return ", ".join(f"{value:.2g}" if value > _LEAST else f"< {_LEAST:g}" for value in u) + unit
@@ -106,7 +121,7 @@ def _not_drivable(rig: Rig) -> list[str]:
         return []
     circle, remedy = rig.tests.circle, error.remedy
     assert circle is not None  # noqa: S101 - it was just fitted
-    # It may be able to with one axis a whole turn further or back.
+    # The circle may be possible with an axis turned by a full turn.
     for axis, turn_deg in product(range(len(circle.posture_deg)), (360.0, -360.0)):
         posture = list(circle.posture_deg)
         posture[axis] = round(posture[axis] + turn_deg, 2)
@@ -129,15 +144,15 @@ def _program_error(rig: Rig) -> RigError | None:
 
 
 def _replace(path: Path, old: str, new: str) -> Path:
-    """Put a new text under the file's name, durably; the old one stays beside it under a name that was free."""
+    """Replace a file durably. The old content is kept next to it under an unused name, which is returned."""
     from daq.store import durable
 
-    path = path.resolve()  # a link stays one
+    path = path.resolve()  # keep a symbolic link
     try:
         if read_bytes(path, _MOST_BYTES) != old.encode():
             raise FileError(str(path), "was changed by another program meanwhile", "run the command again")
         mode = path.stat().st_mode
-        if not mode & 0o222:  # a rename would replace it all the same
+        if not mode & 0o222:  # a rename would replace the file nevertheless
             raise FileError(str(path), "is read-only", "allow writing with chmod u+w, or paste the printed block")
         number = 1
         while True:

@@ -1,4 +1,4 @@
-"""`rig init`: a rig file from what is plugged in and what a person answers."""
+"""`rig init`: a rig file from connected devices and the answers of the user."""
 
 from __future__ import annotations
 
@@ -139,7 +139,7 @@ def init(
 
 
 def _make(options: Options) -> None:
-    """Ask, and write the rig file; exit where the person stops."""
+    """Ask the questions and write the rig file. Exit if the user stops."""
     from analysis.apps.commission.init_answers import kept_in
     from analysis.apps.commission.init_dialogue import make_rig_file
     from analysis.cli.dialogue import Stopped, at_terminal
@@ -155,7 +155,7 @@ def _make(options: Options) -> None:
 
 
 def next_steps(rig_file: Path) -> list[str]:
-    """Return what to do with a new rig file, a command a line."""
+    """Return the next steps for a new rig file as lines of commands."""
     from rigs.load import load
 
     rig, _ = load(rig_file)
@@ -176,7 +176,7 @@ def next_steps(rig_file: Path) -> list[str]:
 
 
 def _without_gauges(rig: Rig, file: str) -> list[str]:
-    """Return what to do where a tracker measures, or a ball in sockets, whose joints are read or typed."""
+    """Return the next steps for a tracker or a ball in sockets, with joint angles that are read or typed."""
     from rigs.schema.feedback import NoFeedback
 
     if rig.tests.touch is None:
@@ -202,11 +202,11 @@ def _without_gauges(rig: Rig, file: str) -> list[str]:
 
 
 _WORTH = "it leaves about a sixth of the error"
-"""The share in a trial of four simulated UR10e (docs/any-arm.md)."""
+"""Remaining share of the error in a trial of four simulated UR10e (docs/any-arm.md)."""
 
 
 def _first_lap(rig: Rig, file: str) -> list[str]:
-    """Return the commands of a first lap and, last, of its report."""
+    """Return the commands for a first lap and its report."""
     maker, *further = rig.makers
     others = f"  # or {', '.join(further)}" if further else ""
     return [

@@ -1,4 +1,4 @@
-"""`rig record touch`: touches of a ball in sockets, recorded one after the other with the running daemon."""
+"""`rig record touch`: records touches of a ball in sockets in sequence, using the running daemon."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The circle that a robot drove, was jogged around or was led along, and where and how it starts."""
+"""Circle that a robot drove, or around which it was jogged or guided by hand, with start point and start posture."""
 
 from __future__ import annotations
 
@@ -33,28 +33,34 @@ from rigs.schema.declared_tests import Circle
 from rigs.schema.vocabulary import Direction
 
 # ----------------------------------------------------------------------------------------------------------------------
-# Where a driven circle starts and which way is anticlockwise: normal, zero direction and posture.
+# Start and anticlockwise direction of a driven circle: normal, zero direction and posture.
 #
-# docs/conventions.md has the tool's x axis along the normal, so the tool decides its sign where it was held so;
-# otherwise the label of the run does. The acw circle starts where its angle is smallest, after the lead-in, and a cw
-# program drives the same joint angles back.
+# By docs/conventions.md the x axis of the tool points along the normal. A tool held in this way determines the sign of
+# the normal; otherwise the label of the run does. The acw circle starts at the smallest angle, after the lead-in. A cw
+# program drives the same joint angles in reverse.
 
 _ALONG_NORMAL = float(np.cos(np.radians(30.0)))
-"""The tool's x axis is held along the normal where it is nearer to it than this."""
+"""Minimum cosine between the x axis of the tool and the normal for the tool to determine the sign."""
 _CLEAR_RAD = np.radians(20.0)
-"""A motion that ends nearer to where it began went both ways."""
+"""Smallest net angle of a motion with a clear direction. A smaller angle means that it went both ways."""
 _HARDLY = 0.01
-"""A lap that lacks this share of a turn is whole."""
+"""Largest missing share of a turn for a lap to count as complete."""
 _SAME_START_RAD = np.radians(5.0)
-"""A start this near to that of the rig file is the same: the ends of a program with a lead-in are seen to a degree."""
+"""Largest distance from the start in the rig file for both to be identical.
+
+The ends of a program with lead-in are detected with an accuracy of about a degree.
+"""
 _HELD_RAD = np.radians(2.0)
-"""A tool this near to its place in a circle test is held as the program holds it."""
+"""Largest deviation of the tool from the orientation in a circle test for the two to count as equal."""
 
 
 @dataclass(frozen=True)
 class Start:
-    """The circle with its sign and zero direction; at (3,) unit vector to where the acw circle starts; posture (6,) rad
-    there; arc_rad driven; keeps_zero: the rig file's zero direction stands; doubts in words."""
+    """Circle with sign and zero direction.
+
+    at (3,): unit vector to the start of the acw circle. posture (6,): joint angles there in rad. arc_rad: driven angle.
+    keeps_zero: the zero direction of the rig file remains valid. doubts: warnings for the user.
+    """
 
     circle: CircleFrame
     at: Array
@@ -65,9 +71,10 @@ class Start:
 
 
 def start_of(circle: CircleFrame, T: Array, q: Array, direction: Direction | None, declared: Circle | None) -> Start:
-    """The start of a circle from one stretch of tool poses T (n, 4, 4) in mm and angles q (n, 6) rad in order of time.
+    """Determine the start of a circle from a stretch of tool poses T (n, 4, 4) in mm and angles q (n, 6) in rad.
 
-    direction: as the run is labelled; declared: the circle of the rig file, if it has one."""
+    direction: label of the run. declared: circle of the rig file, if any.
+    """
     phi = circle.angle(T[:, :3, 3])
     doubts: list[str] = []
     if _sense(circle, T, phi, direction, declared, doubts) < 0:
@@ -92,7 +99,7 @@ def start_of(circle: CircleFrame, T: Array, q: Array, direction: Direction | Non
 def _sense(
     circle: CircleFrame, T: Array, phi: Array, direction: Direction | None, declared: Circle | None, doubts: list[str]
 ) -> float:
-    """1 where the normal has its sign, -1 where it must be turned round."""
+    """Return 1 if the normal has the correct sign, or -1 if it must be reversed."""
     along = float(T[:, :3, 0].mean(axis=0) @ circle.n)
     net = float(phi[-1] - phi[0])
     went = 0.0 if abs(net) < _CLEAR_RAD else float(np.sign(net))
@@ -113,7 +120,7 @@ def _sense(
 
 
 def _tool_doubts(circle: CircleFrame, T: Array) -> list[str]:
-    """What is to be said of how the tool was held, against how a circle test holds it."""
+    """Return warnings about a tool orientation different from that in a circle test."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
     nominal = circle.poses(circle.angle(T[:, :3, 3]))[:, :3, :3]
@@ -135,33 +142,37 @@ def _unit(vector: tuple[float, float, float]) -> Array:
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# The circle that a robot drove, was jogged around or was led along, as the block `tests.circle` of a rig file.
+# Circle that a robot drove, or around which it was jogged or guided by hand, as the block `tests.circle` of a rig file.
 #
-# Places come from the reported joints through the nominal arm. Where the robot followed a circle, all rows on it
-# count; where it stood at three or more points and went straight between them, the points. u covers the scatter about
-# the circle and what the arc leaves undetermined, not what the whole run shares, as a wrong zero of a joint.
+# The places follow from the reported joint angles and the nominal arm. If the robot followed a circle, all rows on it
+# are used. If it stood at three or more points with straight motion in between, only these points are used. The
+# uncertainty u covers the scatter about the circle and the ambiguity of the arc. It does not cover errors common to the
+# entire run, such as a wrong zero of a joint.
 
 _SECOND = 1 / 3
-"""Another circle that turns by this share of the first, or more, is one that a person drove."""
+"""Minimum angle of a second circle relative to the first. Such a circle was driven on purpose."""
 _FURTHER = 1.3
-"""A bent circle counts where it is followed further than a round one by this factor; a healthy arm follows both."""
+"""Minimum ratio of angles for preferring a bent circle to a round one. The path of a healthy arm follows both."""
 _ROUND_MM = 0.3
-"""The circle of a healthy arm is bent by less: its constants err by some tenths of a mm."""
+"""Upper bound for the bending of a healthy arm's circle: its constants are wrong by some tenths of a mm."""
 _NEAR = 4.0
-"""Tolerances of the first circle within which a path is no part of a second."""
+"""Distance in tolerances of the first circle within which a path does not count as part of a second."""
 _JUMP_RAD, _ALONE = np.radians(0.5), 5.0
-"""A step between two rows that is larger than this, and so many times those beside it, is no motion."""
+"""Size of a step between two rows, absolute and relative to the neighbouring steps, that cannot be motion."""
 _GAUGE_MM = 5.0
-"""The ball is set up in the circle's centre, and a gauge reads some 5 mm to either side: 2 u must stay within."""
+"""Largest 2 u: the ball is mounted at the centre of the circle, and a gauge reads about 5 mm in both directions."""
 _LONGER = "drive a longer arc, best a whole lap, or stand at three or more points all around"
 _SHORT = replace(DRIVEN, least_rad=0.0)
-"""An arc too short to be found among other motion, but enough for its u to be said."""
+"""Tolerance for an arc too short to be found among other motion, but sufficient for an uncertainty."""
 
 
 @dataclass(frozen=True)
 class DrivenCircle:
-    """A circle with its uncertainties. centre_cov (3, 3) mm² and normal_cov (3, 3) in the world; u_radius_mm; u_zero
-    rad, of the zero direction in the plane; posture (6,) rad; arc rad; used: what it was fitted to; doubts in words."""
+    """A circle with uncertainties.
+
+    centre_cov (3, 3) in mm² and normal_cov (3, 3) are in world coordinates. u_zero: uncertainty of the zero direction
+    in the plane, in rad. posture (6,) and arc are in rad. used: description of the data. doubts: warnings for the user.
+    """
 
     circle: CircleFrame
     centre_cov: Array
@@ -176,16 +187,16 @@ class DrivenCircle:
 
     @property
     def u_centre_mm(self) -> Array:
-        """Standard uncertainty (3,) mm of the centre's coordinates."""
+        """Standard uncertainty (3,) of the centre in mm."""
         return np.sqrt(np.diag(self.centre_cov))
 
     @property
     def u_normal(self) -> float:
-        """Standard uncertainty of the normal in rad, in the direction in which it is largest."""
+        """Standard uncertainty of the normal in rad, in the least certain direction."""
         return float(np.sqrt(np.linalg.eigvalsh(self.normal_cov)[-1]))
 
     def values(self) -> Values:
-        """The keys of tests.circle: to the micrometre and the hundredth of a degree."""
+        """Return the keys of tests.circle, rounded to a micrometre and a hundredth of a degree."""
         values: dict[str, float | list[float]] = {
             "centre_mm": self.circle.centre.round(3).tolist(),
             "normal": self.circle.n.round(6).tolist(),
@@ -197,7 +208,10 @@ class DrivenCircle:
 
 
 def driven_circle(motions: Sequence[RobotMotion], rig: Rig) -> DrivenCircle:
-    """The one circle of motions of the rig's robot. Raises FileError where they show none, two, or too little of it."""
+    """Fit the only circle in motions of the robot.
+
+    Raises FileError if there is no circle, a second, or too short an arc.
+    """
     arm = arm_of(rig.robot)
     for motion in motions:
         if not np.isfinite(motion.q).all():
@@ -208,7 +222,7 @@ def driven_circle(motions: Sequence[RobotMotion], rig: Rig) -> DrivenCircle:
     bins = binned(motions, arm)
     where = _where(motions)
     points, run = even_path(bins.places[bins.path], bins.run[bins.path])
-    # A bent circle only where it is followed much further than a round one.
+    # Use a bent circle only if the path follows it much further than a round circle.
     true, bent = find_circle(points, run, DRIVEN), find_circle(points, run, BENT)
     path_circle, tolerance = true, DRIVEN
     if bent and bent.turned_rad > _FURTHER * (true.turned_rad if true else 0.0):
@@ -235,7 +249,7 @@ def driven_circle(motions: Sequence[RobotMotion], rig: Rig) -> DrivenCircle:
 
 
 def _of_rows(fit: Fit, bins: Binned, on: Mask, motions: Sequence[RobotMotion], rig: Rig) -> DrivenCircle:
-    # The stretch on the circle that goes furthest around it; a pause where a program turns back does not end it.
+    # Choose the stretch with the largest angle. A pause at the turning point of a program does not end a stretch.
     rows = np.flatnonzero(on)
     off_path = deviations(fit.circle, bins.places).largest > DRIVEN.at(fit.circle.radius) * _NEAR
     number = np.cumsum(off_path | (np.diff(bins.run, prepend=0) != 0))[rows]
@@ -259,7 +273,7 @@ def _of_rows(fit: Fit, bins: Binned, on: Mask, motions: Sequence[RobotMotion], r
 def _result(
     fitted: CircleFrame, radial: Array, axial: Array, start: Start, used: str, doubts: tuple[str, ...], where: str
 ) -> DrivenCircle:
-    """Covariances (3, 3) mm² of the coefficients of radial and axial deviations, taken into the world."""
+    """Build the result: rotate the covariances (3, 3) in mm² of radial and axial deviations into world coordinates."""
     plane = np.stack([fitted.u, fitted.v], axis=1)
     centre_cov = plane @ radial[1:, 1:] @ plane.T + axial[0, 0] * np.outer(fitted.n, fitted.n)
     normal_cov = plane @ axial[1:, 1:] @ plane.T / fitted.radius**2
@@ -294,7 +308,7 @@ def _doubts(motions: Sequence[RobotMotion]) -> list[str]:
 
 
 def _short_arc(points: Array, stood: int, where: str) -> FoundCircle:
-    """The whole path as a short arc, so that its u can be said. Raises FileError where it is none."""
+    """Interpret the entire path as a short arc to obtain an uncertainty. Raises FileError if it is not an arc."""
     nearest = nearest_circle(points)
     if nearest is None or nearest.radius > 1e4:
         raise _line(points, stood, where)
@@ -327,18 +341,18 @@ def _check_one_circle(
     motions: Sequence[RobotMotion],
     rig: Rig,
 ) -> None:
-    """Raises FileError where the rest of a path (k, 3) mm is another circle."""
+    """Check that the rest of a path (k, 3) in mm contains no second circle. Raises FileError otherwise."""
     first = path_circle.circle
     off_first = deviations(first, points).largest > _NEAR * tolerance.at(first.radius)
     if off_first.sum() < 10:
         return
-    # A path that comes back from the first circle is not one with where it left.
+    # Keep the path after the first circle separate from the path before it.
     pieces = np.cumsum(np.diff(off_first, prepend=False) | (np.diff(run, prepend=0) != 0))
     second = find_circle(points[off_first], pieces[off_first], DRIVEN)
     if second is None or second.turned_rad < _SECOND * path_circle.turned_rad:
         return
     where = _where(motions)
-    for motion in motions:  # a joint may go further between two rows than before and after by far
+    for motion in motions:  # an isolated step far larger than the neighbouring steps
         steps = np.abs(np.diff(motion.q, axis=0))
         neighbours = np.maximum(np.roll(steps, 1, axis=0), np.roll(steps, -1, axis=0))
         jumps = np.where((steps > _JUMP_RAD) & (steps > _ALONE * neighbours), steps, 0.0)

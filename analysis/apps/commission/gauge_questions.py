@@ -1,4 +1,4 @@
-"""The gauges: what answers on which port, which of them is gauge 1, and what only their owner knows."""
+"""Questions about the gauges: the device on each port, the identity of gauge 1, and facts known only to the user."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from rigs.schema.probe import Counts
 
 _NAMES = ("g1", "g2")
 _NEAREST_MM, _FURTHEST_MM = 10.0, 10_000.0
-"""Distances between two gauges: the axes of two stems side by side are 8 mm apart, and a clamp is between them."""
+"""Limits for the distance of two gauges: adjacent stems are 8 mm apart, plus the clamp between them."""
 _BODY_MM = 8.0
-"""The stem by which a dial gauge is clamped (DIN EN ISO 463)."""
+"""Diameter of the clamping stem of a dial gauge (DIN EN ISO 463)."""
 _MOST_SHOWN = 5
-"""Readings that a line of 80 columns holds."""
+"""Number of readings that fit into a line of 80 columns."""
 _WHICH_PORTS = """\
 A chosen port is listened to and then asked for readings. Leave out any that
 leads to another kind of machine: it may take a request for a command.
@@ -35,7 +35,7 @@ _SIDES = {"g1": "+", "g2": "-"}
 
 
 def ask_gauges(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
-    """Find the gauges, learn which is which, and say it."""
+    """Find the gauges, identify g1 and g2, and print the result."""
     gauges = answers.gauges
     if (
         gauges is None
@@ -50,7 +50,7 @@ def ask_gauges(answers: Answers, options: Options, dialogue: Dialogue) -> Answer
 
 
 def described(name: str, gauge: Gauge) -> str:
-    """Return which gauge is meant by a name of the rig file, in a line."""
+    """Describe in a line which gauge has this name in the rig file."""
     place = f"{gauge.port}#{gauge.channel}" if gauge.shares else gauge.port
     which = f"{name} is {place} ({gauge.interface}), on the {_SIDES[name]} side"
     if "counts" in gauge.model_fields_set:
@@ -59,7 +59,7 @@ def described(name: str, gauge: Gauge) -> str:
 
 
 def ask_baseline(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
-    """Ask how far apart two gauges are."""
+    """Ask for the distance between two gauges."""
     baseline_mm = options.baseline_mm or answers.baseline_mm
     if baseline_mm is None and len(answers.gauges or ()) > 1:
         baseline_mm = dialogue.ask("Distance between the two gauges, in mm", "--baseline-mm", _length_mm, "50")
@@ -67,7 +67,7 @@ def ask_baseline(answers: Answers, options: Options, dialogue: Dialogue) -> Answ
 
 
 def reports_of(ports: Sequence[str], options: Options, doing: Callable[[str], None]) -> list[PortReport]:
-    """Search these ports, each with what the options say of it."""
+    """Search these ports, each with the options given for it."""
     named = {}
     for name, place in zip(_NAMES, options.places, strict=False):
         if "interface" in options.keys[name]:
@@ -80,12 +80,12 @@ def reports_of(ports: Sequence[str], options: Options, doing: Callable[[str], No
 
 
 def ports_of(options: Options) -> list[str]:
-    """Return the ports that the options name, each once."""
+    """Return the ports named by options, in order and free of duplicates."""
     return list(dict.fromkeys([*options.ports, *(place.partition("#")[0] for place in options.places)]))
 
 
 def _ports(options: Options, dialogue: Dialogue) -> list[str]:
-    """The ports that a person has agreed to: at anything but a gauge a request may be taken for a command."""
+    """Return the ports approved by the user. A device other than a gauge may take a request for a command."""
     ports = ports_here()
     if (named := ports_of(options)) or (dialogue.terminal and not ports):
         return named
@@ -104,7 +104,7 @@ def _selected(ports: Sequence[str], typed: str) -> list[str]:
 
 
 def describe_port(report: PortReport, numbers: dict[str, int]) -> list[str]:
-    """Return a port's report in lines; numbers: of the gauges, by place."""
+    """Format the report of a port as lines. numbers: number of each gauge in the list, by place."""
     head = f"{report.port}{f' ({report.description})' if report.description else ''}"
     if not report.gauges:
         return [f"  - {head}: {report.problem}", f"      {report.remedy}"]
@@ -119,7 +119,7 @@ def describe_port(report: PortReport, numbers: dict[str, int]) -> list[str]:
 
 
 def _found(options: Options, dialogue: Dialogue) -> list[FoundGauge]:
-    """The gauges that answer; at a terminal the search is repeated until there is one."""
+    """Return the gauges that respond. At a terminal, repeat the search until there is at least one."""
     while True:
         ports = _ports(options, dialogue)
         with dialogue.busy("looking at the ports") as doing:
@@ -142,7 +142,7 @@ def _found(options: Options, dialogue: Dialogue) -> list[FoundGauge]:
 
 
 def _chosen(gauges: Sequence[FoundGauge], options: Options, dialogue: Dialogue) -> list[FoundGauge]:
-    """Gauge 1, and gauge 2 where there are two, each with how it counts where it was pushed."""
+    """Identify gauge 1 and, if present, gauge 2. A pushed gauge also reveals the counting direction."""
     by_place = {gauge.place: gauge for gauge in gauges}
     if options.places:
         return [_at(place, by_place) for place in options.places]
@@ -156,7 +156,7 @@ def _chosen(gauges: Sequence[FoundGauge], options: Options, dialogue: Dialogue) 
         first = _pushed("g1", remaining, watch, dialogue)
         if not remaining or (
             len(remaining) == 1 and "counts" not in first.gauge.model_fields_set
-        ):  # typed, so no finger is there
+        ):  # the number was typed, so the user is not pushing any gauge
             return [first, *remaining.values()]
         return [first, _pushed("g2", remaining, watch, dialogue)]
 
@@ -172,9 +172,9 @@ def _at(place: str, by_place: dict[str, FoundGauge]) -> FoundGauge:
 
 
 def _pushed(name: str, remaining: dict[str, FoundGauge], watch: Watch, dialogue: Dialogue) -> FoundGauge:
-    """Take the gauge that is pushed, or whose number is typed, from those left, by their numbers in the list.
+    """Return the gauge pushed or selected by number, and remove it from the remaining gauges.
 
-    A push says how it counts as well: a plunger goes in as the tool comes towards the ball.
+    A push also reveals the counting direction: the plunger goes in as the tool approaches the ball.
     """
     numbers = {gauge.place: number for number, gauge in remaining.items()}
     while True:
@@ -196,14 +196,14 @@ def _pushed(name: str, remaining: dict[str, FoundGauge], watch: Watch, dialogue:
 
 
 def _readings(watch: Watch, numbers: dict[str, str]) -> str:
-    """The present readings in one line, as many as it holds, and room to type. numbers: of the gauges, by place."""
+    """Format the current readings as a prompt in a single line. numbers: number of each gauge in the list, by place."""
     now_mm = watch.readings_mm()
     shown = [f"{number} {now_mm[place]:+.4f}" for place, number in numbers.items() if place in now_mm]
     return f"  {'   '.join(shown[:_MOST_SHOWN])}: "
 
 
 def _completed(answering: FoundGauge, name: str, options: Options, dialogue: Dialogue) -> Gauge:
-    """The gauge with the keys that only its owner knows, and those of --key."""
+    """Complete a gauge with the values of --key and with answers of the user."""
     keys = dict(options.keys[name])
     for key in answering.lacks:
         if key not in keys:
@@ -226,13 +226,13 @@ def _length_mm(text: str) -> float:
         value = float(text)
     except ValueError:
         value = math.nan
-    if not 0 < value <= _FURTHEST_MM:  # nor nan
+    if not 0 < value <= _FURTHEST_MM:  # also rejects NaN
         raise FileError(repr(text), "is not a distance in mm", f"type a number from {_NEAREST_MM:g}, as 50")
     return hold_baseline_mm(value, repr(text))
 
 
 def hold_baseline_mm(value: float, where: str) -> float:
-    """Return the distance between two gauges in mm. Raises FileError for one that no two gauges have."""
+    """Return the distance between two gauges in mm. Raises FileError if it is impossibly small."""
     if value < _NEAREST_MM:
         turned_mm = value * 1e-3
         problem = (

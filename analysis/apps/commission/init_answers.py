@@ -1,7 +1,7 @@
-"""What is answered already: by the command line, and before, so that a second run goes on.
+"""Answers from the command line and from an interrupted `rig init`, which can therefore resume.
 
-The answers are kept beside the rig file until that is written. They are data that a person could have changed: read
-bounded and checked by the schema, as a rig file is.
+The answers are stored next to the rig file until it is written. The user could have edited the file. Like a rig file,
+it is therefore read up to a size limit and validated by the schema.
 """
 
 from __future__ import annotations
@@ -31,35 +31,35 @@ _BEGIN_AGAIN = "remove it, and begin again"
 
 
 class Answers(Part):
-    """The answers; None where a question is open."""
+    """Answers of the user; None for open questions."""
 
     robot_address: str | None = Field(default=None, max_length=300)
     feedback: Feedback | None = None
     gauges: tuple[Gauge, ...] | None = Field(default=None, min_length=1, max_length=2)
-    """Gauge 1 and, where there is one, gauge 2; their places on the baseline follow from `baseline_mm`."""
+    """Gauge 1 and, if present, gauge 2. The offsets on the baseline follow from `baseline_mm`."""
     baseline_mm: Annotated[float, Field(gt=0, le=10_000)] | None = None
     arm: str | None = Field(default=None, max_length=4096)
     build: Build | None = None
-    """How the arm is built; None as long as the arm library or the arm's own file says it."""
+    """Build of the arm; None if the arm library or the file of the arm states it."""
     tool: Pose | None = None
     tolerance_mm: Annotated[float, Field(ge=0, le=1000)] | None = None
-    """Error that the work allows at the ball; 0 where there are to be no limits."""
+    """Error allowed by the application at the ball; 0 for no limits."""
     circle: Circle | None = None
     circle_later: bool = False
 
     @property
     def count(self) -> int:
-        """How many questions are answered."""
+        """Number of answered questions."""
         return len(self.model_fields_set)
 
 
 def kept_in(rig_file: Path) -> Path:
-    """Return where the answers for a rig file are kept."""
+    """Return the path of the file with the answers for a rig file."""
     return rig_file.with_name(rig_file.name + _ENDING)
 
 
 def load_answers(rig_file: Path) -> Answers:
-    """Return the answers kept so far; none where nothing is kept. Raises FileError."""
+    """Read the stored answers; empty answers if the file is missing. Raises FileError."""
     path = kept_in(rig_file)
     try:
         owner = path.lstat().st_uid
@@ -77,7 +77,7 @@ def load_answers(rig_file: Path) -> Answers:
 
 
 def keep_answers(rig_file: Path, answers: Answers) -> None:
-    """Keep the answers, whole or not at all, readable by their owner alone. Raises CellError."""
+    """Store the answers atomically, readable only by the owner. Raises CellError."""
     path = kept_in(rig_file)
     try:
         durable.replace(path, answers.model_dump_json(exclude_unset=True, indent=1).encode(), 0o600)
@@ -88,7 +88,7 @@ def keep_answers(rig_file: Path, answers: Answers) -> None:
 
 
 def forget_answers(rig_file: Path) -> None:
-    """Remove the kept answers."""
+    """Delete the stored answers."""
     kept_in(rig_file).unlink(missing_ok=True)
 
 
@@ -97,7 +97,10 @@ _SECTIONS = ("g1", "g2", "feedback")
 
 @dataclass(frozen=True)
 class Options:
-    """The options of `rig init`; None and empty for what is to be asked. keys: by section, `g1` to `feedback`."""
+    """Options of `rig init`; None or empty for open questions.
+
+    keys: values of --key for the sections g1, g2 and feedback.
+    """
 
     path: Path
     name: str
@@ -105,7 +108,7 @@ class Options:
     robot: str | None
     ports: tuple[str, ...]
     places: tuple[str, ...]
-    """Where g1 and g2 are, as far as they are given."""
+    """Ports of g1 and g2, if given."""
     keys: dict[str, dict[str, Any]]
     baseline_mm: float | None
     arm: str | None
@@ -119,7 +122,7 @@ class Options:
 
 
 def keys_of(texts: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """Return the keys of a rig file, given as `g1.range_mm=10`, by section. Raises UseError."""
+    """Parse keys of a rig file such as `g1.range_mm=10` and group them by section. Raises UseError."""
     keys: dict[str, dict[str, Any]] = {section: {} for section in _SECTIONS}
     for text in texts:
         place, equals, value = text.partition("=")
@@ -131,8 +134,10 @@ def keys_of(texts: Sequence[str]) -> dict[str, dict[str, Any]]:
 
 
 def places_of(g1: str | None, g2: str | None, keys: Mapping[str, Mapping[str, Any]]) -> tuple[str, ...]:
-    """Return where g1 and g2 are, as far as they are given. Raises UseError for g2 alone, and for the interface of a
-    gauge whose place is not given."""
+    """Return the ports of g1 and g2, if given.
+
+    Raises UseError if only g2 is given, or if an interface is given but no port.
+    """
     if g2 is not None and g1 is None:
         raise UseError("--g2", "is given without --g1", "give both, or neither")
     for gauge, place in (("g1", g1), ("g2", g2)):
@@ -142,7 +147,7 @@ def places_of(g1: str | None, g2: str | None, keys: Mapping[str, Mapping[str, An
 
 
 def checked(schema: Any, fields: Any, section: str) -> Any:
-    """Return a part of a rig file made from its keys, or of its value. Raises FileError with the first mistake."""
+    """Validate a part of a rig file from keys or a value. Raises FileError for the first error."""
     try:
         return TypeAdapter(schema).validate_python(fields)
     except ValidationError as error:
@@ -150,17 +155,17 @@ def checked(schema: Any, fields: Any, section: str) -> Any:
 
 
 def with_keys(schema: Any, part: Part, keys: Mapping[str, Any], section: str) -> Any:
-    """Return a part of a rig file with these keys changed. Raises FileError."""
+    """Return a part of a rig file with changed keys. Raises FileError."""
     return checked(schema, {**part.model_dump(mode="json", exclude_unset=True), **keys}, section) if keys else part
 
 
 def has_keys(schema: Any, part: Part, keys: Mapping[str, Any]) -> bool:
-    """Return whether a part of a rig file has these values already. Raises FileError."""
+    """Return whether a part of a rig file already has these values. Raises FileError."""
     return bool(with_keys(schema, part, keys, "--key") == part)
 
 
 def key_error(error: ValidationError, section: str) -> FileError:
-    """Return the first mistake in the keys of a section, and the option that corrects it."""
+    """Convert the first error in the keys of a section, with the option that corrects it."""
     first = error.errors(include_url=False)[0]
     key = next((str(step) for step in reversed(first["loc"]) if isinstance(step, str)), "interface")
     problem = first["msg"].removeprefix("Value error, ")
@@ -170,5 +175,5 @@ def key_error(error: ValidationError, section: str) -> FileError:
 
 
 def written(text: str, where: str) -> Any:
-    """Return what was typed for a key, as YAML reads it. Raises RigFileError."""
+    """Parse the typed value of a key as YAML. Raises RigFileError."""
     return read_yaml(text, where)[1]

@@ -1,4 +1,7 @@
-"""All questions in order, each answer kept at once, and at the end the rig file, whole or not at all."""
+"""Sequence of all questions of `rig init`.
+
+Each answer is stored immediately, and the rig file is written atomically.
+"""
 
 from __future__ import annotations
 
@@ -41,11 +44,14 @@ _QUESTIONS: dict[MeasuredBy, tuple[Callable[[Answers, Options, Dialogue], Answer
     "sockets": (ask_arm, ask_build, ask_robot_if_any, ask_tool, take_options),
     "tracker": (ask_arm, ask_build, take_options),
 }
-"""What is asked, in order."""
+"""Questions in order."""
 
 
 def make_rig_file(options: Options, dialogue: Dialogue) -> None:
-    """Ask what is open, and write the rig file. Raises FileError, CellError and Stopped; answers stay kept."""
+    """Ask all open questions and write the rig file.
+
+    Raises FileError, CellError and Stopped; the answers remain stored.
+    """
     path = options.path
     if not path.parent.is_dir():
         raise FileError(str(path.parent), "is not a directory", "create it, or give another name")
@@ -73,7 +79,7 @@ def make_rig_file(options: Options, dialogue: Dialogue) -> None:
     _, text = _rig(answers, options)
     _check_new(path)
     try:
-        durable.replace(path, text.encode())  # a power cut leaves no half of it
+        durable.replace(path, text.encode())  # atomic, even after a power failure
     except OSError as error:
         problem = f"cannot be written: {error.strerror or error}"
         raise CellError(str(path), problem, "free some space; the same command goes on here") from None
@@ -88,7 +94,7 @@ def _check_new(path: Path) -> None:
 
 
 def _rig(answers: Answers, options: Options) -> tuple[Rig, str]:
-    """The rig that the answers make, and its text. Raises RigFileError."""
+    """Build the rig from the answers. Return it with the text of the rig file. Raises RigFileError."""
     assert answers.arm is not None  # noqa: S101 - asked for before
     arm, today = chosen_arm(answers.arm, options.measured_by), dt.datetime.now(dt.UTC).date()
     text = rig_text(answers, arm, options.name, today, options.measured_by)

@@ -1,4 +1,4 @@
-"""`rig record touch`: a person seats the ball, the daemon says where the joints are, and a tone says when to go on."""
+"""`rig record touch`: the user seats the ball, the daemon delivers the joint angles, and a tone confirms each touch."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ from rigs.rig import Rig
 
 _LOOK_S = 0.1
 _SILENT_S = 5.0
-"""Without a new angle for so long the robot is silent."""
+"""Time without a new joint angle after which the robot is silent."""
 _FEWEST = 6
-"""Touches below which nothing is worth keeping."""
+"""Minimum number of touches worth keeping."""
 TONE = "\a"
-"""The terminal's bell."""
+"""The terminal bell."""
 
 
 class Daemon(Protocol):
-    """What is asked for samples."""
+    """Source of samples."""
 
     def ask(self, command: str, **fields: Any) -> dict[str, Any]:
-        """Return the answer to a request. Raises RigError."""
+        """Send a request and return the response. Raises RigError."""
 
 
 def record_touches(
@@ -49,10 +49,10 @@ def record_touches(
     touches: int | None,
     say: Callable[[str], None],
 ) -> Path:
-    """Follow a person from touch to touch, and write the touches as a run to `output`, whose path is returned.
+    """Guide the user through the touches, write a run to `output` and return the path.
 
-    Raises FileError where the rig file has no tests.touch, where `output` exists, and where fewer than six touches were
-    made; CellError where the robot is silent.
+    Raises FileError if the rig file has no tests.touch, if `output` exists, or after fewer than six touches. Raises
+    CellError if the robot is silent.
     """
     refuse_existing(output)
     answer = daemon.ask("samples", after={}, rig=True)
@@ -72,7 +72,7 @@ def record_touches(
         with suppress(KeyboardInterrupt):
             _follow(daemon, rig, guide, say)
     except RigError:
-        if guide.count >= _FEWEST:  # the robot fell silent: what was touched before is kept
+        if guide.count >= _FEWEST:  # the robot became silent: keep the completed touches
             say(f"{_written(guide, name, output, rig, text, operator, placement)}: {guide.count} touches are kept")
         raise
     if guide.count < _FEWEST:
@@ -82,7 +82,6 @@ def record_touches(
 
 
 def _written(guide: Touching, name: str, output: Path, rig: Rig, text: str, operator: str, placement: str) -> Path:
-    """Write the touches as a run."""
     table = columns_of(guide.table)
     digest = hashlib.sha256(repr(table.to_pydict()).encode()).hexdigest()
     run = table_run(
@@ -94,7 +93,7 @@ def _written(guide: Touching, name: str, output: Path, rig: Rig, text: str, oper
 
 
 def _follow(daemon: Daemon, rig: Rig, guide: Touching, say: Callable[[str], None]) -> None:
-    """Ask for angles until every socket has its touches."""
+    """Poll the joint angles until every socket has enough touches."""
     names = joint_columns(len(rig.robot.axes))
     after: dict[str, int] = {}
     heard_s = clock.now_s()

@@ -1,6 +1,6 @@
-"""The text of a new rig file, with comments: what was found, what is nominal, and what is still to be measured.
+"""Text of a new rig file with comments on detected devices, nominal values and open measurements.
 
-Its arm is one of the library by its name, or the `robot` section of a file.
+The arm comes from the library or from the `robot` section of a file.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _MAX_BYTES = 1_000_000
 
 @dataclass(frozen=True)
 class ChosenArm:
-    """An arm. repeatability_mm: RP of its data sheet, None if it is not known; source: of its numbers."""
+    """An arm. repeatability_mm: RP from the data sheet; None if unknown. source: origin of the constants."""
 
     robot: Robot
     repeatability_mm: float | None
@@ -43,14 +43,16 @@ class ChosenArm:
 
 
 class _ArmFile(Part):
-    """The section that is read of a file."""
+    """The relevant section of an arm file."""
 
     robot: Robot
 
 
 def chosen_arm(name: str, measured_by: MeasuredBy = "gauges") -> ChosenArm:
-    """Return an arm of the library by its name, or from a file with a section `robot`. Raises FileError, also for an
-    arm that cannot drive the circles of gauges where these measure it."""
+    """Return an arm from the library or from a file with a `robot` section.
+
+    Raises FileError if there is none, and for an arm that cannot drive the circles required by gauges.
+    """
     arm = _arm_of(name)
     if measured_by == "gauges" and (axes := len(arm.robot.axes)) != DRIVEN_AXES:
         problem = f"has {axes} axes, and the ball link's programs are of six"
@@ -64,7 +66,7 @@ def _arm_of(name: str) -> ChosenArm:
     try:
         text = read_text(Path(name), _MAX_BYTES)
     except FileNotFoundError:
-        return _of_library(name)  # which reports the names that are near
+        return _of_library(name)  # reports similar names
     except OSError as error:
         raise FileError(name, error.strerror or str(error), "give a file with a section robot") from None
     if "<robot" in text:
@@ -98,7 +100,7 @@ _CIRCLE = "from where the robot stood at its start, with the nominal arm: within
 
 
 def rig_text(answers: Answers, arm: ChosenArm, name: str, today: dt.date, measured_by: MeasuredBy = "gauges") -> str:
-    """Return the rig file that the answers make, a line each; effects and certificates are left to later."""
+    """Return the lines of a rig file for the answers. Effects and certificates are added later."""
     lines = [
         f"# Written by rig init on {today}. Lengths are mm, angles degrees; after each edit run rig check.",
         f"name: {name}",
@@ -109,14 +111,14 @@ def rig_text(answers: Answers, arm: ChosenArm, name: str, today: dt.date, measur
 
 
 def placed(answers: Answers) -> dict[str, Gauge]:
-    """Return the gauges by name, at their places on the baseline: half of it to each side."""
+    """Return the gauges by name, placed symmetrically on the baseline."""
     half_mm = (answers.baseline_mm or _BASELINE_MM) / 2
     signed = zip(("g1", "g2"), (half_mm, -half_mm), answers.gauges or (), strict=False)
     return {name: gauge.model_copy(update={"offset_mm": at_mm}) for name, at_mm, gauge in signed}
 
 
 def _arm_section(arm: ChosenArm, answers: Answers, tool: Pose) -> str:
-    """Return the section `robot` with this tool, and with the build that was answered."""
+    """Format the `robot` section with the tool and the answered build."""
     build = answers.build or arm.robot.build
     return robot_text(arm.robot.model_copy(update={"tool": tool, "build": build})).rstrip()
 
@@ -174,7 +176,7 @@ _ARM_LINES: dict[MeasuredBy, Callable[[Answers, ChosenArm], Iterator[str]]] = {
 
 
 def _feedback(answers: Answers) -> Iterator[str]:
-    """How the joints are read, where they are."""
+    """Yield the lines of the `feedback` section, if any."""
     if (feedback := answers.feedback) is None:
         return
     yield f"feedback: # {feedback.origin.instruments}"
@@ -183,8 +185,7 @@ def _feedback(answers: Answers) -> Iterator[str]:
 
 
 def _limits(answers: Answers, rp_mm: float | None, measured_by: MeasuredBy = "gauges") -> Iterator[str]:
-    """The limits that follow from what the work allows, of gauges or of the test without, and the data sheet's; no
-    lines where there are none."""
+    """Yield the limits derived from the allowed error and the data sheet, for gauges or a test without gauges."""
     tolerance_mm, test = answers.tolerance_mm, TEST_WITHOUT_GAUGES.get(measured_by)
     if not tolerance_mm and rp_mm is None:
         return
@@ -204,7 +205,7 @@ def _limits(answers: Answers, rp_mm: float | None, measured_by: MeasuredBy = "ga
 
 
 def _part(part: Gauge | Feedback | Circle, first: tuple[str, ...]) -> Iterator[str]:
-    """The keys of a part: first those that a person looks for, then what differs from its default."""
+    """Yield the keys of a part: first the most important, then all others that differ from the default."""
     whole = part.model_dump(mode="json")
     differing = part.model_dump(mode="json", exclude_defaults=True)
     fields = {key: whole[key] for key in first if key in whole} | differing

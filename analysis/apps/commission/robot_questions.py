@@ -1,5 +1,7 @@
-"""The robot: its address, how its joints are read, its arm, its tool, and the circle that it stands at: from its joints
-and the nominal arm, one pose says all of it."""
+"""Questions about the robot: address, feedback, arm, tool, and the circle.
+
+A single pose at the start determines the entire circle through the nominal arm.
+"""
 
 from __future__ import annotations
 
@@ -30,9 +32,9 @@ from rigs.schema.vocabulary import DRIVEN_AXES, Build, maker_of
 
 
 def circle_from_start(robot: Robot, joints_deg: Sequence[float], radius_mm: float) -> Circle:
-    """Return the circle that begins at these joint angles.
+    """Return the circle that starts at these joint angles.
 
-    On a circle the tool's z axis points at the centre and its x axis along the normal (docs/conventions.md).
+    On a circle the z axis of the tool points at the centre and the x axis along the normal (docs/conventions.md).
     """
     T = forward(arm_of(robot), np.radians([joints_deg]))[0]
     towards, normal = T[:3, 2], T[:3, 0]
@@ -46,7 +48,7 @@ def circle_from_start(robot: Robot, joints_deg: Sequence[float], radius_mm: floa
 
 
 def _vector(values: Array, decimals: int) -> Vector:
-    """Three numbers (3,), rounded to what is known of them."""
+    """Round three numbers (3,) to the known accuracy."""
     x, y, z = (round(float(value), decimals) + 0.0 for value in values)
     return x, y, z
 
@@ -63,7 +65,7 @@ _MOST_TOLERANCE_MM = 1000.0
 
 
 def ask_robot(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
-    """Find the robot and read its joints, until a person agrees with them."""
+    """Find the robot, read the joint angles and have the user confirm the unit."""
     is_same_robot = options.robot in (None, answers.robot_address)
     if (
         answers.feedback is not None
@@ -87,7 +89,7 @@ def ask_robot(answers: Answers, options: Options, dialogue: Dialogue) -> Answers
 
 
 def ask_robot_if_any(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
-    """Find the robot whose joints guide from touch to touch; without one they are typed into a table."""
+    """Find a robot for guided touches. If there is none, the joint angles will be typed into a table."""
     axes = len(chosen_arm(answers.arm or "", options.measured_by).robot.axes)
     address = options.robot or answers.robot_address
     if axes != DRIVEN_AXES and options.robot not in (None, _NO_ROBOT):
@@ -107,7 +109,7 @@ def ask_robot_if_any(answers: Answers, options: Options, dialogue: Dialogue) -> 
 
 
 def describe_robot(report: RobotReport) -> Iterator[str]:
-    """Yield the lines of what was found."""
+    """Yield a description of the robot found."""
     assert report.feedback is not None  # noqa: S101 - of a robot that was found
     yield f"  {report.feedback.interface} at {report.feedback.port}, {report.rate_hz:.0f} readings a second"
     yield f"      joints now: {' '.join(f'{angle:.3f}' for angle in report.joints_deg)} deg"
@@ -116,7 +118,7 @@ def describe_robot(report: RobotReport) -> Iterator[str]:
 
 
 def robot_at(address: str, keys: Mapping[str, Any]) -> RobotReport:
-    """Search the robot at an address. keys: of the rig file's section feedback, as a person gave them."""
+    """Search for a robot at an address. keys: feedback keys given by the user."""
     named: Feedback | None = None
     if "interface" in keys:
         named = checked(Feedback, {"port": address, **keys}, "feedback")
@@ -142,7 +144,6 @@ def _in_unit(feedback: Feedback, unit: str) -> Feedback:
 
 
 def ask_arm(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
-    """Choose the arm."""
 
     def read(name: str) -> str:
         chosen_arm(name, options.measured_by)
@@ -158,8 +159,10 @@ def ask_arm(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
 
 
 def ask_build(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
-    """Ask how an arm is built that is not in the library and whose file does not state it: what is usual of an
-    industrial arm makes faults of a hobby arm's plays."""
+    """Ask for the build of an arm if neither the library nor the arm file states it.
+
+    The build matters: by the standards of an industrial arm, the play of a hobby arm would be a fault.
+    """
     arm = chosen_arm(answers.arm or "", options.measured_by)
     build = options.build or answers.build
     if build is None and arm.robot.build is None and not arm.in_library:
@@ -176,13 +179,13 @@ def _build(text: str) -> Build:
 
 
 def _likely_arms(answers: Answers) -> Sequence[str]:
-    """The arms of the maker whose interface the robot speaks, or all."""
+    """Return the arms of the maker whose interface the robot uses, or all arms."""
     maker = maker_of(answers.feedback.interface) if answers.feedback else None
     return [name for name in arm_names() if maker and name.startswith(maker)] or arm_names()
 
 
 def ask_tool(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
-    """Ask where the ball stands on the flange; an arm that has a tool of its own offers that."""
+    """Ask for the position of the ball on the flange. The default is the tool of the arm, if it has one."""
     tool = _pose(options.tool) if options.tool else answers.tool
     if tool is None:
         arm_tool = chosen_arm(answers.arm or "", options.measured_by).robot.tool
@@ -195,7 +198,10 @@ def ask_tool(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
 
 
 def ask_tolerance(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
-    """Ask what error the work allows, from which the limits follow; the arm's repeatability gives what is offered."""
+    """Ask for the error allowed by the application, which determines the limits.
+
+    The default follows from the repeatability.
+    """
     tolerance_mm = options.tolerance_mm if options.tolerance_mm is not None else answers.tolerance_mm
     if tolerance_mm is None:
         rp_mm = chosen_arm(answers.arm or "").repeatability_mm
@@ -212,7 +218,7 @@ def ask_tolerance(answers: Answers, options: Options, dialogue: Dialogue) -> Ans
 
 
 def take_options(answers: Answers, options: Options, _: Dialogue) -> Answers:
-    """Take tool and tolerance as far as they are given; where no gauges measure, neither is asked for."""
+    """Take tool and tolerance from the options. They are optional if there are no gauges."""
     tool = _pose(options.tool) if options.tool else answers.tool
     tolerance_mm = answers.tolerance_mm if options.tolerance_mm is None else options.tolerance_mm
     return answers.model_copy(update={"tool": tool, "tolerance_mm": tolerance_mm})
@@ -241,7 +247,7 @@ def _pose(text: str) -> Pose:
 
 
 def ask_circle(answers: Answers, options: Options, dialogue: Dialogue, rig: Rig) -> Answers:
-    """Take the circle from where the robot stands, if it stands at its start. rig: what is known so far."""
+    """Derive the circle from a robot standing at its start. rig: the rig according to the previous answers."""
     if options.circle_here is None and (answers.circle is not None or answers.circle_later):
         return answers
     radius_mm = options.radius_mm or float(Circle.model_fields["radius_mm"].default)

@@ -1,9 +1,8 @@
-"""Circles and spheres through points at which the robot stood, the fixed ball that it touched, and touches of sockets
-as a person makes them: joint angles in, touches out.
+"""Circles and spheres through stops of the robot, location of a fixed ball, and detection of touches.
 
-A touch is recognised without a clock or a daemon. A robot that stands still after it moved has its ball in the socket,
-if the arm says so within what arms err by; elsewhere it only rests. Each joint's last turning point says from which
-side it came, and so on which flank of its play it stands.
+Detection uses neither a clock nor a daemon. A robot at rest after a motion has seated the ball in the socket if the
+nominal arm agrees within the usual errors of arms; otherwise it just rests. The last turning point of each joint gives
+the direction of approach and therefore the side of the play.
 """
 
 from __future__ import annotations
@@ -28,32 +27,35 @@ from rigs.errors import FileError
 from rigs.rig import Rig
 
 # ----------------------------------------------------------------------------------------------------------------------
-# Circles and spheres through points at which the robot stood, each point with the scatter that all of them show.
+# Circles and spheres through stops of the robot, each with the scatter common to all stops.
 #
-# So few points show their scatter badly: u is widened by Student's factor, so that 2 u holds 95 % whatever their
-# number. Where they leave nothing over (three points of a circle, four of a sphere), what the joints did within each
-# stand is all that is known of it.
+# Few points determine the scatter poorly. The uncertainty u is therefore widened by Student's t factor to make 2 u
+# cover 95 % for any number of points. If there are no degrees of freedom (three points of a circle, four of a sphere),
+# only the scatter of the joints within each stop is known.
 
 _APART_MM = 5.0
-"""Stands nearer to each other are at one place."""
+"""Largest distance of two stops at the same place."""
 _OFF_MM = 5.0
-"""A person jogs to a point of a circle that a link holds to better than this."""
+"""Upper bound for the deviation of jogged points from a circle defined by a link."""
 _FEWEST = 4
-"""Stands on one circle that are no chance: any three are on one."""
+"""Minimum number of stops on a common circle that is not a coincidence: any three points lie on a circle."""
 _OTHERS = 1 / 3
-"""Share of stands that may be elsewhere, as where the robot stood before and after."""
+"""Largest share of stops elsewhere, such as the position of the robot before and after."""
 _MOST_STANDS = 40
-"""Stands whose triples are tried, some 10 000; a person jogs to fewer."""
+"""Maximum number of stops for trying all triples, about 10 000. Jogging produces fewer."""
 _FOLLOWED = 0.8
-"""Share of the time of a driven circle that the robot is on the circle through its stops."""
+"""Minimum share of time on the circle through the stops for the circle to count as driven."""
 _LINE = 0.01
-"""Three points whose triangle is flatter than this share of its length are on a line."""
+"""Flatness of a triangle, relative to its length, below which three points lie on a line."""
 
 
 @dataclass(frozen=True)
 class StoodCircle:
-    """A circle through m stands: tool poses T (m, 4, 4) mm and angles q (m, 6) rad in order of time; covariance (3, 3)
-    mm² of the coefficients of its radial and, alike, of its axial deviations; doubts in words."""
+    """A circle through m stops, in order of time.
+
+    T (m, 4, 4): tool poses in mm. q (m, 6): angles in rad. covariance (3, 3): covariance in mm² of the coefficients of
+    the radial deviations, also used for the axial deviations. doubts: warnings for the user.
+    """
 
     circle: CircleFrame
     T: Array
@@ -63,7 +65,7 @@ class StoodCircle:
 
 
 def distinct(places: Array) -> Array:
-    """The places (k, 3) mm among places (m, 3) mm that are apart from each other."""
+    """Return the distinct places (k, 3) among places (m, 3) in mm."""
     apart: list[Array] = []
     for place in places:
         if all(np.linalg.norm(place - earlier) > _APART_MM for earlier in apart):
@@ -72,14 +74,15 @@ def distinct(places: Array) -> Array:
 
 
 def is_jogged(bins: Binned, path_circle: FoundCircle | None) -> bool:
-    """Whether the robot was jogged from point to point of a circle, and did not drive the one that its path shows.
+    """Return whether the robot was jogged from point to point of a circle instead of driving the circle of the path.
 
-    Between the points of a jog the path leaves the circle through them; a person also stands where the robot is at
-    home, and a program where it turns back."""
+    Between jogged points the path leaves the circle. Other stops are the home position and the turning points of a
+    program.
+    """
     places = distinct(bins.places[bins.stand_rows])
     if len(places) < 3 or path_circle is None:
         return len(places) > 2
-    if len(places) == 3:  # on a circle wherever they are
+    if len(places) == 3:  # three points always lie on a circle
         return int((deviations(path_circle.circle, places).largest < _OFF_MM).sum()) < 2
     together = on_one_circle(places)
     circle = nearest_circle(places[together])
@@ -92,7 +95,10 @@ def is_jogged(bins: Binned, path_circle: FoundCircle | None) -> bool:
 
 
 def on_one_circle(places: Array) -> Mask:
-    """A mask of the places (m, 3) mm, three or more, that lie on one circle: that on which the most do, and best."""
+    """Return a mask of the places (m, 3) in mm on a common circle: the one with most places and then the best fit.
+
+    There must be three or more places.
+    """
     triples = np.array(list(combinations(range(min(len(places), _MOST_STANDS)), 3)))
     centre, normal, radius = circles_through(places[triples])
     off = largest_deviations(places, centre, normal, radius)
@@ -102,8 +108,10 @@ def on_one_circle(places: Array) -> Mask:
 
 
 def circle_through_stands(arm: Arm, bins: Binned, where: str) -> StoodCircle:
-    """The circle through the stands, without a few that are elsewhere. Raises FileError where they lie on a line, or
-    are on no circle."""
+    """Fit a circle to the stops, excluding a few stops elsewhere.
+
+    Raises FileError if the stops lie on a line or not on a circle.
+    """
     q = np.array([stand.q for stand in bins.stands])
     T = forward(arm, q)
     together = on_one_circle(T[:, :3, 3])
@@ -137,9 +145,11 @@ def circle_through_stands(arm: Arm, bins: Binned, where: str) -> StoodCircle:
 
 
 def scatter(squares: float, free: int, within_mm: float) -> tuple[float, tuple[str, ...]]:
-    """Scatter in mm of one coordinate of a point, widened for few points, and a doubt where the points show none.
+    """Return the scatter in mm of a coordinate, widened for few points, and a warning if there are no degrees of
+    freedom.
 
-    squares: of what is left, mm²; free: its degrees of freedom; within_mm: scatter in mm within the stands."""
+    squares: sum of squared residuals in mm². free: degrees of freedom. within_mm: scatter within the stops in mm.
+    """
     if free <= 0:
         return within_mm, ("as few points leave no residual: u has only the scatter within the stands; add a point",)
     from scipy.special import stdtrit  # noqa: PLC0415 - slow to import, needed here only
@@ -148,25 +158,29 @@ def scatter(squares: float, free: int, within_mm: float) -> tuple[float, tuple[s
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# Where a fixed ball is, by the places of the tool while it touched the ball or a link held it at one distance.
+# Location of a fixed ball from places of the tool in contact with the ball or at a constant distance on a link.
 #
-# The tool's point stands at four or more places on a sphere about the ball, of a radius that need not be known. Where
-# a gauge on the link was read, what it read more is taken off each distance.
+# The tool is held at four or more places on a sphere of unknown radius about the ball. If a gauge on the link was read,
+# each distance is corrected by the reading.
 
 _ROUNDS = 20
-"""Gauss-Newton steps from the algebraic fit; a short cap of a sphere takes most of them."""
+"""Number of Gauss-Newton steps after the algebraic fit. A short cap of a sphere needs most of them."""
 _OFF_BALL_MM = 10.0
-"""An arm's errors bend a hemisphere by some mm; a stand further off is not on it."""
+"""Largest distance of a stop from the sphere: the errors of an arm bend a hemisphere by some mm."""
 _OTHERS_OF_BALL = 1 / 8
-"""Share of stands that may be elsewhere: at home before the program and after it."""
+"""Largest share of stops elsewhere: the home position before and after the program."""
 _GAUGE_MM = 5.0
-"""The ball must be in the hemisphere's centre within what a gauge reads to either side: 2 u must stay within."""
+"""Largest 2 u: the ball must be near the centre of the hemisphere, within the range of a gauge, about ±5 mm."""
 
 
 @dataclass(frozen=True)
 class TouchedBall:
-    """centre (3,) mm; covariance (3, 3) mm²; radius_mm and its u of the sphere on which the tool was; q (m, 6) rad and
-    places (m, 3) mm of the stands; used: what it was fitted to; doubts in words."""
+    """A ball located by stops of the robot.
+
+    centre (3,) in mm, covariance (3, 3) in mm². radius_mm, u_radius_mm: sphere of the tool places. q (m, 6): angles of
+    the stands in rad. places (m, 3): places of the stops in mm. used: description of the data. doubts: warnings for the
+    user.
+    """
 
     centre: Array
     covariance: Array
@@ -179,22 +193,24 @@ class TouchedBall:
 
     @property
     def u_centre_mm(self) -> Array:
-        """Standard uncertainty (3,) mm of the centre's coordinates."""
+        """Standard uncertainty (3,) of the centre in mm."""
         return np.sqrt(np.diag(self.covariance))
 
     def values(self, rig: Rig) -> Values:
-        """The keys of tests.hemisphere: the centre, and what else a rig file without a hemisphere lacks."""
+        """Return the keys of tests.hemisphere: the centre, and all keys if the rig file has no hemisphere."""
         values: dict[str, float | list[float]] = {"centre_mm": [round(float(x), 3) for x in self.centre]}
         if rig.tests.hemisphere is None:
-            pole = int((self.places - self.centre)[:, 2].argmax())  # its normal points upwards unless stated
+            pole = int((self.places - self.centre)[:, 2].argmax())  # the default normal points upwards
             values["radius_mm"] = round(self.radius_mm, 3)
             values["posture_deg"] = [round(float(x), 2) for x in np.degrees(self.q[pole])]
         return values
 
 
 def touched_ball(runs: Sequence[Run], rig: Rig) -> TouchedBall:
-    """The ball about which the robot stood in all runs. Raises FileError for fewer than four places, or for places that
-    determine no sphere."""
+    """Locate the ball from the stops in all runs.
+
+    Raises FileError if there are fewer than four places or if they do not determine a sphere.
+    """
     where = ", ".join(str(run.path) for run in runs)
     stands, doubts = zip(*(_stands(run, rig) for run in runs), strict=True)
     q, g_mm, within = (np.concatenate(parts) for parts in zip(*stands, strict=True))
@@ -202,7 +218,7 @@ def touched_ball(runs: Sequence[Run], rig: Rig) -> TouchedBall:
     if (apart := len(distinct(places))) < 4:
         problem = f"the robot stood at {apart} places, and a ball needs four that are not in one plane"
         raise FileError(where, problem, "stand at more places all over the hemisphere, a second at each")
-    # Without the few that lie far off the sphere of the others, one after the other.
+    # Drop stops far off the sphere of the others one by one.
     near = np.ones(len(places), dtype=bool)
     for _ in range(int(_OTHERS_OF_BALL * len(places))):
         off = np.abs(_off(places, g_mm, _sphere(places[near], g_mm[near])[0])) * near
@@ -234,7 +250,10 @@ def touched_ball(runs: Sequence[Run], rig: Rig) -> TouchedBall:
 
 
 def _stands(run: Run, rig: Rig) -> tuple[tuple[Array, Array, Array], tuple[str, ...]]:
-    """Angles (m, 6) rad, readings (m,) mm, 0 without a gauge, and scatter (m,) mm within each of a run's stands."""
+    """Return the stops of a run: angles (m, 6) in rad, readings (m,) and scatter (m,) in mm.
+
+    The readings are 0 if there is no gauge.
+    """
     path, manifest = run.path, run.manifest
     if run.table is not None:
         table = table_from(run.table, manifest.test, manifest.direction, str(path))
@@ -257,12 +276,12 @@ def _stands(run: Run, rig: Rig) -> tuple[tuple[Array, Array, Array], tuple[str, 
 
 
 def _off(places: Array, g_mm: Array, x: Array) -> Array:
-    """Distance (m,) mm of places (m, 3) mm from the sphere x (4,)."""
+    """Return the distances (m,) of places (m, 3) in mm from the sphere x (4,)."""
     return np.asarray(np.linalg.norm(places - x[:3], axis=1) - g_mm - x[3])
 
 
 def _sphere(places: Array, g_mm: Array) -> tuple[Array, Array]:
-    """Centre and radius (4,) mm with |p - B| = R + g, and the slopes (m, 4) of the distances by them."""
+    """Fit centre and radius (4,) in mm with |p - B| = R + g. Return them with the Jacobian (m, 4) of the distances."""
     middle = places.mean(axis=0)
     from_middle = places - middle
     algebraic = np.column_stack([2 * from_middle, np.ones(len(places))])
@@ -282,24 +301,26 @@ def _slopes(places: Array, g_mm: Array, x: Array) -> tuple[Array, Array]:
 
 
 STANDS_S = 1.5
-"""How long the robot stands until a touch is taken: a guided arm swings for some tenths of a second when let go."""
+"""Rest time before a touch is accepted: a hand-guided arm swings for some tenths of a second after release."""
 _MOVED_DEG = 3.0
-"""How far some joint moves between touches: the ball need not leave the socket, and the same posture again shows
-nothing but scatter."""
+"""Minimum motion of a joint between touches.
+
+The ball may stay in the socket, but a repeated posture adds only scatter.
+"""
 _TURNED_DEG = 0.02
-"""Way of a joint beyond which it has turned back; less is the flicker of its encoder."""
+"""Motion of a joint beyond which it has reversed. Smaller changes are encoder flicker."""
 _SAME_MM = 30.0
-"""How far a ball is from the first touch of its socket by the nominal arm, at the most: arms err by 10 mm."""
+"""Largest distance of the ball from the first touch of the same socket by the nominal arm: arm errors reach 10 mm."""
 
 Seen = Literal["nothing", "seated", "elsewhere", "same posture"]
-"""What is seen: a touch was taken; the robot stands elsewhere; or it stands as at the touch before."""
+"""Observation: no event, a touch accepted, a position outside the socket, or a repeated posture."""
 
 
 class Touching:
-    """Takes touches of one socket after the other, the same number of each."""
+    """Records the same number of touches for each socket in turn."""
 
     def __init__(self, arm: Arm, sockets: Sequence[str], touches: int) -> None:
-        """arm: with the ball as its tool; touches: of all sockets together."""
+        """arm: arm with the ball as the tool. touches: total number for all sockets."""
         self._arm, self._sockets, self._each = arm, tuple(sockets), -(-touches // len(sockets))
         self._names: list[str] = []
         self._q: list[Array] = []
@@ -311,32 +332,32 @@ class Touching:
 
     @property
     def socket(self) -> str:
-        """The socket that is touched now; empty where all have their touches."""
+        """The current socket; empty after the last touch."""
         done = len(self._names) // self._each
         return self._sockets[done] if done < len(self._sockets) else ""
 
     @property
     def number(self) -> int:
-        """Which touch of the socket comes next, from 1."""
+        """Number of the next touch at this socket, from 1."""
         return len(self._names) % self._each + 1
 
     @property
     def each(self) -> int:
-        """How many touches a socket has."""
+        """Number of touches per socket."""
         return self._each
 
     @property
     def count(self) -> int:
-        """How many touches there are."""
+        """Number of recorded touches."""
         return len(self._names)
 
     @property
     def table(self) -> TouchTable:
-        """The touches so far; there must be one."""
+        """The touches recorded; at least one is required."""
         return TouchTable(np.array(self._names), np.radians(self._q), np.radians(self._came))
 
     def feed(self, t_s: float, joints_deg: Sequence[float] | Array) -> Seen:
-        """Take in where the joints (axes,) are, in degrees, at a time in s, and return what is seen, each once."""
+        """Process the joint angles (axes,) in degrees at a time in s and return each observation once."""
         q = np.asarray(joints_deg, dtype=float)
         if self._sides is None:
             self._sides, self._stands_at, self._since_s = _Sides(q), q, t_s
@@ -360,7 +381,7 @@ class Touching:
 
 
 class _Sides:
-    """From where each joint came in its last move in one direction, in degrees."""
+    """Start angle in degrees of the last motion of each joint in a constant direction."""
 
     def __init__(self, q: Array) -> None:
         self.from_deg = q.copy()
@@ -368,7 +389,7 @@ class _Sides:
         self._way = np.zeros(len(q))
 
     def feed(self, q: Array) -> None:
-        """Take in the angles (axes,) of the joints, in degrees."""
+        """Process the joint angles (axes,) in degrees."""
         back = (q - self._furthest) * np.where(self._way == 0, -np.sign(q - self._furthest), self._way)
         turned = back < -_TURNED_DEG
         self.from_deg = np.where(turned, self._furthest, self.from_deg)

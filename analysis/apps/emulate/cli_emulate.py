@@ -1,5 +1,7 @@
-"""Without hardware: `rig emulate` serves a cell to try everything on, `rig replay` says again to the real daemon what a
-cell once said, and `rig simulate` writes what the gauges would read.
+"""Commands that need no hardware.
+
+`rig emulate` serves an emulated cell, `rig replay` plays a captured cell to the real daemon, and `rig simulate` writes
+simulated runs.
 """
 
 from __future__ import annotations

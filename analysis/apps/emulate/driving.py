@@ -1,12 +1,12 @@
-"""Emulated controller of a maker, with its model of the arm and enterable parameters; and the joint motion of a
-program, with the speeds and accelerations it states.
+"""Emulated controller of a maker, with a kinematic model and enterable parameters, and the joint motion of a program.
 
-A controller has its own joint zeros and computes poses with its own constants. Both start as in the rig file; entered
-corrections change them, so the same program leads to different positions. Names and units are those of the makers, and
-each maker's driver defines the meaning of a reading.
+A controller has separate joint zeros and computes poses with its model of the arm. Both initially equal the rig file;
+entered corrections change them, so the same program leads to different positions. Names and units are those of the
+maker, and the driver of each maker defines the meaning of a reading.
 
-Moves without stops in between are driven as one chain, each part at its own speed; corner rounding within the zone of
-the language is not emulated. Joint moves are interpolated in joint space, paths in pose space from the present posture.
+Consecutive moves are driven as a chain up to the next stop, each part at the programmed speed and acceleration. Corner
+rounding within the zone of the language is not emulated. Joint moves are interpolated in joint space, paths in pose
+space from the current posture.
 """
 
 from __future__ import annotations
@@ -48,8 +48,11 @@ _SAME_SIZE = 1e-3
 
 @dataclass(frozen=True)
 class Controller:
-    """State of a controller: arm, its kinematic model; reads_more (6,) rad: joint readings relative to the original
-    ones at the same position."""
+    """State of a controller.
+
+    arm: kinematic model of the controller. reads_more (6,): change of the joint readings in rad at an unchanged
+    position.
+    """
 
     maker: MakerName
     arm: Arm
@@ -57,22 +60,25 @@ class Controller:
 
     @classmethod
     def of_rig(cls, rig: Rig, maker: MakerName) -> Controller:
-        """Return the controller of a rig's arm without entries; the effects are unknown to it."""
+        """Return the unmodified controller of a rig, which does not know the effects of the arm."""
         return cls(maker, arm_of(rig.robot), np.zeros(6))
 
     def flange(self, q: Array) -> tuple[Array, Array]:
-        """Return rotation (3, 3) and position (3,) mm of the flange in the robot's base, at joint angles q (6,) rad."""
+        """Return the rotation (3, 3) and position (3,) in mm of the flange in the robot base.
+
+        q (6,): joint angles in rad.
+        """
         T = forward(self.with_tool(np.eye(4)), q[None])[0]
         return T[:3, :3], T[:3, 3]
 
     def with_tool(self, T_flange_tool: Array) -> Arm:
-        """Return the arm as modelled by the controller, in its base, with a tool frame (4, 4) in mm."""
+        """Return the arm as modelled by the controller, in the base of the robot, with a tool frame (4, 4) in mm."""
         return replace(self.arm, T_world_base=np.eye(4), T_flange_tool=T_flange_tool)
 
     def entered(self, corrections: Any, where: str) -> Controller:
         """Return the controller after entering the parameters of `rig correct` (corrections.yaml or JSON).
 
-        Raises FileError for invalid content, a different maker, or unknown parameters.
+        Raises FileError for invalid content, a different maker or unknown parameters.
         """
         section = corrections.get("controller") if isinstance(corrections, Mapping) else None
         entries = section.get("entries") if isinstance(section, Mapping) else None
@@ -113,7 +119,7 @@ class Controller:
             change *= np.sign(stands)
         changes = np.zeros(6)
         changes[axis - 1] = change
-        if parameter.field == "offset":  # of the displayed angle, which some arms count in the opposite direction
+        if parameter.field == "offset":  # of the displayed angle, counted in the opposite direction by some arms
             changes = self.arm.coupling @ changes
         if parameter.field == "reading":
             return replace(self, reads_more=self.reads_more + changes)
@@ -125,8 +131,10 @@ _KEYS = ("parameter", "add", "unit", "now")
 
 
 _ARC_RAD, _LINE_MM, _TURN_RAD, _JOINT_RAD = np.radians([0.1, 1.0, 0.2, 0.5]) * [1, np.degrees(1), 1, 1]
-"""Largest steps between two poses: on a circle of 70 mm linear joint interpolation deviates by 0.03 µm, on a line by
-less; joint moves are linear anyway."""
+"""Largest steps between two poses.
+
+On a circle of 70 mm linear joint interpolation deviates by 0.03 µm, on a line by less; joint moves are linear anyway.
+"""
 _MM_S2 = 500.0
 """Default acceleration of the tool. Chosen: moderate, as near a gauge."""
 _RAD_S = 1.0
@@ -134,19 +142,19 @@ _RAD_S = 1.0
 _TO_SPEED_S = 0.3
 """Default acceleration time of a joint move. Chosen."""
 _MM_PER_RAD = 500.0
-"""Length equivalent of tool rotation: the size of an arm."""
+"""Length equivalent of a rotation of the tool: the size of an arm."""
 _MOST_SAMPLES = 3_000_000
-"""Limit of samples; a program of an hour has a tenth of it."""
+"""Maximum number of samples. A program of an hour has a tenth of it."""
 _STANDS = 1e-6
-"""A smaller step in mm or rad is not a move, because of rounding in programs."""
+"""Steps below this size in mm or rad are not moves but rounding in programs."""
 
 
 @dataclass(frozen=True)
 class Driven:
-    """Joint motion of a program: times t_s (n,) s and commanded angles q (n, 6) rad.
+    """Joint motion of a program: times t_s (n,) in s and commanded angles q (n, 6) in rad.
 
-    holds_s: waits for the operator. outputs: switching times of digital outputs. registers: times and values of output
-    registers.
+    holds_s: times of waiting for the operator. outputs: switching times of digital outputs. registers: times and values
+    of output registers.
     """
 
     t_s: Array
@@ -159,9 +167,9 @@ class Driven:
 def drive(controller: Controller, events: Sequence[Event], near: Array, where: str) -> Driven:
     """Return the joint motion for the events of a program.
 
-    The arm starts at the first position, in the posture closest to `near` (6,) rad if only a pose is given. Raises
-    FileError, including PathError, for impossible motions; `where` names the program. Raises ProgramError for a program
-    without moves.
+    The arm starts at the first position, in the posture closest to `near` (6,) in rad if only a pose is given. `where`
+    names the program in errors. Raises FileError, including PathError, for impossible motions, and ProgramError for a
+    program that contains no moves.
     """
     driver = _Driver(controller, near, where)
     for event in events:
@@ -213,7 +221,7 @@ class _Driver:
         return Driven(t_s, q, tuple(self.holds_s), tuple(self.outputs), tuple(self.registers))
 
     def add(self, seconds: Array, q: Array) -> None:
-        """Append a motion through joint angles q (n, 6) rad at increasing relative times (n,) s."""
+        """Append a motion through joint angles q (n, 6) in rad at increasing relative times (n,) in s."""
         self.samples += len(q)
         if self.samples > _MOST_SAMPLES:
             raise ProgramError("it is longer than an emulated robot drives")
@@ -260,8 +268,10 @@ class _Driver:
 
 
 def _part(move: Straight | Round) -> tuple[Array, Array, Array, Array]:
-    """Return the poses (n, 4, 4) of a move without its start, and per step its size (n,) in mm including rotation,
-    speed and acceleration."""
+    """Return the poses (n, 4, 4) of a move except the start pose, and for each step the limits.
+
+    The limits are the size (n,) in mm including rotation, the speed and the acceleration.
+    """
     step_rad = _ARC_RAD if isinstance(move, Round) else _TURN_RAD
     count = max(3, int(np.ceil(max(move.turned_rad / step_rad, move.length_mm / _LINE_MM))))
     if count > _MOST_SAMPLES:
@@ -276,7 +286,7 @@ def _part(move: Straight | Round) -> tuple[Array, Array, Array, Array]:
 
 
 def _joint_time(arm: Arm, begin: Array, end: Array, speed: Speed) -> tuple[float, float]:
-    """Return the duration of a joint move at full speed, s, and its acceleration in moves per second²."""
+    """Return the duration of a joint move at full speed in s, and the acceleration in moves per second²."""
     way = np.abs(end - begin)
     seconds = float((way / arm.speed).max()) / (speed.share or 1.0)
     if speed.axis_rad_s:
@@ -291,9 +301,9 @@ def _joint_time(arm: Arm, begin: Array, end: Array, speed: Speed) -> tuple[float
 
 
 def _times(way: Array, speeds: Array, accelerations: Array) -> Array:
-    """Return times (n,) s at increasing positions way (n,) of the fastest motion from rest to rest.
+    """Return the times (n,) in s at increasing positions way (n,) of the fastest motion from rest to rest.
 
-    speeds, accelerations (n - 1,): limits per step.
+    speeds, accelerations (n - 1,): limits for each step.
     """
     # Between two positions v² changes by at most 2 a ds, so the maximum speed is the minimum over all limits.
     gained = np.concatenate([[0.0], np.cumsum(2 * accelerations * np.diff(way))])
@@ -306,7 +316,7 @@ def _times(way: Array, speeds: Array, accelerations: Array) -> Array:
 
 
 def _standing(arm: Arm, pose: Pose, near: Array) -> Array:
-    """Return joint angles (6,) rad at a pose in its stated posture, closest to `near` among the remaining ones."""
+    """Return the joint angles (6,) in rad at a pose in the specified posture, preferring those closest to `near`."""
     solutions = inverse(arm, _frame(pose)[None])
     allowed, _ = within_limits(arm, solutions.q[solutions.found])
     if not len(allowed):
@@ -319,8 +329,10 @@ def _standing(arm: Arm, pose: Pose, near: Array) -> Array:
 
 
 def _posture(q: Array, stated: Posture) -> Posture:
-    """Return the posture at joint angles q (6,) rad, in the notation of `stated`: whether axes 4, 6 and 1 exceed
-    180°."""
+    """Return the posture at joint angles q (6,) in rad in the notation of `stated`.
+
+    The notation states whether axes 4, 6 and 1 exceed 180°.
+    """
     beyond = tuple(int(not -np.pi < q[axis] <= np.pi) for axis in (3, 5, 0))
     return Posture(bool(q[4] > 0), beyond if len(stated.counts) == len(beyond) else stated.counts)
 
@@ -331,7 +343,7 @@ def _frame(pose: Pose) -> Array:
 
 
 def _frames(places: Array, turns: Rotation) -> Array:
-    """Return frames (n, 4, 4) in mm for positions (n, 3) mm and orientations."""
+    """Return frames (n, 4, 4) in mm for positions (n, 3) in mm and orientations."""
     T = np.tile(np.eye(4), (len(places), 1, 1))
     T[:, :3, :3], T[:, :3, 3] = turns.as_matrix().reshape(-1, 3, 3), places
     return T

@@ -1,9 +1,9 @@
 """Pendant of an emulated controller: selects programs and enters parameters.
 
-The controller commands joint angles from its model of the arm; the arm with its hidden effects moves to the true
-position, where the gauges read the true ball distance.
+The controller commands joint angles from a model of the arm. The arm with the hidden effects moves to the true
+position, at which the gauges read the true distance to the ball.
 
-Programs are found by name; the file suffix determines the maker, whose driver executes the program.
+Programs are found by name. The file suffix determines the maker, and the driver of this maker executes the program.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ from rigs.schema.vocabulary import CIRCLES, DrivenTest, MakerName, maker_of, mak
 from rigs.yaml_text import read_yaml
 
 _SHORTEST = 8
-"""A name shortened to the limit of a controller is longer: it contains test and direction."""
+"""Minimum length of a name shortened to the limit of a controller: it contains test and direction."""
 
 
 def interpret(name: MakerName, texts: Mapping[str, str], machine: Machine) -> None:
-    """Execute a program given as texts by file name. Raises ProgramError if it is refused."""
+    """Execute a program given as texts by file name. Raises ProgramError if the program is refused."""
     maker = maker_by(name)
     text = next(text for file, text in texts.items() if Path(file).suffix.lower() in maker.files.suffixes)
     data = [text for file, text in texts.items() if Path(file).suffix.lower() == maker.files.data]
@@ -45,7 +45,7 @@ def interpret(name: MakerName, texts: Mapping[str, str], machine: Machine) -> No
 
 
 def _path_of(directory: Path, name: str) -> Path:
-    """Return the program file for a name with or without suffix, as printed by `rig program`, or for a path.
+    """Return the program file for a name as printed by `rig program`, optionally with suffix, or for a path.
 
     Raises FileError for none or several.
     """
@@ -78,7 +78,7 @@ def _plain(name: str) -> str:
 
 
 def _names(path: Path) -> tuple[str, ...]:
-    """Return the names of a program: its file name, and the name in its text."""
+    """Return the names of a program: the file name and the name in the text."""
     name, maker = _plain(path.stem), maker_of_file(path)
     return (name, name.removesuffix(maker.files.ending)) if maker and maker.files.ending else (name,)
 
@@ -87,23 +87,26 @@ _TESTS: tuple[DrivenTest, ...] = get_args(DrivenTest)
 
 
 class Pendant:
-    """Controller executing the programs of a directory on the arm of a rig, without knowing its effects."""
+    """Controller that executes the programs of a directory on the arm of a rig.
+
+    It does not know the effects of the arm.
+    """
 
     def __init__(self, rig: Rig, programs: Path, maker: MakerName | None = None) -> None:
         self._rig, self._programs = rig, programs
         self._maker = maker or maker_of(rig.feedback.interface)
         self.controller: Controller | None = None
-        """Controller after entries; None without entries."""
+        """Controller with entered parameters; None before any entry."""
 
     def trace(self, name: str) -> Trace:
-        """Return the robot's motion and gauge readings for a program, given by file or program name.
+        """Return the motion of the robot and the gauge readings for a program, given by file or program name.
 
         Raises FileError for a missing, unreadable or impossible program.
         """
         path = _path_of(self._programs, name.strip())
         maker, texts = program_texts(path)
         controller = self._of(maker.name, str(path))
-        # The file name tells for which test the gauges are mounted.
+        # The file name indicates the test for which the gauges are mounted.
         words = re.split(r"[^a-z]+", path.stem.lower())
         tests = [candidate for candidate in _TESTS if candidate in words]
         if len(tests) != 1:
@@ -125,10 +128,10 @@ class Pendant:
         return Trace(driven.t_s, np.empty(0), driven.q, g_mm, signals=signals, holds_s=driven.holds_s)
 
     def enter(self, path: Path) -> tuple[int, Array]:
-        """Enter the parameters of a `rig correct` file; return their number, and the change of the joint readings at
-        rest (6,) rad.
+        """Enter the parameters of a `rig correct` file.
 
-        Raises FileError for an invalid file or a different controller, without entering anything.
+        Return the number of parameters, and the change (6,) in rad of the joint readings at rest. Raises FileError for
+        an invalid file or a different controller; nothing is entered in this case.
         """
         try:
             _, corrections = read_yaml(read_text(path, MOST_BYTES), str(path))
@@ -141,8 +144,10 @@ class Pendant:
         return len(corrections["controller"]["entries"]), self.controller.reads_more - before.reads_more
 
     def _of(self, maker: MakerName | None, where: str) -> Controller:
-        """Return the controller; by default its maker is that of the first program or entries. Raises FileError for
-        a different maker."""
+        """Return the controller.
+
+        The first program or entry determines the maker. Raises FileError for a different maker.
+        """
         self._maker = self._maker or maker
         if self._maker is None:
             raise FileError(where, "does not say for which controller it is", "give --for")
@@ -152,8 +157,10 @@ class Pendant:
         return self.controller or Controller.of_rig(self._rig, self._maker)
 
     def _signals(self, driven: Driven) -> tuple[tuple[float, float], ...]:
-        """Return the times and numbers shown by the robot: of the outputs, in order of first switching or as in the rig
-        file, or of the register."""
+        """Return the times and numbers signalled by the robot.
+
+        They come from the outputs, in order of first switching or as in the rig file, or from the register.
+        """
         place = signal_of_outputs(self._rig.feedback)
         if place and place.int_register is not None:
             return tuple((t_s, float(value)) for t_s, at, value in driven.registers if at == place.int_register)

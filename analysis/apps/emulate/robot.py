@@ -1,13 +1,12 @@
-"""Robot of an emulated cell: stands, executes programs on command, and can be paused and stopped; with motor currents
-and joint temperatures.
+"""Robot of an emulated cell. It executes programs on command, can be paused and stopped, and has motor currents and
+joint temperatures.
 
-Between programs it moves to the next start instantly, for which a person would remove the link.
+Between programs it jumps to the next start instantly. In reality the operator would remove the link for this move.
 
-A motor carries gravity and joint friction: Coulomb friction and a part increasing with speed, both lower in a warm
-joint
-because of thinner grease. A joint is heated by the losses of its motor winding, and cools to room temperature. The
-sizes
-belong to no particular make: for arms of about 20 kg, chosen so that joints warm by some degrees in half an hour.
+A motor carries gravity and joint friction. Friction consists of Coulomb friction and a part that increases with speed.
+Both are lower in a warm joint because of thinner grease. The losses of the motor winding heat a joint, and it cools to
+room temperature. The parameters do not describe a particular make: they suit arms of about 20 kg and are chosen for
+a warm-up of some degrees in half an hour.
 """
 
 from __future__ import annotations
@@ -51,9 +50,9 @@ from rigs.schema.vocabulary import CIRCLES, CircleTest, Direction, DrivenTest
 
 ROOM_C = 22.0
 _TORQUE_NM_A = np.array([12.0, 12.0, 10.0, 8.0, 8.0, 8.0])
-"""Joint torque per current: gear times motor."""
+"""Joint torque per current: gear ratio times torque constant of the motor."""
 COULOMB_NM = np.array([9.0, 9.0, 6.0, 2.4, 2.4, 2.4])
-"""At room temperature."""
+"""Coulomb friction at room temperature."""
 _VISCOUS_NMS = np.array([12.0, 12.0, 8.0, 3.0, 3.0, 3.0])
 _THINNER_PER_C = 0.008
 """Relative decrease of friction per degree."""
@@ -63,12 +62,12 @@ _WARMING_S = 1500.0
 _HOLDS_C = 4.0
 """Temperature rise caused by the joint electronics."""
 _CREEP_RAD_S = 1e-4
-"""Speed of the smooth zero crossing of friction."""
+"""Speed scale of the smooth zero crossing of friction."""
 
 
 @dataclass
 class Motors:
-    """Motors of six joints. warm_c (6,): joint temperatures at last_ns of the host's clock."""
+    """Motors of six joints. warm_c (6,): joint temperatures at last_ns of the host clock."""
 
     warm_c: Array = field(default_factory=lambda: np.full(6, ROOM_C + _HOLDS_C))
     last_ns: int | None = None
@@ -76,7 +75,7 @@ class Motors:
     def shown(self, now_ns: int, torque_nm: Array, speed_rad_s: Array) -> tuple[Array, Array]:
         """Return the currents (6,) in A and temperatures (6,) in °C.
 
-        speed_rad_s (6,): joint speeds. torque_nm (6,): gravity torques, opposed by the motors.
+        speed_rad_s (6,): joint speeds. torque_nm (6,): gravity torques, balanced by the motors.
         """
         friction = COULOMB_NM * np.tanh(speed_rad_s / _CREEP_RAD_S) + _VISCOUS_NMS * speed_rad_s
         friction *= 1 - _THINNER_PER_C * (self.warm_c - ROOM_C)
@@ -95,24 +94,25 @@ def friction_current_a(axis: int, warm_c: float) -> float:
 
 
 _DWELL_S = 1.5
-"""Stop at each target; a program for real gauges waits longer."""
+"""Pause at each target. A program for real gauges waits longer."""
 _STAND_S = 1.0
-"""Standstill at the start, as a program waits for its controller."""
+"""Standstill at the start, where a program waits for the controller."""
 
 
 _RAMP_S = 0.3
-"""Time for stopping on the path, and for regaining speed. Chosen."""
+"""Time for stopping on the path and for accelerating again. Chosen."""
 _LOOK_S = 0.02
 """Polling interval for the end of a program."""
 State = Literal["drives", "waits", "paused", "stopped", "done"]
-"""State of a program: waits means for the operator, as programmed; done and stopped are final."""
+"""State of a program. waits: for the operator, as programmed. done, stopped: final states."""
 
 
 @dataclass(frozen=True)
 class Trace:
-    """One noise-free program run. t_s (n,); phi (n,) rad, empty off the circle; q (n, 6) rad reported; g_mm (n, k).
+    """A noise-free program run.
 
-    signals: start times, s, and displayed numbers. holds_s: waits for the operator.
+    t_s (n,): times in s. phi (n,): circle angles in rad; empty off the circle. q (n, 6): reported angles in rad. g_mm
+    (n, k): gauge readings. signals: start times in s and displayed numbers. holds_s: times of waiting for the operator.
     """
 
     t_s: Array
@@ -124,13 +124,16 @@ class Trace:
 
     @property
     def end_s(self) -> float:
-        """Duration of the program, s, without waits for the operator."""
+        """Duration of the program in s, excluding waits for the operator."""
         return float(self.t_s[-1])
 
 
 @dataclass(frozen=True)
 class _Pace:
-    """Passing of program time: from begin_s at begin_ns, with the rate changing linearly from `rate` to `wanted`."""
+    """Course of the program time, starting from begin_s at begin_ns.
+
+    The rate changes linearly from `rate` to `wanted`.
+    """
 
     begin_ns: int
     begin_s: float
@@ -138,7 +141,7 @@ class _Pace:
     wanted: float
 
     def at(self, now_ns: int) -> tuple[float, float]:
-        """Return the program time, s, and its rate."""
+        """Return the program time in s and the current rate."""
         since_s = max(0.0, (now_ns - self.begin_ns) / 1e9)
         ramp_s = _RAMP_S * abs(self.wanted - self.rate)
         if since_s >= ramp_s:
@@ -148,26 +151,31 @@ class _Pace:
 
 
 def trace(rig: Rig, direction: Direction, test: CircleTest = "yaw") -> Trace:
-    """Return the circle of a rig with the effects of its file. Raises FileError if it cannot be driven."""
+    """Simulate the circle of a rig with the effects of the rig file.
+
+    Raises FileError if the robot cannot drive it.
+    """
     program = circle_program(rig, direction)
     return Trace(program.t_s, program.phi, program.q, _readings_along(rig, test, program.t_s, program.q))
 
 
 def target_trace(rig: Rig, test: Literal["radial", "repeatability"]) -> Trace:
-    """Return a program stopping at the targets of the rig's hemisphere. Raises FileError if one is out of reach."""
+    """Simulate a program that stops at the targets of the hemisphere. Raises FileError if a target is out of reach."""
     t_s, q = stops(radial_stops(rig) if test == "radial" else repeatability_stops(rig), dwell_s=_DWELL_S)
     return Trace(t_s, np.empty(0), q, trace_along(rig, test, t_s, q))
 
 
 def trace_along(rig: Rig, test: DrivenTest, t_s: Array, q: Array) -> Array:
-    """Return noise-free gauge readings (n, k) mm along reported angles q (n, 6) rad at t_s (n,) s, with gauges
-    mounted for a test."""
+    """Return noise-free gauge readings (n, k) in mm along reported angles q (n, 6) in rad at t_s (n,) in s.
+
+    test: test for which the gauges are mounted.
+    """
     g_mm = _readings_along(rig, test, t_s, q)
     return g_mm if test in CIRCLES else np.repeat(g_mm, len(list(rig.gauges)), axis=1) - link_excess_mm(rig)
 
 
 def _readings_along(rig: Rig, test: DrivenTest, t_s: Array, q: Array) -> Array:
-    """Return noise-free readings (n, k) mm at all times t_s (n,) of a motion q (n, 6)."""
+    """Return noise-free readings (n, k) in mm at all times t_s (n,) of a motion q (n, 6)."""
     model = model_of(rig)
     if test in CIRCLES:
         circle = CircleTable(test, "acw", t_s, q, np.empty((0, 2)))
@@ -178,15 +186,18 @@ def _readings_along(rig: Rig, test: DrivenTest, t_s: Array, q: Array) -> Array:
 
 
 PROGRAMS = ("acw", "cw", "roll acw", "roll cw", "radial", "repeatability")
-"""Program names; acw and cw alone mean the yaw circle. The robot's signal is the program number, counted from 1."""
+"""Program names. acw and cw denote the yaw circle. The signal of the robot is the program number, counted from 1."""
 
 
 class EmulatedRobot:
-    """Readings of gauges and controller at any time; thread-safe."""
+    """Readings of gauges and controller at any time. Thread-safe."""
 
     @classmethod
     def of_rig(cls, rig: Rig, seed: int) -> EmulatedRobot:
-        """Simulate the programs of both directions, noise-free. Raises FileError if the circle cannot be driven."""
+        """Simulate the programs of both directions, noise-free.
+
+        Raises FileError if the robot cannot drive the circle.
+        """
         return cls(rig, {"acw": trace(rig, "acw"), "cw": trace(rig, "cw")}, seed)
 
     def __init__(self, rig: Rig, traces: dict[Direction, Trace], seed: int) -> None:
@@ -202,20 +213,20 @@ class EmulatedRobot:
         """Times at which the program waits for the operator."""
         self._stopped = False
         self._signal_before = 0.0
-        """Signal before the present program switched any output."""
+        """Signal before the current program switched any output."""
         self._shown: dict[str, float] = {}
         """Condition values set by the operator."""
         self._motors = Motors() if {*CURRENTS, *TEMPERATURES} & {*condition_columns(rig.feedback)} else None
         self._torque_nm: Array | None = None
-        """Gravity torques (n, 6) along the trace, once requested."""
+        """Gravity torques (n, 6) along the trace, computed on first use."""
         self.finished = clock.Event()
         """Set at standstill."""
         self.finished.set()
 
     def gauge_mm(self, name: str, now_ns: int) -> float:
-        """Return a reading with noise of the stated accuracy and the errors of the certificate.
+        """Return a reading with noise of the specified accuracy and the errors of the certificate.
 
-        A gauge not used by a test touches a fixed object: it shows 0 with noise.
+        A gauge not used by a test touches a fixed object and reads 0 with noise.
         """
         if further := self._further.get(name):
             with self._lock:
@@ -235,14 +246,14 @@ class EmulatedRobot:
             return joints
 
     def signal(self, now_ns: int) -> float:
-        """Return the number of the running program, 0 for none, unless one was stopped early."""
+        """Return the number of the running program; 0 if none is running, unless a program was stopped early."""
         with self._lock:
             at_s = self._program_s(now_ns)[0]
             shown = [number for since_s, number in self._trace.signals if since_s <= at_s] if self._pace else []
             return shown[-1] if shown else self._signal_before
 
     def condition(self, now_ns: int) -> dict[str, float]:
-        """Return deviations from the condition of an undisturbed robot."""
+        """Return the values that deviate from the condition of an undisturbed robot."""
         states = {"drives": ProgramState.RUNNING, "waits": ProgramState.PAUSED, "paused": ProgramState.PAUSED}
         state = states.get(self.state(now_ns), ProgramState.STOPPED)
         of_motors: dict[str, float] = {}
@@ -283,9 +294,9 @@ class EmulatedRobot:
         self._shown = {**self._shown, column: shown}
 
     def start(self, program: str) -> float:
-        """Start a program of `PROGRAMS`; return its duration in seconds.
+        """Start a program of `PROGRAMS` and return the duration in seconds.
 
-        Raises FileError for an unknown name, or a program this rig cannot drive.
+        Raises FileError for an unknown name, or for a program that this rig cannot drive.
         """
         match program:
             case "acw" | "cw":
@@ -300,7 +311,7 @@ class EmulatedRobot:
         return self.play(replace(driven, signals=((-_STAND_S, number), (driven.end_s, 0.0))))
 
     def play(self, trace: Trace) -> float:
-        """Start a trace immediately from its start; return its duration in seconds without waits for the operator."""
+        """Start a trace from the beginning and return the duration in seconds, excluding waits for the operator."""
         now_ns = clock.now_ns()
         before = self.signal(now_ns)
         with self._lock:
@@ -313,15 +324,18 @@ class EmulatedRobot:
         return _STAND_S + trace.end_s
 
     def stop(self) -> bool:
-        """Stop the program: the arm stops on its path, outputs are unchanged. Return whether a program was running."""
+        """Stop the program: the arm stops on the path, and outputs do not change.
+
+        Return whether a program was running.
+        """
         return self._at_rate(0.0, ("drives", "waits", "paused"), stops=True)
 
     def pause(self) -> bool:
-        """Pause the program: the arm stops on its path. Return whether a program was moving."""
+        """Pause the program: the arm stops on the path. Return whether a program was moving."""
         return self._at_rate(0.0, ("drives",))
 
     def go_on(self) -> bool:
-        """Continue a paused or waiting program. Return whether there was one."""
+        """Continue a paused or waiting program. Return whether such a program existed."""
         now_ns = clock.now_ns()
         if self.state(now_ns) != "waits":
             return self._at_rate(1.0, ("paused",))
@@ -331,12 +345,12 @@ class EmulatedRobot:
         return True
 
     def reads_more(self, more_rad: Array) -> None:
-        """Change the joint readings at rest by (6,) rad: a zero was entered at the controller."""
+        """Change the joint readings (6,) at rest, in rad: a zero was entered at the controller."""
         with self._lock:
             self._trace = replace(self._trace, q=self._trace.q + more_rad)
 
     def _at_rate(self, new_rate: float, states: Sequence[State], *, stops: bool = False) -> bool:
-        """Change the rate of program time if the program is in one of these states."""
+        """Change the rate of the program time if the program is in one of these states. Return whether it is."""
         now_ns = clock.now_ns()
         state = self.state(now_ns)
         if state not in states:
@@ -348,13 +362,13 @@ class EmulatedRobot:
         return True
 
     def _watch(self) -> None:
-        """Wait for the end of the program, and set `finished`."""
+        """Wait for the end of the program and set `finished`."""
         while self.state(clock.now_ns()) not in ("done", "stopped"):
             clock.sleep(_LOOK_S)
         self.finished.set()
 
     def _program_s(self, now_ns: int) -> tuple[float, float]:
-        """Return the program time, s, and its rate; the caller holds the lock."""
+        """Return the program time in s and the current rate. The caller must hold the lock."""
         if self._pace is None:
             return -_STAND_S, 0.0
         at_s, rate = self._pace.at(now_ns)
@@ -370,16 +384,16 @@ class EmulatedRobot:
 
 
 def truth(rig: Rig, traces: dict[Direction, Trace]) -> dict[str, Any]:
-    """Return the results of an ideal measurement of the emulated robot, and its hidden errors.
+    """Return the results of an ideal measurement of the emulated robot, and the hidden errors.
 
     The figures follow from the noise-free trace by definition, independent of daemon, wire and alignment. The
-    eccentricity is that of the ball relative to the circle actually driven, slightly different from the hidden one
-    because of backlash.
+    eccentricity is the offset of the ball from the circle actually driven. Because of backlash it differs slightly from
+    the hidden value.
     """
     start = np.radians(circle_of(rig).start_deg)
     figures = {}
     for direction, trace in traces.items():
-        # The first lap: returns pass the same angles with backlash on the opposite side.
+        # Only the first lap: a return passes the same angles on the opposite side of the backlash.
         ahead = SENSE[direction] * (trace.phi - start)
         lap = slice(int(np.argmax(ahead >= 0)), int(np.argmax(ahead >= 2 * np.pi)))
         y = link_angle(trace.g_mm[lap, 0], trace.g_mm[lap, 1], rig.gauges.baseline_mm)
@@ -392,13 +406,13 @@ def truth(rig: Rig, traces: dict[Direction, Trace]) -> dict[str, Any]:
 
 
 RIG, TRUTH = "rig.yaml", "truth.json"
-"""Files of an emulated cell: its rig file, and the ideal results."""
+"""Files of an emulated cell: the rig file and the ideal results."""
 
 
 def write_cell_files(directory: Path, rig: Rig, robot: EmulatedRobot, text: str) -> Path:
-    """Write the files of an emulated cell to a directory, replacing earlier ones; return the rig file.
+    """Write the files of an emulated cell to a directory, replacing earlier files. Return the rig file.
 
-    text: rig file for its daemon. Raises FileError if they cannot be written.
+    text: rig file for the daemon. Raises FileError if the files cannot be written.
     """
     path = directory / RIG
     try:

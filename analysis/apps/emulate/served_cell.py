@@ -1,11 +1,11 @@
-"""Emulated or replayed cell in a directory: create and lock it, and serve it until a signal or its end.
+"""Directory of an emulated or replayed cell: create and lock it, and serve the cell until a signal or the end.
 
-The directory contains the rig file for a daemon, and either the ideal results or the marks of a replay, which identify
-it.
+The directory contains the rig file for a daemon and either the ideal results or the marks of a replay. These files
+identify the directory as a cell.
 
-Lines typed at `rig emulate` are commands: start or stop a program, or change the robot; each answer is an event. stop,
-pause, go on and show act immediately. Other commands (a program, entering parameters, the end) wait for the running
-program, so that lines can be typed ahead or piped.
+Lines typed at `rig emulate` are commands that start or stop a program or change the robot. Each response is an event.
+The commands stop, pause, go on and show act immediately. All others (a program, entering parameters, the end) wait for
+the running program, so lines can be typed ahead or piped.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from rigs.schema.vocabulary import MakerName
 from rigs.signals import end_from
 
 _LOOK_S = 0.02
-"""Polling interval of a program's state."""
+"""Polling interval for the state of a program."""
 _SAID: dict[State, str] = {
     "waits": "waits for a person; type go on",
     "paused": "paused",
@@ -45,8 +45,10 @@ _SAID: dict[State, str] = {
 
 @dataclass(frozen=True)
 class CellEvent:
-    """Event of an emulated cell. event: kind. name: port, program, file or column, or the refused line. text:
-    description."""
+    """Event of an emulated cell.
+
+    event: kind of event. name: port, program, file or column, or the refused line. text: description.
+    """
 
     event: Literal["port", "ready", "driving", "entered", "shows", "refused", "sent", State]
     name: str
@@ -67,9 +69,9 @@ class CellEvent:
 
 
 class Keyboard:
-    """Keyboard of an emulated cell; end: called with the exit code at the end.
+    """Keyboard of an emulated cell.
 
-    report: called with each event that answers a command.
+    end: called with the exit code at the end. report: called with each event that responds to a command.
     """
 
     def __init__(
@@ -84,8 +86,7 @@ class Keyboard:
         self._some_wait = clock.Event()
 
     def read(self, *, has_person: bool) -> None:
-        """Start reading standard input. has_person: whether the cell ends with the input; otherwise it serves until
-        a signal."""
+        """Start reading standard input. has_person: end with the input; otherwise serve until a signal."""
         threading.Thread(target=self._read, args=(has_person,), daemon=True).start()
 
     def start(self) -> None:
@@ -93,7 +94,7 @@ class Keyboard:
         clock.Thread(target=self._begin_in_turn, name="keyboard", daemon=True).start()
 
     def take(self, line: str) -> None:
-        """Accept a line; immediate commands are executed."""
+        """Accept a line. Immediate commands are executed at once."""
         word, _, _ = line.partition(" ")
         if word in ("stop", "pause", "show") or line == "go on":
             self._try(self._at_once, line)
@@ -147,7 +148,7 @@ class Keyboard:
         else:
             name, seconds = line, self._robot.start(line)
         self._report(CellEvent("driving", name, f"{name}: driving, {seconds:.1f} s"))
-        # Report each state change of the program until it is over.
+        # Report each state of the program until it is finished.
         before: State = "drives"
         while before not in ("done", "stopped"):
             if (state := self._robot.state(clock.now_ns())) != before:
@@ -168,13 +169,16 @@ class Keyboard:
 
 
 MARKS = "out-of-step.txt"
-"""File next to the rig file of a replayed cell."""
+"""File of timing deviations next to the rig file of a replayed cell."""
 ENDED, INTERRUPTED = 0, 130
 """Exit codes after SIGTERM or a keyboard command, and after Ctrl-C."""
 
 
 def locked_cell(directory: Path) -> InstanceLock:
-    """Create and lock the directory of a cell. Raises FileError if it cannot be created, CellError if it is in use."""
+    """Create and lock the directory of a cell.
+
+    Raises FileError if it cannot be created, and CellError if it is in use.
+    """
     try:
         directory.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -183,7 +187,10 @@ def locked_cell(directory: Path) -> InstanceLock:
 
 
 def rig_file_of_cell(directory: Path) -> Path:
-    """Return the path for a cell's rig file, replacing an earlier one. Raises FileError for a foreign rig file."""
+    """Return the path for the rig file of a cell, possibly an earlier one.
+
+    Raises FileError if the existing rig file does not belong to a cell.
+    """
     path = directory / RIG
     if path.exists() and not any((directory / file).exists() for file in (TRUTH, MARKS)):
         raise FileError(str(path), "exists already, and is not of an emulated cell", "give another --output")
@@ -191,9 +198,9 @@ def rig_file_of_cell(directory: Path) -> Path:
 
 
 def serve(cell: Cell, lock: InstanceLock, attend: Callable[[SimpleQueue[int]], int]) -> tuple[int, dict[str, int]]:
-    """Serve a cell for the duration of `attend`, called with the queue of signal exit codes.
+    """Serve a cell for the duration of `attend`, which receives the queue of signal exit codes.
 
-    Returns its exit code, and the number of readings sent by each instrument. The lock is released.
+    Return the exit code, and the number of readings sent by each instrument. The lock is released.
     """
     ends: SimpleQueue[int] = SimpleQueue()
     signal.signal(signal.SIGTERM, lambda *_: ends.put(ENDED))
@@ -209,10 +216,10 @@ def serve(cell: Cell, lock: InstanceLock, attend: Callable[[SimpleQueue[int]], i
 
 @dataclass(frozen=True)
 class EmulatedCell:
-    """Cell to be emulated.
+    """Configuration of an emulated cell.
 
-    Rig file; hidden effects of the arm (a file or a shipped rig; None for those of the rig file); directory of programs
-    and their maker; noise seed.
+    rig_file: rig file. effects: file or shipped rig with the hidden effects; None for the effects of the rig file.
+    programs, maker: directory of programs and the maker of the controller. seed: seed of the noise.
     """
 
     rig_file: str
@@ -222,7 +229,7 @@ class EmulatedCell:
     seed: int
 
     def serve(self, directory: Path, report: Callable[[CellEvent], None], *, has_person: bool) -> int:
-        """Write the files of the cell to a directory, and serve it until the end; return the exit code.
+        """Write the files of the cell to a directory and serve it until the end. Return the exit code.
 
         report: called with each event. Raises RigError on failure.
         """

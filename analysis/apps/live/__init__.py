@@ -1,2 +1,4 @@
-"""The live view of `rig live`: a pure model with pure drawing; only `terminal`, `loop` and `daemon_source` touch the
-system."""
+"""Live view of `rig live`: a pure model and pure drawing.
+
+Only `terminal`, `loop` and `daemon_source` access the system.
+"""

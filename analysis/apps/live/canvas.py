@@ -1,10 +1,10 @@
-"""Grid of character cells with exactly the size of the terminal; drawing outside is clipped.
+"""Grid of character cells with the exact size of the terminal. Drawing outside of it is clipped.
 
-Text is sanitised by `rigs.text` here. A wide character takes two cells; zero-width characters are dropped.
+Text is sanitised by `rigs.text`. A wide character takes two cells; zero-width characters are dropped.
 
-Finer drawing uses two by four braille dots per cell. Colours are pairs of the sixteen terminal colours that
-colour-blind users can distinguish. Numbers readable from a distance are drawn with half-block cells, in multiples of a
-small size.
+Braille patterns provide two by four dots per cell for finer drawing. Colours are pairs of the sixteen terminal colours
+that colour-blind users can distinguish. Large numbers, readable from a distance, consist of half-block cells in
+multiples of a small size.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from analysis.robot.kinematics.arm import Array, Mask
 from rigs.text import plain
 
 _Cell = tuple[str, str]
-"""Character and style; the second cell of a wide character is empty."""
+"""Character and style. The second cell of a wide character is empty."""
 
 
 class Canvas:
-    """Rows of cells, a rich renderable."""
+    """Rows of cells that rich can render."""
 
     def __init__(self, width: int, height: int) -> None:
         self.width, self.height = width, height
@@ -52,7 +52,7 @@ class Canvas:
         return self._cells[row][column][0]
 
     def put(self, row: int, column: int, character: str, style: str) -> None:
-        """Set the cells of a character; partially covered wide characters become spaces."""
+        """Set the cells of a character. Partially covered wide characters become spaces."""
         cells = self._cells[row]
         width = get_character_cell_size(character)
         for place in range(column, min(column + width, self.width)):
@@ -66,13 +66,13 @@ class Canvas:
             cells[column + 1] = ("", style)
 
     def dim(self, row: int, column: int) -> None:
-        """Make a cell dim, without colour."""
+        """Make a cell dim and remove the colour."""
         self._cells[row][column] = (self.at(row, column), "dim")
 
 
 @dataclass(frozen=True)
 class Area:
-    """Rectangle of a canvas with its own coordinates."""
+    """Rectangle of a canvas with relative coordinates."""
 
     canvas: Canvas
     top: int
@@ -81,7 +81,7 @@ class Area:
     height: int
 
     def put(self, row: int, column: int, text: str, style: str = "") -> int:
-        """Write text from a cell on, clipped; return the column after it."""
+        """Write clipped text from a cell on and return the next column."""
         for character in plain(text):
             size = get_character_cell_size(character)
             if size and 0 <= row < self.height and column >= 0 and column + size <= self.width:
@@ -90,13 +90,13 @@ class Area:
         return column
 
     def dim(self) -> None:
-        """Make the existing content dim, without colour."""
+        """Make the existing content dim and remove the colours."""
         for row in range(self.height):
             for column in range(self.width):
                 self.canvas.dim(self.top + row, self.left + column)
 
     def part(self, top: int, left: int, width: int, height: int) -> Area:
-        """Return a rectangle within this one, clipped."""
+        """Return a clipped rectangle within this area."""
         top, left = min(max(top, 0), self.height), min(max(left, 0), self.width)
         width, height = max(0, min(width, self.width - left)), max(0, min(height, self.height - top))
         return Area(self.canvas, self.top + top, self.left + left, width, height)
@@ -114,18 +114,21 @@ class Area:
 
 _BRAILLE = 0x2800
 _BITS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]])
-"""Bits of the dots of a cell, row by row (Unicode 4.0, chapter 14.9)."""
+"""Bits of the dots in a cell, row by row (Unicode 4.0, chapter 14.9)."""
 
 
 class Dots:
-    """Dots over an area: x to the right and y downwards, from 0 to width_dots and height_dots."""
+    """Dots over an area. x increases to the right from 0 to width_dots, y downwards from 0 to height_dots."""
 
     def __init__(self, area: Area) -> None:
         self._area = area
         self.width_dots, self.height_dots = 2 * area.width, 4 * area.height
 
     def polyline(self, x: Array, y: Array, style: str, every: int = 1) -> None:
-        """Draw a line through points (n,) in dots; every: dot spacing, which distinguishes lines without colours."""
+        """Draw a line through points (n,) in dots.
+
+        every: spacing of the dots, which distinguishes lines of equal colour.
+        """
         if len(x) < 2:
             return
         steps = np.maximum(np.abs(np.diff(x)), np.abs(np.diff(y)))
@@ -134,7 +137,7 @@ class Dots:
         self.points(np.interp(at, along, x)[::every], np.interp(at, along, y)[::every], style)
 
     def points(self, x: Array, y: Array, style: str) -> None:
-        """Draw points (n,), in the unit of each axis, as dots over the existing content; drop points outside."""
+        """Draw points (n,), in the unit of each axis, as dots over the existing content. Points outside are dropped."""
         if not self.width_dots or not self.height_dots:
             return
         finite = np.isfinite(x) & np.isfinite(y)
@@ -157,7 +160,7 @@ ACW_COLOUR, CW_COLOUR = "bright_green", "bright_magenta"
 
 
 def direction_colour(sense: float) -> str:
-    """Return the colour of a direction: sense 1 for acw, -1 for cw, 0 if unknown."""
+    """Return the colour of a direction. sense: 1 for acw, -1 for cw, 0 if unknown."""
     return {1: ACW_COLOUR, -1: CW_COLOUR}.get(int(sense), "")
 
 
@@ -192,7 +195,7 @@ def height_of(scale: int) -> int:
 
 
 def put_large(area: Area, row: int, column: int, text: str, scale: int, style: str) -> None:
-    """Draw a number of digits, sign, point and spaces with its upper left corner at a cell."""
+    """Draw a number with the upper left corner at a cell. It may contain digits, a sign, a point and spaces."""
     for character in text:
         shape = _SHAPES[character]
         pixels = [line for line in shape for _ in range(scale)]

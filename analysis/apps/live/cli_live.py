@@ -1,6 +1,6 @@
-"""The live cell: `rig live` shows what the daemon reads on the screen, ten times a second, or a run, played.
+"""`rig live` displays the readings of the daemon ten times a second, or plays a recorded run.
 
-A process of its own, since a screen that renders in the daemon would delay its readers by milliseconds.
+It is a separate process, because rendering in the daemon would delay the readers by milliseconds.
 """
 
 from __future__ import annotations

@@ -17,7 +17,7 @@ _LONGEST_PROMPT = 200
 
 @dataclass(frozen=True)
 class Units:
-    """Unit of length; decimals: of a reading, down to 0.1 µm."""
+    """Unit of length. decimals: decimals of a reading, with a resolution of up to 0.1 µm."""
 
     name: str
     per_mm: float
@@ -65,19 +65,19 @@ class Quit:
 
 @dataclass(frozen=True)
 class Start:
-    """Start a recording. zero_mm: zero offsets of the view, None without."""
+    """Start a recording. zero_mm: zero offsets of the view; None if not set."""
 
     label: Label
     zero_mm: tuple[float, float] | None = None
 
     def request(self) -> dict[str, object]:
-        """Return the request to the daemon."""
+        """Return the request for the daemon."""
         return {**self.label.fields(), **({"view_zero_mm": self.zero_mm} if self.zero_mm else {})}
 
 
 @dataclass(frozen=True)
 class Stop:
-    """End the recording."""
+    """Stop the recording."""
 
 
 @dataclass(frozen=True)
@@ -87,17 +87,17 @@ class Restart:
 
 @dataclass(frozen=True)
 class Redraw:
-    """Redraw everything."""
+    """Redraw the entire screen."""
 
 
 @dataclass(frozen=True)
 class Pause:
-    """Pause or continue a played run."""
+    """Pause or continue the playback."""
 
 
 @dataclass(frozen=True)
 class Speed:
-    """Multiply the playing speed."""
+    """Multiply the playback speed."""
 
     factor: float
 
@@ -118,7 +118,7 @@ _ACTIONS: dict[str, Action] = {
 class Controls:
     """State of the controls.
 
-    zero_mm: zero offset of each gauge. prompt: partially typed label, None if not typing. starts: whether a recording
+    zero_mm: zero offset of each gauge. prompt: partially typed label; None if not typing. starts: whether a recording
     starts after the input.
     """
 
@@ -154,8 +154,8 @@ class Controls:
     def told(self, notice: str, before: LiveView, view: LiveView) -> Controls:
         """Return the controls with a notice as the message.
 
-        Without a notice, a message is dropped once the daemon has gone or returned, or a recording has started or
-        ended, because it is then out of date.
+        If there is no notice, an outdated message is dropped: when the daemon disappears or returns, or a recording
+        starts or stops.
         """
         if notice:
             return replace(self, message=notice)
@@ -182,7 +182,7 @@ class Controls:
 
 
 def label_of(text: str) -> tuple[Label | None, str]:
-    """Parse a typed label; return None and the problem if invalid. The daemon checks the name."""
+    """Parse a typed label. Return None and the problem if it is invalid. The daemon checks the name."""
     words = text.split()
     if not 2 <= len(words) <= 3 or words[1] not in _TESTS:
         return None, f"{_LABEL}; tests: {', '.join(_TESTS)}"

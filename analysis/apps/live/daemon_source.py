@@ -1,8 +1,8 @@
-"""Poll a running daemon ten times a second in a thread, so that keys and screen never wait; or collect joint angles
+"""Poll a running daemon ten times a second in a thread, so that keys and screen never wait. Also collect joint angles
 until Ctrl-C while the operator jogs or guides the robot.
 
-After a loss the daemon is polled until it returns. Only the daemon talks to the robot, and polling costs its readers
-little: answers are bounded (`daq.service.daemon`), and the full status is requested only twice a second.
+A lost daemon is polled until it returns. Only the daemon talks to the robot, and polling hardly affects the readers:
+responses are limited in size (`daq.service.daemon`), and the full status is requested only twice a second.
 """
 
 from __future__ import annotations
@@ -29,15 +29,18 @@ from rigs.schema.vocabulary import FURTHER
 _ASK_S, _STATE_S = 0.1, 0.5
 _RETRY_S = 0.5
 _MOST_WAITING = 100
-"""Updates kept for a blocked screen."""
+"""Maximum number of queued updates while the screen is blocked."""
 _JOINTS = [f"q{axis}_deg" for axis in range(1, 7)]
 
 
 class Asking:
-    """Connection to a daemon with its data: answers in, updates out."""
+    """Connection to a daemon that converts responses to updates."""
 
     def __init__(self, client: Client, rig_lines: list[str] | None = None, signs: Sequence[int] = (1, 1)) -> None:
-        """Create a poller. rig_lines: rig file of the previous connection, reused if equal. signs: of its gauges."""
+        """Create a poller.
+
+        rig_lines: rig file of the previous connection, reused if equal. signs: signs of the gauges.
+        """
         self._client, self.rig_lines, self.signs = client, rig_lines, signs
         self._after: dict[str, int] = {}
         self._joiner: Joiner = NO_TRACKS
@@ -47,7 +50,7 @@ class Asking:
         self._state_due_s = 0.0
 
     def update(self, now_s: float) -> Update:
-        """Poll, and return the new data. Raises CellError if the daemon does not answer."""
+        """Poll and return the new data. Raises CellError if the daemon does not respond."""
         answer = self._client.ask("samples", after=self._after, rig=not self._knows_rig)
         self._after = {name: stream["newest"] for name, stream in answer["streams"].items()}
         cell, notice = None, ""
@@ -68,7 +71,7 @@ class Asking:
             for name, track in self._joiner.tracks.items()
             if name in GAUGES
         }
-        # For additional gauges the last reading is shown; rows do not wait for them.
+        # Additional gauges show the last reading; rows do not wait for them.
         for stream in answer["streams"].values():
             for place, column in enumerate(stream["columns"], start=1):
                 name = column.removesuffix("_mm")
@@ -80,10 +83,10 @@ class Asking:
 
 
 class DaemonSource:
-    """Daemon at a socket, or at the socket returned by a function; it may disappear and return."""
+    """A daemon at a socket. It may disappear and return."""
 
     def __init__(self, socket: Path | Callable[[], Path]) -> None:
-        """Create a source. socket: its path; a function raises CellError while there is none."""
+        """Create a source. socket: path of the socket, or a function that returns it or raises CellError."""
         self._find = socket if callable(socket) else lambda: socket
         self._updates: SimpleQueue[Update] = SimpleQueue()
         self._ended = threading.Event()
@@ -91,7 +94,7 @@ class DaemonSource:
         self._heard_s = time.monotonic()
 
     def __enter__(self) -> DaemonSource:
-        """Start polling. Raises CellError if no daemon answers now."""
+        """Start polling. Raises CellError if the daemon does not respond now."""
         with Client(self._find()):
             pass
         return self.begun()
@@ -100,7 +103,7 @@ class DaemonSource:
         self.end()
 
     def begun(self) -> DaemonSource:
-        """Start polling, even before a daemon answers."""
+        """Start polling, even before the daemon responds."""
         self._thread.start()
         return self
 
@@ -109,7 +112,7 @@ class DaemonSource:
         self._ended.set()
 
     def updates(self) -> list[Update]:
-        """Return the data since the last call; after some silent seconds, a report of the silence."""
+        """Return the data since the last call. After some seconds of silence, report it."""
         updates: list[Update] = []
         with suppress(Empty):
             while True:
@@ -122,7 +125,7 @@ class DaemonSource:
         return updates
 
     def request(self, command: str, fields: Mapping[str, Any], notice_of: Callable[[dict[str, Any]], str]) -> None:
-        """Send a user request; the answer or error becomes a notice."""
+        """Send a user request. The response or error becomes a notice."""
 
         def ask() -> None:
             try:
@@ -142,7 +145,7 @@ class DaemonSource:
                 with Client(self._find()) as client:
                     asking = Asking(client, rig_lines, signs)
                     while not self._ended.wait(_ASK_S):
-                        if self._updates.qsize() > _MOST_WAITING:  # the terminal is blocked: paused by Ctrl-S
+                        if self._updates.qsize() > _MOST_WAITING:  # the terminal is blocked, for example by Ctrl-S
                             continue
                         self._updates.put(asking.update(time.monotonic()))
                         rig_lines, signs = asking.rig_lines, asking.signs
@@ -154,7 +157,7 @@ class DaemonSource:
 
 
 def tracks_of(streams: Mapping[str, Any], signs: Sequence[int] = (1, 1)) -> dict[str, Track]:
-    """Return the samples of a `samples` answer by instrument, in mm and rad.
+    """Return the samples of a `samples` response by instrument, in mm and rad.
 
     signs: signs that make the gauge readings increase with the distance from the ball.
     """
@@ -182,9 +185,9 @@ _SILENT_DAEMON_S = 5.0
 
 
 def watched_motion(client: Client, where: str, show: Callable[[RobotMotion], None]) -> RobotMotion:
-    """Record the robot's motion until Ctrl-C; show: called every two seconds with the present data.
+    """Record the motion of the robot until Ctrl-C. show: called every two seconds with the data.
 
-    Raises CellError if the daemon disappears, or the robot sends no joints.
+    Raises CellError if the daemon disappears or the robot sends no joint angles.
     """
     times: list[Array] = []
     angles: list[Array] = []

@@ -1,7 +1,7 @@
-"""Curve panels in braille dots: the error around the circle and over its angle, and gauge readings over time.
+"""Curve panels in braille dots: the error around the circle and over the circle angle, and gauge readings over time.
 
-The circle is seen against its normal, phi = 0 to the right and increasing anticlockwise, as in docs/conventions.md; the
-magnified error grows around it during the lap, acw and cw superimposed.
+The view of the circle is against the normal. phi = 0 is on the right and increases anticlockwise, as in
+docs/conventions.md. The magnified error grows around the circle during the lap, with acw and cw superimposed.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from analysis.apps.live.view import LiveView
 from analysis.robot.kinematics.arm import Array
 
 _MIDDLE, _REACH = 0.66, 0.3
-"""Radius of the nominal circle and largest error, relative to half the panel."""
+"""Radius of the nominal circle and largest error, relative to half of the panel."""
 _OUTSIDE = 1.1
 """Position of reversal marks, relative to the largest error."""
 _INSIDE = 0.3
 """Position of the lap start mark."""
 _MARKS = 24
-"""Number of reversal marks: the last ones of about two laps."""
+"""Number of reversal marks: the most recent, from about two laps."""
 _SCALES = (1.0, 2.0, 5.0)
 _SMALLEST = 1e-4
 """Smallest scale, in degrees or mm: the resolution of a gauge."""
@@ -44,7 +44,7 @@ def unit_of(view: LiveView, controls: Controls) -> tuple[str, float]:
 
 
 def draw_circle(area: Area, view: LiveView, controls: Controls, curves: tuple[ErrorCurve, ErrorCurve]) -> None:
-    """Draw the circle with errors, the tool position, and the joint reversals."""
+    """Draw the circle with the errors, the tool position and the joint reversals."""
     if view.cell is None or view.cell.frame is None:
         area.put(area.height // 2, 1, "no circle test" if view.cell else "no rig file yet", "dim")
         return
@@ -83,7 +83,7 @@ def draw_circle(area: Area, view: LiveView, controls: Controls, curves: tuple[Er
 
 
 def _legend(view: LiveView, controls: Controls, curves: tuple[ErrorCurve, ErrorCurve], scale: float) -> list[str]:
-    """Return error bands and scale, as far as the centre of the circle has room."""
+    """Return the error bands and the scale, as far as they fit into the circle."""
     unit, factor = unit_of(view, controls)
     words = []
     for name, curve in zip(("acw", "cw"), curves, strict=True):
@@ -96,15 +96,15 @@ def _legend(view: LiveView, controls: Controls, curves: tuple[ErrorCurve, ErrorC
 
 
 _LABEL = 15
-"""Columns at the left for the scale."""
+"""Number of columns reserved for the scale."""
 _SECONDS_A_COLUMN = 0.25
 _LEAST_MM = 0.001
-"""Smallest span of a trace: below it, only the last digits of a gauge flicker."""
+"""Smallest span of a trace. Below it only the last digits of a gauge flicker."""
 _QUARTERS = 4
 
 
 def draw_trace(area: Area, view: LiveView, controls: Controls) -> None:
-    """Draw the readings of the last seconds, each gauge relative to its mean, on a common scale."""
+    """Draw the readings of the last seconds. Each gauge is relative to the mean, on a common scale."""
     plot = area.part(0, _LABEL, area.width - _LABEL, area.height)
     seconds = max(5.0, plot.width * _SECONDS_A_COLUMN)
     recent, units = view.since(seconds), controls.units
@@ -120,7 +120,7 @@ def draw_trace(area: Area, view: LiveView, controls: Controls) -> None:
     x = dots.width_dots - 1 - (recent.t_s[-1] - recent.t_s) / seconds * dots.width_dots
     for k, line in lines.items():
         y = (dots.height_dots - 1) * (0.5 - 0.48 * line / reach_mm)
-        # sections of a line (n,) without nan
+        # sections of a line (n,) that contain no NaN
         finite = np.concatenate([[False], np.isfinite(line), [False]])
         begins, ends = np.flatnonzero(finite[1:] & ~finite[:-1]), np.flatnonzero(finite[:-1] & ~finite[1:])
         for begin, end in zip(begins.tolist(), ends.tolist(), strict=True):
@@ -128,7 +128,7 @@ def draw_trace(area: Area, view: LiveView, controls: Controls) -> None:
 
 
 def draw_straight(area: Area, view: LiveView, controls: Controls, curves: tuple[ErrorCurve, ErrorCurve]) -> None:
-    """Draw the errors acw and cw over the circle angle, on the scale of the circle."""
+    """Draw the errors acw and cw over the circle angle on the scale of the circle."""
     unit, factor = unit_of(view, controls)
     scale = scale_of(curves)
     words = "error over φ"

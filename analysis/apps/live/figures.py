@@ -1,4 +1,4 @@
-"""Present figures of a view as plain values, and as a line for `--json` and `--plain`."""
+"""Current figures of a view as plain values, and as a line for `--json` and `--plain`."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from analysis.robot.geometry.circle import link_angle
 from rigs.schema.vocabulary import CIRCLES
 
 OLD_S = 2.0
-"""An older reading is marked: a frozen number must not look alive."""
+"""Age from which a reading is marked as old: a frozen number must not look live."""
 
 
 def angle_deg(view: LiveView, zero_mm: tuple[float, float] = (0.0, 0.0)) -> float | None:
-    """Return the angle between link and tool from the last readings and zeros; None if unavailable."""
+    """Return the angle between link and tool from the last readings and zeros; None if it is unavailable."""
     if view.cell is None or not view.cell.has_angle or not {"g1", "g2"} <= view.readings.keys():
         return None
     g1, g2 = (np.array(view.readings[name].mm - zero) for name, zero in zip(("g1", "g2"), zero_mm, strict=True))
@@ -27,17 +27,17 @@ def angle_deg(view: LiveView, zero_mm: tuple[float, float] = (0.0, 0.0)) -> floa
 
 
 def angle_name(view: LiveView) -> str:
-    """Return the name of the angle: yaw or roll while such a test is recorded or played."""
+    """Return the name of the angle: yaw or roll during such a test."""
     return view.test if view.test in CIRCLES else "angle"
 
 
 def phi_deg(view: LiveView) -> float | None:
-    """Return the present circle angle; None off the circle."""
+    """Return the current circle angle; None if the tool is off the circle."""
     return None if not len(view.phi) or math.isnan(view.phi[-1]) else math.degrees(view.phi[-1])
 
 
 def lap_share(view: LiveView) -> float | None:
-    """Return the completed share of the present lap; None without motion along the circle."""
+    """Return the completed share of the current lap; None if there is no motion along the circle."""
     return None if view.cell is None else view.lap.share(view.cell.start_rad, view.cell.lead_rad)
 
 
@@ -45,8 +45,8 @@ def lap_share(view: LiveView) -> float | None:
 class LapState:
     """Position in the laps.
 
-    place: `lap` and `lead_in` have a lap number, from 1, and the completed share; `stands`: on the circle without
-    motion; `off`: not on the circle.
+    place: `lap` and `lead_in` come with the lap number, from 1, and the completed share. `stands`: at rest on the
+    circle. `off`: not on the circle.
     """
 
     place: Literal["no_circle", "off", "stands", "way_back", "lead_in", "lap", "lead_out"]
@@ -90,7 +90,7 @@ def shown_curves(view: LiveView) -> tuple[ErrorCurve, ErrorCurve]:
 
 
 def figures(view: LiveView) -> dict[str, Any]:
-    """Return the present figures; None if unavailable."""
+    """Return the current figures; None for unavailable figures."""
     state, gauges = view.state, {}
     for k, name in enumerate(("g1", "g2")):
         if name in view.readings:
@@ -134,7 +134,7 @@ def figures(view: LiveView) -> dict[str, Any]:
 
 
 def plain_line(view: LiveView, units: Units, zero_mm: tuple[float, float] = (0.0, 0.0)) -> str:
-    """Return the present figures as a line for a screen reader or log, relative to the zeros of both gauges in mm."""
+    """Format the current figures for a screen reader or log, relative to the zeros of both gauges in mm."""
     if view.lost:
         return view.lost
     parts = [f"at {view.played.at_s:.1f} s"] if view.played else []

@@ -20,13 +20,13 @@ from analysis.apps.live.figures import OLD_S, angle_deg, angle_name, lap_state, 
 from analysis.apps.live.view import LiveView
 
 _STEADY_MM_S = 0.0005
-"""A slower trend is shown as steady: the noise of a 0.5 µm gauge over two seconds."""
+"""Trend below which a reading is steady: the noise of a 0.5 µm gauge over two seconds."""
 _LARGEST_SCALE = 4
 _ANGLE_TEXT = "-00.0000"
 
 
 def scale_for(view: LiveView, controls: Controls, width: int) -> int:
-    """Return the largest scale with room for both gauges; at least 1."""
+    """Return the largest scale at which both gauges fit; at least 1."""
     text = max((_text(view, controls, k, _widest(view, controls, k)) for k in range(2)), key=len)
     text = "".join("0" if character.isdigit() else character for character in text)
     fits = [scale for scale in range(1, _LARGEST_SCALE + 1) if width_of(text, scale) <= width - 2]
@@ -34,12 +34,12 @@ def scale_for(view: LiveView, controls: Controls, width: int) -> int:
 
 
 def gauge_rows(scale: int) -> int:
-    """Return the rows of a gauge panel."""
+    """Return the number of rows of a gauge panel."""
     return height_of(scale) + 2
 
 
 def draw_gauge(area: Area, view: LiveView, controls: Controls, k: int, scale: int) -> None:
-    """Draw gauge k: name, unit, zero and trend; reading; range."""
+    """Draw the panel of gauge k: name, unit, zero and trend; reading; range."""
     name, units = f"g{k + 1}", controls.units
     column = area.put(0, 1, name, f"bold {GAUGE_COLOURS[k]}")
     column = area.put(0, column, f" {units.name}")
@@ -55,7 +55,7 @@ def draw_gauge(area: Area, view: LiveView, controls: Controls, k: int, scale: in
         area.put(0, column + 2, f"{reading.age_s:.0f} s old", "yellow")
     elif not math.isnan(slope := float(view.trends_mm_s[k])):
         sign = 0 if abs(slope) < _STEADY_MM_S else int(math.copysign(1, slope))
-        # Two decimals less than a reading: a slope over two seconds is no more accurate.
+        # Two decimals fewer than a reading: a slope over two seconds is not more accurate.
         rate = f" {slope * units.per_mm:+.{max(0, units.decimals - 1)}f}/s" if sign else " steady"
         area.put(0, column + 2, {1: "▲", -1: "▼", 0: "■"}[sign] + rate, "" if sign else "dim")
     shown = _text(view, controls, k, reading.mm)
@@ -67,7 +67,7 @@ def draw_gauge(area: Area, view: LiveView, controls: Controls, k: int, scale: in
 
 
 def draw_angle(area: Area, view: LiveView, controls: Controls, scale: int) -> None:
-    """Draw the present yaw or roll in large figures, with circle angle and lap below."""
+    """Draw the current yaw or roll in large figures, with circle angle and lap below."""
     degrees = angle_deg(view, controls.zero_mm)
     column = area.put(0, 1, angle_name(view), f"bold {ANGLE_COLOUR}")
     area.put(0, column, " °" if degrees is not None else " needs two gauges", "" if degrees is not None else "dim")
@@ -78,7 +78,7 @@ def draw_angle(area: Area, view: LiveView, controls: Controls, scale: int) -> No
 
 
 def draw_lap(area: Area, view: LiveView) -> None:
-    """Draw the circle angle and lap progress in a row, or the reason for their absence."""
+    """Draw the circle angle and the progress of the lap in a row, or the reason for not showing them."""
     phi, lap = phi_deg(view), lap_state(view)
     if view.cell is None or lap.place == "no_circle":
         area.put(0, 1, "no circle test in the rig file" if view.cell else "", "dim")
@@ -105,7 +105,7 @@ def draw_lap(area: Area, view: LiveView) -> None:
 
 
 def _text(view: LiveView, controls: Controls, k: int, mm: float) -> str:
-    """Format a reading with the width of the largest one so far, so that the figures do not jump."""
+    """Format a reading with the width of the largest previous reading, which keeps the figures in place."""
     units = controls.units
     widest = f"{-abs(_widest(view, controls, k) - controls.zero_mm[k]) * units.per_mm:.{units.decimals}f}"
     return f"{(mm - controls.zero_mm[k]) * units.per_mm:{len(widest)}.{units.decimals}f}"

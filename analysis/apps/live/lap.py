@@ -1,16 +1,16 @@
-"""A lap in progress: sense of motion, completed share, number of laps, joint reversals, and the growing error curve.
+"""Lap in progress: sense of motion, completed share, number of laps, joint reversals and the growing error curve.
 
-A lap begins at the start angle, after the lead-in, as in `analysis.runs.laps`. The sense is known 2° after the start of
-a motion or a reversal, more than the noise of any feedback.
+A lap starts at the start angle after the lead-in, as in `analysis.runs.laps`. The sense is known 2° after the start of
+a motion or a reversal. This is more than the noise of any feedback.
 
-Few wrists have two spare turns, so a robot returns after a lap before the next one. A motion back over a whole lap,
-without leaving the circle, is this return and not a lap in the opposite direction.
+Few wrists have two spare turns, so a robot returns after a lap before the next lap. A motion back over a complete lap
+on the circle is this return, not a lap in the opposite direction.
 
-Joint reversals follow the rule of `analysis.procedures.circle.joint_reversals`, row by row.
+Joint reversals follow the rule of `analysis.procedures.circle.joint_reversals`, applied row by row.
 
-There is an error curve per direction, over 720 circle angles: the angle (or the distance, for a single gauge) without
-its least-squares sine, as in `analysis.procedures.circle.evaluate`. During a lap the sine is fitted to the existing
-data; below half a lap it would absorb the error, so only the mean is removed.
+Each direction has an error curve over 720 circle angles: the angle (or the distance, for a single gauge) minus a
+least-squares sine, as in `analysis.procedures.circle.evaluate`. During a lap the sine is fitted to the existing data.
+Below half a lap it would absorb the error, so only the mean is removed.
 """
 
 from __future__ import annotations
@@ -30,21 +30,19 @@ from analysis.runs.noise.spectrum import NODES
 
 _TURNS_BACK_RAD = math.radians(2.0)
 _EARLY_RAD = math.radians(20.0)
-"""Permitted start of a program before its lead-in, as in `analysis.runs.laps`."""
+"""Allowed start of a program before the lead-in, as in `analysis.runs.laps`."""
 _TURN = 2 * math.pi
 _WHOLE_RAD = _TURN - math.radians(2.0)
-"""A lap of this length counts as complete: the last row may be missing."""
+"""Minimum angle of a complete lap: the last row may be missing."""
 
 
 @dataclass(frozen=True)
 class LapProgress:
     """Progress of the laps.
 
-    phi_rad: unwrapped circle angle of the last row, nan off the circle. sense: 1 acw, -1 cw, 0 unknown. extreme_rad:
-    furthest
-    angle in this sense. from_rad: start of the motion in this sense. acw, cw: completed laps. forward: sense of the
-    first whole
-    lap since the tool reached the circle, 0 before, and origin_rad: its start.
+    phi_rad: unwrapped circle angle of the last row; nan off the circle. sense: 1 acw, -1 cw, 0 unknown. extreme_rad:
+    furthest angle in this sense. from_rad: start of the motion in this sense. acw, cw: completed laps. forward: sense
+    of the first complete lap since the tool reached the circle; 0 before. origin_rad: start of this lap.
     """
 
     phi_rad: float = math.nan
@@ -58,15 +56,15 @@ class LapProgress:
 
     @property
     def goes_back(self) -> bool:
-        """Whether the tool returns along its laps."""
+        """True if the tool returns along the path of the laps."""
         unwinds = self.forward != 0 and self.sense == -self.forward
         return unwinds and self.forward * (self.phi_rad - self.origin_rad) > 0
 
     def after(self, phi: Array, start_rad: float, lead_rad: float) -> tuple[LapProgress, Array, Array]:
-        """Return the progress after rows at circle angles phi (n,) rad, the sense (n,), and the completed share (n,) of
-        the lap.
+        """Process rows at circle angles phi (n,) in rad.
 
-        The share is nan without motion along the circle.
+        Return the progress, the sense (n,) and the completed share (n,) of the lap. The share is nan if there is no
+        motion along the circle.
         """
         state, senses, shares = self, [], []
         for angle in phi.tolist():
@@ -77,15 +75,15 @@ class LapProgress:
         return state, np.array(senses, dtype=float), np.array(shares)
 
     def share(self, start_rad: float, lead_rad: float) -> float | None:
-        """Return the completed share of the present lap, below 0 in the lead-in and above 1 after the lap.
+        """Return the completed share of the current lap, below 0 in the lead-in and above 1 after the lap.
 
-        None without motion along the circle, or during a return.
+        None during a return, or if there is no motion along the circle.
         """
         if self.sense == 0 or math.isnan(self.phi_rad) or self.goes_back:
             return None
         ahead = self.sense * (self.phi_rad - start_rad)
         begun = self.sense * (self._begun_rad - start_rad)
-        # A motion begins at the lead-in, or anywhere in the lap if the view was started late.
+        # A motion starts at the lead-in, or anywhere in the lap if the view was started late.
         return (ahead - _TURN * math.floor((begun + lead_rad + _EARLY_RAD) / _TURN)) / _TURN
 
     def _moved(self, phi: float) -> LapProgress:
@@ -105,11 +103,11 @@ class LapProgress:
 
     @property
     def _begun_rad(self) -> float:
-        """Start of a lap in the present sense: the start of the motion, or the end of the return."""
+        """Return the start of a lap in the current sense: the start of the motion, or the end of the return."""
         return self.origin_rad if self.forward and self.sense == -self.forward else self.from_rad
 
     def counted(self) -> LapProgress:
-        """Return the progress including the whole laps of the motion that ends now."""
+        """Return the progress including the complete laps of the motion that ends now."""
         driven_rad = max(0.0, self.sense * (self.extreme_rad - self._begun_rad)) if self.sense else 0.0
         laps = int((driven_rad + _TURN - _WHOLE_RAD) / _TURN)
         counted = replace(self, acw=self.acw + laps * (self.sense > 0), cw=self.cw + laps * (self.sense < 0))
@@ -124,17 +122,17 @@ class LapProgress:
 
 
 _MOVES_RAD_S = float(np.radians(0.05))
-"""A slower joint stands: feedback noise of 0.01° over a third of a second."""
+"""Minimum speed of a moving joint. Chosen: feedback noise of 0.01° over a third of a second."""
 _SPEED_S = 0.35
-"""Time for measuring a speed."""
+"""Time span for measuring a speed."""
 
 
 @dataclass(frozen=True)
 class JointReversal:
     """Reversal of a joint (1 … 6) at t_s.
 
-    phi_rad: circle angle, nan off the circle. upper: from rising to falling. sense: of the lap, 1 acw, -1 cw, 0
-    unknown.
+    phi_rad: circle angle; nan off the circle. upper: True from rising to falling. sense: sense of the lap, 1 acw, -1
+    cw, 0 unknown.
     """
 
     axis: int
@@ -148,8 +146,8 @@ class JointReversal:
 class JointMotion:
     """Motion of the joints.
 
-    sense (6,): 1 rising, -1 falling, 0 unknown; extreme (6,) rad: furthest angle in that sense, with its time
-    extreme_t_s (6,) and circle angle extreme_phi (6,) rad.
+    sense (6,): 1 rising, -1 falling, 0 unknown. extreme (6,): furthest angle in rad in that sense, with the time
+    extreme_t_s (6,) and the circle angle extreme_phi (6,) in rad.
     """
 
     sense: Array = field(default_factory=lambda: np.zeros(6))
@@ -158,7 +156,10 @@ class JointMotion:
     extreme_phi: Array = field(default_factory=lambda: np.full(6, np.nan))
 
     def after(self, rows: Rows, phi: Array, senses: Array) -> tuple[JointMotion, list[JointReversal]]:
-        """Return the motion after rows at circle angles phi (n,) rad, and their reversals. senses (n,): of the lap."""
+        """Process rows at circle angles phi (n,) in rad and lap senses (n,).
+
+        Return the motion and the joint reversals.
+        """
         sense, extreme = self.sense.copy(), self.extreme.copy()
         at_t_s, at_phi = self.extreme_t_s.copy(), self.extreme_phi.copy()
         reversals: list[JointReversal] = []
@@ -181,7 +182,7 @@ class JointMotion:
 
 
 def speeds(rows: Rows) -> Array:
-    """Return the speed (6,) rad/s of each joint over the last rows; nan if unknown."""
+    """Return the speed (6,) of each joint in rad/s over the last rows; nan if unknown."""
     if not len(rows):
         return np.full(6, np.nan)
     recent = rows.taken(slice(int(np.searchsorted(rows.t_s, rows.t_s[-1] - _SPEED_S)) - 1, None))
@@ -192,22 +193,21 @@ def speeds(rows: Rows) -> Array:
 
 
 def moves(speed_rad_s: float) -> int:
-    """Return 1 for a rising joint, -1 for a falling one, 0 for a standing one."""
+    """Return 1 for a rising joint, -1 for a falling joint, 0 for a joint at rest."""
     return 0 if not abs(speed_rad_s) > _MOVES_RAD_S else int(math.copysign(1, speed_rad_s))
 
 
 _WIDEST_RAD = float(np.radians(10.0))
-"""Widest gap to be bridged, as in `rig analyse`."""
+"""Widest gap bridged in a curve, as in `rig analyse`."""
 _HALF = np.pi
 
 
 @dataclass(frozen=True)
 class ErrorCurve:
-    """Error curve: phi (n,) rad in order, and error (n,) in rad or mm.
+    """Error curve: ordered circle angles phi (n,) in rad, and the error (n,) in rad or mm.
 
-    is_whole: covers a whole lap, at the stated resolution. less_sine: whether the sine is removed, otherwise only the
-    mean.
-    band: largest less smallest error, 0 if empty.
+    is_whole: the curve covers a complete lap at the specified resolution. less_sine: the sine is removed; otherwise
+    only the mean. band: largest minus smallest error; 0 if empty.
     """
 
     phi: Array
@@ -222,12 +222,12 @@ NO_CURVE = ErrorCurve(np.empty(0), np.empty(0), False, False, 0.0)
 
 @dataclass(frozen=True)
 class Sweep:
-    """last (NODES,): latest measurement at each circle angle, nan if missing."""
+    """Latest measurement (NODES,) at each circle angle; nan if missing."""
 
     last: Array = field(default_factory=lambda: np.full(NODES, np.nan))
 
     def after(self, phi: Array, values: Array) -> Sweep:
-        """Return the sweep with newer values (n,) at circle angles phi (n,) rad, replacing older ones."""
+        """Return the sweep with newer values (n,) at circle angles phi (n,) in rad, which replace older values."""
         good: Mask = np.isfinite(phi) & np.isfinite(values)
         if not good.any():
             return self
@@ -254,7 +254,7 @@ class Sweep:
 
 
 def pieces(curve: ErrorCurve) -> list[slice]:
-    """Return the sections of a curve without gaps, in order; a section across phi = 0 is split."""
+    """Return the continuous sections of a curve in order. A section across phi = 0 is split."""
     ends = [*(np.flatnonzero(np.diff(curve.phi) > _WIDEST_RAD) + 1).tolist(), len(curve.phi)]
     begins = [0, *ends[:-1]]
     return [slice(begin, end) for begin, end in zip(begins, ends, strict=True) if end - begin > 1]

@@ -1,10 +1,10 @@
-"""Rows of a live view: both gauges and the joints at the times of gauge 1, joined from several streams on arrival; and
-the
-cell according to the rig file: tool position on the circle, and meaning of the gauges.
+"""Rows of a live view: both gauges and the joints at the times of gauge 1, joined from several streams on arrival.
 
-`analysis.runs.align` does the same for a whole run with fitted clocks. Here a sample's time is the arrival of its first
-byte, which is sufficient for watching. The view does not wait for silent streams; their values are nan. Position and
-angle use the functions of `rig analyse`.
+Also the cell of the rig file: the position of the tool on the circle and the meaning of the gauges.
+
+`analysis.runs.align` does the same for a complete run with fitted clocks. Here the time of a sample is the arrival of
+the first byte, which is sufficient for a display. The view does not wait for silent streams; their values are nan.
+Position and angle use the functions of `rig analyse`.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from rigs.schema.gauges import Gauge
 GAUGES = ("g1", "g2")
 ROBOT = "robot"
 _SILENT_S = 1.0
-"""Delay after which a stream is no longer expected; polled instruments answer several times a second."""
+"""Delay after which the view stops waiting for a stream. Polled instruments answer several times a second."""
 _GAP_S = 0.5
-"""No row is made between samples further apart: interpolation across missing data is not a measurement."""
+"""Longest interval for interpolation between samples: values across a longer gap are not measurements."""
 
 
 @dataclass(frozen=True)
 class Rows:
-    """t_s (n,) in order; g_mm (n, 2) and q (n, 6) rad, nan if missing."""
+    """Rows in order of t_s (n,). g_mm (n, 2) and q (n, 6) in rad are nan if missing."""
 
     t_s: Array
     g_mm: Array
@@ -44,7 +44,7 @@ class Rows:
         return Rows(self.t_s[rows], self.g_mm[rows], self.q[rows])
 
     def followed_by(self, newer: Rows, most: int) -> Rows:
-        """Return the last `most` rows including newer ones."""
+        """Return the rows followed by newer rows, limited to the last `most`."""
         if not len(newer):
             return self
         parts = ((self.t_s, newer.t_s), (self.g_mm, newer.g_mm), (self.q, newer.q))
@@ -56,7 +56,7 @@ NO_ROWS = Rows(np.empty(0), np.empty((0, 2)), np.empty((0, 6)))
 
 @dataclass(frozen=True)
 class Track:
-    """Samples of an instrument: t_s (n,) in order, values (n, k) in mm or rad."""
+    """Samples of an instrument: ordered times t_s (n,) and values (n, k) in mm or rad."""
 
     t_s: Array
     values: Array
@@ -64,13 +64,13 @@ class Track:
 
 @dataclass(frozen=True)
 class Joiner:
-    """Samples of each instrument kept until the others have caught up; until_s: time of the last row."""
+    """Samples of each instrument waiting for the other instruments. until_s: time of the last joined row."""
 
     tracks: Mapping[str, Track]
     until_s: float = -np.inf
 
     def joined(self, new: Mapping[str, Track]) -> tuple[Joiner, Rows]:
-        """Return the joiner with new samples, and the rows that are now complete."""
+        """Add new samples. Return the joiner and the completed rows."""
         tracks = {**self.tracks, **new}
         for name, newer in new.items():
             if (track := self.tracks.get(name)) is not None and len(track.t_s):
@@ -90,7 +90,7 @@ class Joiner:
         until_s = float(t_s[-1]) if len(t_s) else self.until_s
         kept = {}
         for name, track in tracks.items():
-            # keep the last sample before the others, needed for interpolation
+            # keep the sample before the others, needed for interpolation
             first = max(0, int(np.searchsorted(track.t_s, ready_s - _SILENT_S)) - 1)
             kept[name] = Track(track.t_s[first:], track.values[first:])
         return replace(self, tracks=kept, until_s=until_s), rows
@@ -100,7 +100,7 @@ NO_TRACKS = Joiner({})
 
 
 def _at(t_s: Array, track: Track | None, count: int) -> Array:
-    """Return values (n, count) at times t_s (n,); nan outside a track and in its gaps."""
+    """Return values (n, count) at times t_s (n,). They are nan outside a track and in gaps."""
     if track is None:
         return np.full((len(t_s), count), np.nan)
     values = np.stack([np.interp(t_s, track.t_s, column) for column in track.values.T], axis=1)
@@ -113,11 +113,11 @@ def _at(t_s: Array, track: Track | None, count: int) -> Array:
 
 @dataclass(frozen=True)
 class Cell:
-    """Cell in the view.
+    """The cell in the view.
 
-    name: of the rig. axes: joint names. baseline_mm: 0 without a second gauge. frame, start_rad, lead_rad, laps: of the
-    circle test, frame None without one. range_mm: of each gauge by its certificate, or None. signs: signs that make the
-    readings increase with the distance from the ball.
+    name: name of the rig. axes: names of the joints. baseline_mm: 0 for a single gauge. frame, start_rad, lead_rad,
+    laps: the circle test; frame is None if there is no circle. range_mm: certified range of each gauge, or None. signs:
+    signs that make the readings increase with the distance from the ball.
     """
 
     name: str
@@ -132,7 +132,7 @@ class Cell:
     signs: tuple[int, ...]
 
     def phi(self, q: Array) -> Array:
-        """Return circle angles (n,) rad, 0 … 2 pi, of joints q (n, 6) rad; nan off the circle."""
+        """Return circle angles (n,) in rad, 0 … 2 pi, of joint angles q (n, 6) in rad; nan off the circle."""
         phi = np.full(len(q), np.nan)
         known_rows = np.isfinite(q).all(axis=1)
         if self.frame is not None and known_rows.any():
@@ -141,13 +141,15 @@ class Cell:
         return phi
 
     def error_source(self, g_mm: Array) -> Array:
-        """Return the values (n,) drawn around the circle for readings (n, 2) mm: angle in rad for two gauges, otherwise
-        distance in mm."""
+        """Return the values (n,) drawn around the circle for readings (n, 2) in mm.
+
+        The values are angles in rad for two gauges, otherwise distances in mm.
+        """
         return link_angle(g_mm[:, 0], g_mm[:, 1], self.baseline_mm) if self.has_angle else g_mm[:, 0]
 
     @property
     def has_angle(self) -> bool:
-        """Whether the rig has two gauges, as needed for an angle."""
+        """True if the rig has two gauges, which an angle requires."""
         return self.baseline_mm != 0
 
 
@@ -169,7 +171,7 @@ def cell_of(rig: Rig) -> Cell:
 
 
 def _range_mm(gauge: Gauge) -> tuple[float, float] | None:
-    """Return the certified range of a gauge, for readings that increase with the distance from the ball."""
+    """Return the certified range of a gauge for readings that increase with the distance from the ball."""
     if gauge.certificate is None or gauge.certificate.valid_mm is None:
         return None
     low, high = sorted(gauge.sign * end for end in gauge.certificate.valid_mm)

@@ -1,4 +1,4 @@
-"""Main loop of `rig live`: data to the view, the view to the terminal, keys to the controls."""
+"""Main loop of `rig live`: moves data to the view, the view to the terminal, and keys to the controls."""
 
 from __future__ import annotations
 
@@ -27,21 +27,21 @@ _LINE_S = 1.0
 
 
 class Source(Protocol):
-    """Source of updates, and target of user actions."""
+    """Source of updates and receiver of user actions."""
 
     def updates(self) -> Sequence[Update]:
         """Return the updates since the last call."""
 
     def done(self, action: Action) -> str:
-        """Execute the action of a key; return a notice."""
+        """Execute the action of a key and return a notice."""
 
     @property
     def ended(self) -> bool:
-        """Whether the data has ended."""
+        """True if the data has ended."""
 
 
 class DaemonPlayer:
-    """Running daemon."""
+    """A running daemon as a source."""
 
     ended = False
 
@@ -53,7 +53,7 @@ class DaemonPlayer:
         return self._source.updates()
 
     def done(self, action: Action) -> str:
-        """Start or end a recording; the answer follows as a notice."""
+        """Start or stop a recording. The response follows as a notice."""
         match action:
             case Start(label):
                 self._source.request("record_start", action.request(), lambda answer: f"recording to {answer['run']}")
@@ -67,7 +67,7 @@ class DaemonPlayer:
 
 
 class RunPlayer:
-    """Recorded runs played in real time, one after the other."""
+    """Recorded runs played in real time, in sequence."""
 
     def __init__(self, runs: Sequence[PlayedRun], clock: Callable[[], float] = time.monotonic) -> None:
         self._run, *self._next = runs
@@ -76,7 +76,7 @@ class RunPlayer:
 
     @property
     def ended(self) -> bool:
-        """Whether all runs have been shown."""
+        """True if all runs have been shown."""
         return self._run.ended and not self._next
 
     def updates(self) -> Sequence[Update]:
@@ -91,7 +91,7 @@ class RunPlayer:
         return [*begun, update]
 
     def done(self, action: Action) -> str:
-        """Pause, continue, or change the speed."""
+        """Pause, continue or change the speed."""
         match action:
             case Pause():
                 self._run = replace(self._run, paused=not self._run.paused)
@@ -103,7 +103,7 @@ class RunPlayer:
 
 
 def watch(source: Source, view: LiveView, zero_mm: tuple[float, float] = (0.0, 0.0)) -> None:
-    """Show a source on the terminal, relative to the zeros of its gauges, until the user quits."""
+    """Show a source on the terminal, relative to the zeros of the gauges, until the user quits."""
     controls = Controls(zero_mm=zero_mm)
     with _ends_in_order(), suppress(KeyboardInterrupt), keys_of(sys.stdin) as keys, Painter(sys.stdout) as painter:
         while True:
@@ -126,12 +126,12 @@ def watch(source: Source, view: LiveView, zero_mm: tuple[float, float] = (0.0, 0
 
 
 def print_lines(source: Source, view: LiveView, say: Callable[[str], None], *, as_json: bool) -> None:
-    """Print a line each second, until the source ends or the user stops it."""
+    """Print a line each second until the source ends or the user interrupts."""
     controls = Controls()
     with suppress(KeyboardInterrupt):
         while True:
             view, _ = _advanced(view, source)
-            if view.cell is not None or view.lost:  # the daemon has answered, or cannot
+            if view.cell is not None or view.lost:  # the daemon has responded, or cannot
                 say(json.dumps(figures(view)) if as_json else plain_line(view, controls.units))
                 sys.stdout.flush()
             if source.ended:
@@ -148,7 +148,7 @@ def _advanced(view: LiveView, source: Source) -> tuple[LiveView, str]:
 
 @contextmanager
 def _ends_in_order() -> Iterator[None]:
-    """Restore the terminal even if a signal ends the session."""
+    """Restore the terminal even if a signal ends the program."""
 
     def end(number: int, frame: FrameType | None) -> None:
         raise KeyboardInterrupt

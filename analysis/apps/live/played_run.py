@@ -1,4 +1,4 @@
-"""Playback of a recorded run: its rows, aligned as in `rig analyse`, up to an increasing time."""
+"""Playback of a recorded run: shows the rows, aligned as in `rig analyse`, up to an increasing time."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from rigs.load import parse
 from rigs.schema.vocabulary import Direction, TestName
 
 _MOST_HZ = 100.0
-"""Limit of displayed rows per second; a screen shows ten."""
+"""Maximum number of rows shown per second. A screen shows ten."""
 _BETWEEN_S = 1.0
-"""Pause between runs in the view."""
+"""Pause between two runs in the view."""
 SPEEDS = (0.125, 64.0)
 """Slowest and fastest playback."""
 
 
 @dataclass(frozen=True)
 class PlayedRun:
-    """Run and playback position.
+    """A run and the playback position.
 
-    rig_sha256: of its rig file. zero_mm: of the recording view. at_s: since its first row. shown: number of rows shown.
-    begins_s: time of its first row in the view.
+    rig_sha256: digest of the rig file. zero_mm: zero offsets of the recording view. at_s: time since the first row.
+    shown: number of rows shown. begins_s: time of the first row in the view.
     """
 
     name: str
@@ -48,11 +48,11 @@ class PlayedRun:
 
     @property
     def ended(self) -> bool:
-        """Whether all rows have been shown."""
+        """True if all rows have been shown."""
         return self.shown >= len(self.rows)
 
     def followed_by(self, following: PlayedRun) -> tuple[PlayedRun, Update]:
-        """Return a different run at the same time, speed and pause, and the update."""
+        """Switch to a different run at the same time, speed and pause. Return the run and the update."""
         begins_s = self.begins_s + float(self.rows.t_s[-1]) + _BETWEEN_S
         cell = following.cell if following.rig_sha256 != self.rig_sha256 else None
         label = (following.name, following.test, following.direction)
@@ -65,7 +65,7 @@ class PlayedRun:
         return LiveView(self.cell).labelled(self.name, self.test, self.direction)
 
     def after(self, seconds: float) -> tuple[PlayedRun, Update]:
-        """Return the run after a number of seconds, and the update."""
+        """Advance the playback by a number of seconds. Return the run and the update."""
         at_s = self.at_s if self.paused or self.ended else self.at_s + self.speed * seconds
         until = int(np.searchsorted(self.rows.t_s, at_s, side="right"))
         at_s = min(at_s, float(self.rows.t_s[-1]))
@@ -78,7 +78,7 @@ class PlayedRun:
         return run, Update(rows=new, readings=readings, played=played)
 
     def sped(self, factor: float) -> PlayedRun:
-        """Return the run at a different speed, within `SPEEDS`."""
+        """Return the run with a multiplied speed, limited to `SPEEDS`."""
         return replace(self, speed=float(np.clip(self.speed * factor, *SPEEDS)))
 
 

@@ -1,4 +1,4 @@
-"""Layout of the screen: view, controls and terminal size in; a canvas of that size out."""
+"""Layout of the screen: draws the view and the controls onto a canvas with the size of the terminal."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from analysis.apps.live.text_panels import draw_events, draw_foot, draw_head, dr
 from analysis.apps.live.view import LiveView
 
 _LEAST_WIDTH, _LEAST_HEIGHT = 60, 18
-"""A smaller terminal shows figures only."""
+"""Minimum size of the terminal for panels. A smaller terminal shows only figures."""
 _THREE_WIDE = 150
 """Minimum width for large figures of the angle next to the gauges."""
 _STRAIGHT = 170
@@ -47,7 +47,7 @@ def screen(view: LiveView, controls: Controls, width: int, height: int) -> Canva
         _middle(middle, view, controls, with_angle=figures == 2)
         draw_trace(below, view, controls)
         draw_links(foot, view)
-        if view.lost:  # the last known state is shown
+        if view.lost:  # show the last known state
             area.part(1, 0, area.width, area.height - 2).dim()
         draw_foot(area, view, controls)
     if controls.shows_help:
@@ -56,7 +56,7 @@ def screen(view: LiveView, controls: Controls, width: int, height: int) -> Canva
 
 
 def _middle(area: Area, view: LiveView, controls: Controls, *, with_angle: bool) -> None:
-    """Draw the circle at the left, and its data at the right."""
+    """Draw the circle next to the panels with the figures."""
     curves = shown_curves(view)
     side = min(2 * area.height + 2, area.width // 2)
     circle, right = area.columns(side, area.width - side)

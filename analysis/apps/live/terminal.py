@@ -1,7 +1,8 @@
-"""The terminal: size, alternate screen with flicker-free drawing, and keys.
+"""Access to the terminal: size, alternate screen with flicker-free drawing, and keys.
 
-Only changed rows are sent, to save bandwidth over ssh; after a change of size everything is sent. The terminal clips
-long lines while it is smaller than the drawing. Without POSIX terminals there are no keys, and Ctrl-C ends the program.
+Only changed rows are sent, to save bandwidth over ssh. After a change of size the entire screen is sent. A terminal
+smaller than the drawing clips long lines. On systems that lack POSIX terminals there are no keys, and Ctrl-C ends the
+program.
 """
 
 from __future__ import annotations
@@ -20,10 +21,10 @@ from analysis.apps.live.canvas import Canvas
 from analysis.report.plain_console import PlainConsole
 
 _ENTER = "\x1b[?1049h\x1b[?25l\x1b[?7l"
-"""Alternate screen, no cursor, no wrapping (xterm control sequences)."""
+"""Enter the alternate screen, hide the cursor and disable wrapping (xterm control sequences)."""
 _LEAVE = "\x1b[?7h\x1b[?25h\x1b[?1049l"
 _BEGIN, _END = "\x1b[?2026h", "\x1b[?2026l"
-"""Synchronised output around a picture, to avoid partial display; other terminals ignore it."""
+"""Synchronised output of a picture to avoid partial display. Terminals that do not support it ignore it."""
 _CLEAR = "\x1b[0m\x1b[2J"
 _FALLBACK = (80, 24)
 _NO_CHARACTER = re.compile(r"\x1b(\[[0-?]*[ -/]*[@-~]|O.)")
@@ -31,7 +32,7 @@ _NO_CHARACTER = re.compile(r"\x1b(\[[0-?]*[ -/]*[@-~]|O.)")
 
 
 class Painter:
-    """Draws canvases over each other."""
+    """Draws canvases and sends only the differences."""
 
     def __init__(self, out: TextIO) -> None:
         self._out = out
@@ -50,7 +51,7 @@ class Painter:
             self._out.flush()
 
     def paint(self, canvas: Canvas) -> None:
-        """Draw a canvas, sending changes only."""
+        """Draw a canvas, sending only the changes."""
         console = PlainConsole(width=canvas.width)
         with console.capture() as captured:
             console.print(canvas, end="", crop=False, soft_wrap=True)
@@ -67,12 +68,12 @@ class Painter:
         self._shown, self._size = lines, size
 
     def forget(self) -> None:
-        """Send everything with the next picture."""
+        """Send the entire screen with the next picture."""
         self._size = (0, 0)
 
 
 def size_of(out: TextIO) -> tuple[int, int]:
-    """Return the present columns and rows of a terminal."""
+    """Return the current columns and rows of a terminal."""
     try:
         size = os.get_terminal_size(out.fileno())
     except (OSError, ValueError):
@@ -81,27 +82,30 @@ def size_of(out: TextIO) -> tuple[int, int]:
 
 
 class Keys:
-    """Pressed keys. descriptor: of a terminal in unbuffered mode, None without one."""
+    """Keys pressed. descriptor: file descriptor of a terminal in unbuffered mode; None if there is no terminal."""
 
     def __init__(self, descriptor: int | None) -> None:
         self._descriptor = descriptor
 
     def within(self, seconds: float) -> list[str]:
-        """Return the keys pressed within a time, immediately if there are any, without arrows and similar keys."""
+        """Wait for keys for a time and return them. Arrow and similar keys are ignored."""
         if self._descriptor is None:
             time.sleep(seconds)
             return []
         if not select.select([self._descriptor], [], [], seconds)[0]:
             return []
         typed = os.read(self._descriptor, 1024)
-        if not typed:  # the terminal has gone
+        if not typed:  # the terminal is closed
             raise KeyboardInterrupt
         return list(_NO_CHARACTER.sub("", typed.decode("utf-8", "ignore")))
 
 
 @contextmanager
 def keys_of(terminal: TextIO) -> Iterator[Keys]:
-    """Provide the keys of a terminal, restored afterwards; none without a POSIX terminal."""
+    """Provide the keys of a terminal and restore it afterwards.
+
+    On systems that lack POSIX terminals there are no keys.
+    """
     try:
         import termios  # noqa: PLC0415 - Windows lacks it
         import tty  # noqa: PLC0415

@@ -18,13 +18,13 @@ from rigs.schema.vocabulary import FURTHER
 from rigs.text import plain
 
 _LITTLE_DISK = 0.05
-"""Share of a disk below which the free space is shown as a warning."""
+"""Share of free disk space below which a warning is shown."""
 _LATE_DRIFT_PPM = 500.0
-"""Instrument clocks are within about 100 ppm of the host's; a larger drift is marked."""
+"""Drift from which a clock is marked. Instrument clocks are within about 100 ppm of the host clock."""
 
 
 def draw_head(area: Area, view: LiveView) -> None:
-    """Draw one row: rig, recorded or played run, and connection to the daemon."""
+    """Draw a row with the rig, the recorded or played run, and the connection to the daemon."""
     column = area.put(0, 1, view.cell.name if view.cell else (view.state or {}).get("rig", "rig live"), "bold") + 2
     if view.lost:
         area.put(0, column, view.lost, "bold red")
@@ -58,7 +58,7 @@ def draw_head(area: Area, view: LiveView) -> None:
 
 
 def draw_joints(area: Area, view: LiveView) -> None:
-    """Draw a row for each joint: angle, sense of motion, and last reversal."""
+    """Draw a row for each joint: angle, sense of motion and last reversal."""
     if not len(view.rows) or not np.isfinite(view.rows.q[-1]).all():
         area.put(0, 1, "no joints yet: the robot sends nothing" if view.readings else "no joints yet", "dim")
         return
@@ -79,7 +79,7 @@ def draw_joints(area: Area, view: LiveView) -> None:
 
 
 def draw_events(area: Area, view: LiveView) -> None:
-    """Draw events, latest first: reversals, faults, and state changes of daemon and recording."""
+    """Draw the events, newest first: reversals, faults, and state changes of daemon and recording."""
     area.put(0, 1, "what happened", "bold")
     now_s = float(view.rows.t_s[-1]) if len(view.rows) else 0.0
     for row, event in enumerate(reversed(view.events[-max(0, area.height - 1) :] if area.height > 1 else ()), start=1):
@@ -92,7 +92,7 @@ def draw_events(area: Area, view: LiveView) -> None:
 
 
 def draw_links(area: Area, view: LiveView) -> None:
-    """Draw a row for each stream: connection, rate, clock and faults; the last row is disk and recording.
+    """Draw a row for each stream with connection, rate, clock and faults, and a row for disk and recording.
 
     For a lost daemon the last known values are drawn.
     """
@@ -135,7 +135,10 @@ def draw_links(area: Area, view: LiveView) -> None:
 
 
 def draw_foot(area: Area, view: LiveView, controls: Controls) -> None:
-    """Draw the typed label or the keys in the last row, and a message above, or in place of them in a single row."""
+    """Draw the typed label or the keys in the last row, and a message above.
+
+    In a single row the message replaces the keys.
+    """
     row = area.height - 1
     if controls.prompt is not None:
         column = area.put(row, 1, "label (name test direction, Esc to leave): ", "bold")
@@ -166,7 +169,7 @@ def draw_help(area: Area) -> None:
 
 
 def _clock(area: Area, row: int, column: int, clock: dict[str, Any] | None) -> int:
-    """Draw drift and delay of an instrument's clock."""
+    """Draw drift and delay of the clock of an instrument."""
     if not clock:
         return column
     drift = clock.get("drift_ppm")
@@ -184,7 +187,7 @@ def event_words(event: Event, view: LiveView) -> str:
 
 
 def _place(reversal: JointReversal) -> str:
-    """Describe position and direction of a joint reversal; upper is from rising to falling in time."""
+    """Describe position and direction of a joint reversal. Upper means from rising to falling in time."""
     return (f"φ {math.degrees(reversal.phi_rad):5.1f}° " if math.isfinite(reversal.phi_rad) else "") + (
         "▲▼" if reversal.upper else "▼▲"
     )

@@ -1,4 +1,4 @@
-"""Model of the live view: samples and states in, displayed values out. No terminal, clock or socket."""
+"""Model of the live view: converts samples and states to displayed values. It uses no terminal, clock or socket."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from analysis.robot.kinematics.arm import Array, Mask
 from rigs.schema.vocabulary import Direction, TestName
 
 _KEPT_ROWS = 6000
-"""A minute at 100 Hz."""
+"""Number of rows: a minute at 100 Hz."""
 _KEPT_EVENTS = 200
 _TREND_S = 2.0
 _LEAST_TREND = 4
-"""Minimum rows for a trend."""
+"""Minimum number of rows for a trend."""
 
 
 @dataclass(frozen=True)
 class Reading:
-    """Last value of a gauge, mm, and its age."""
+    """Last reading of a gauge in mm, and its age."""
 
     mm: float
     age_s: float
@@ -31,7 +31,7 @@ class Reading:
 
 @dataclass(frozen=True)
 class Played:
-    """Playback of a recorded run: name, time and length in s, speed, and whether it is paused or has ended."""
+    """Playback of a recorded run. The time and length are in s."""
 
     name: str
     at_s: float
@@ -43,10 +43,10 @@ class Played:
 
 @dataclass(frozen=True)
 class Update:
-    """Data since the previous update; None and empty mean no change.
+    """Changes since the previous update. None and empty fields mean no change.
 
-    state: a `status` answer. cell: a new rig file. lost: reason for missing data. notice: one-time message. label:
-    name, test and direction of a run played from here on.
+    state: response to `status`. cell: cell of a new rig file. lost: reason for missing data. notice: message to show
+    once. label: name, test and direction of the run played from now on.
     """
 
     rows: Rows = NO_ROWS
@@ -61,7 +61,7 @@ class Update:
 
 @dataclass(frozen=True)
 class Event:
-    """Event: a joint reversal, or a message about a fault, a recording or the daemon."""
+    """A joint reversal, or a message about a fault, a recording or the daemon."""
 
     t_s: float
     words: str
@@ -70,12 +70,12 @@ class Event:
 
 @dataclass(frozen=True)
 class LiveView:
-    """Complete displayed state.
+    """The complete displayed state.
 
-    extremes_mm (2, 2): smallest and largest reading of each gauge, nan before the first. test, direction and name
-    belong to the recording or the played run; shown_test belongs to the curves. reversal_counts: per joint since the
-    start of the view, independent of the kept events; last_reversals: by joint (1 … 6). cut: message about a recording
-    whose daemon disappeared, until the next one starts.
+    extremes_mm (2, 2): smallest and largest reading of each gauge; nan before the first. test, direction and name
+    belong to the recording or the played run, shown_test to the curves. reversal_counts: per joint since the start of
+    the view, including dropped events. last_reversals: by joint (1 … 6). cut: message about a recording interrupted by
+    the loss of the daemon, until the next recording starts.
     """
 
     cell: Cell | None = None
@@ -101,7 +101,7 @@ class LiveView:
 
     def after(self, update: Update) -> LiveView:
         """Return the view after an update."""
-        # Only data from the daemon proves its return: refused requests also arrive while it is lost.
+        # Only data proves that the daemon has returned: refused requests also arrive while it is lost.
         lost = self.lost if not update.lost and update.readings is None else update.lost
         view = replace(self, lost=lost, played=update.played)
         if bool(lost) != bool(self.lost):
@@ -123,8 +123,10 @@ class LiveView:
         return view._with_rows(update.rows) if len(update.rows) else view
 
     def labelled(self, name: str | None, test: str | None, direction: Direction | None) -> LiveView:
-        """Return the view of a new recording: laps are counted from now, and its curve replaces the last one in its
-        direction."""
+        """Return the view of a new recording.
+
+        Laps are counted from now, and the new curve replaces the last in this direction.
+        """
         if (name, test, direction) == (self.name, self.test, self.direction):
             return self
         view = replace(self, name=name, test=test, direction=direction)
@@ -141,7 +143,7 @@ class LiveView:
         )
 
     def restarted(self) -> LiveView:
-        """Return the view with extremes, curves and counts reset; rows and state stay."""
+        """Return the view with reset extremes, curves and counts; rows and state remain."""
         return replace(
             self,
             extremes_mm=None,
@@ -156,7 +158,7 @@ class LiveView:
 
     @property
     def trends_mm_s(self) -> Array:
-        """Least-squares slope (2,) mm/s of each gauge over the last two seconds; nan if unknown."""
+        """Least-squares slope (2,) in mm/s of each gauge over the last two seconds; nan if unknown."""
         recent = self.since(_TREND_S)
         slopes = np.full(2, np.nan)
         for k in range(2):
@@ -196,9 +198,8 @@ class LiveView:
         phi = self.cell.phi(rows.q)
         lap, sense, share = self.lap.after(phi, self.cell.start_rad, self.cell.lead_rad)
         joints, turned = self.joints.after(rows, phi, sense)
-        # Mask of rows at shares (n,) of a lap that belong to it. The lead-in does not, nor does a possible lead-out:
-        # there, joints
-        # have reversed that had not at the same position of the lap
+        # Mask of the rows at shares (n,) of a lap that belong to it. A lead-in or lead-out does not belong to it:
+        # joints reverse there that do not reverse at the same position of the lap.
         lead = self.cell.lead_rad / (2 * np.pi)
         inside: Mask = (share >= 0) & ((share < 1) | (share % 1 > lead))
         values = np.where(inside, self.cell.error_source(rows.g_mm), np.nan)
@@ -218,7 +219,7 @@ class LiveView:
         )
 
     def _swept(self, sweep: Sweep, direction: Direction, phi: Array, values: Array) -> Sweep:
-        """Add rows to a sweep; a return between laps is not a measurement in the opposite direction."""
+        """Add rows to a sweep. A return between laps is not a measurement in the opposite direction."""
         return sweep if self.direction not in (None, direction) else sweep.after(phi, values)
 
 
@@ -236,20 +237,20 @@ def _recording_changes(before: dict[str, Any] | None, state: dict[str, Any]) -> 
 
 
 def _cut(before: dict[str, Any] | None, state: dict[str, Any]) -> str:
-    """Describe a recording whose daemon disappeared: a daemon without a record of its end was started later."""
+    """Describe a recording lost with the daemon. If the new daemon does not know it, that daemon was started later."""
     if before is None or not before["recording"] or state["recording"] or state["last_end"]:
         return ""
     return f"recording {before['recording']} was cut: rigd was started again"
 
 
 def _run_of(state: dict[str, Any]) -> str | None:
-    """Return the run directory of the recording, different for recordings with equal names."""
+    """Return the directory of the recording, which differs for recordings of the same name."""
     run: str | None = state.get("run", state["recording"])
     return run
 
 
 def _new_faults(before: dict[str, Any] | None, state: dict[str, Any]) -> list[str]:
-    """Describe the increase of the fault counters since the start of the view."""
+    """Describe the faults counted since the last state."""
     if before is None:
         return []
     words = []

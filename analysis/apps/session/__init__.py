@@ -1,1 +1,1 @@
-"""A guided session: what is driven, recorded, found, corrected and driven again, kept in one file."""
+"""Guided session: drive the programs, record and diagnose the runs, correct the robot and verify the correction."""

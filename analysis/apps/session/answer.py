@@ -1,4 +1,4 @@
-"""What the runs of a session show: the inference in a process beside it, and the error of the robot's own path."""
+"""Diagnosis of the runs of a session in a separate process, and the path error of the robot."""
 
 from __future__ import annotations
 
@@ -30,14 +30,16 @@ if TYPE_CHECKING:
 
 ANSWER = "answer.json"
 _SHOWN = 6
-"""Parts of the error that a session lists; the page has all."""
+"""Number of parts of the error listed by a session. The page lists all of them."""
 _NICE = 5
-"""The inference gives way to the readers of gauges and robot."""
+"""Niceness of the inference process: the readers of gauges and robot have priority."""
 
 
 def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, directory: Path) -> Answer:
-    """Diagnose runs beside the model of a rig file, judged by runs at a place that is not used, and write what was
-    found into a directory. Raises RigError."""
+    """Diagnose runs with the model of a rig file and write the files of the diagnosis to a directory.
+
+    used: runs for the diagnosis. judges: runs at the other place, used only for the judgement. Raises RigError.
+    """
     import analysis  # noqa: PLC0415 - slow to import, needed in the process of an inference only
     from analysis.report.act_words import ActWords  # noqa: PLC0415
     from analysis.report.answer_words import AnswerWords, part_of  # noqa: PLC0415
@@ -94,8 +96,7 @@ def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, director
 
 
 def _next_test(diagnosis: Diagnosis) -> str:
-    """The test that would separate rivals, or name a group, as `rig plan` calls it; empty where none is to be
-    driven."""
+    """Return the test that would separate rivals or name a group, as called by `rig plan`; empty if not needed."""
     from analysis.diagnosis.plan.naming_tests import JOINED  # noqa: PLC0415 - slow to import
 
     driven = (act.test.test for act in diagnosis.acts if act.test and act.test.test != JOINED)
@@ -103,7 +104,7 @@ def _next_test(diagnosis: Diagnosis) -> str:
 
 
 def main() -> None:
-    """The process of an inference: its request is a file of JSON, its answer another one beside what was found."""
+    """Run an inference process: read the request from a JSON file and write the answer as JSON next to the results."""
     from rigs.errors import RigError  # noqa: PLC0415
 
     request = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))
@@ -122,31 +123,33 @@ def main() -> None:
 
 
 class Infers(Protocol):
-    """An inference under way."""
+    """A running or finished inference."""
 
     @property
     def is_done(self) -> bool:
-        """Whether it has ended."""
+        """True if the inference has finished."""
 
     def result(self) -> Answer:
-        """Return its answer. Raises RigError."""
+        """Return the answer. Raises RigError."""
 
 
 StartInference = Callable[[Sequence[Path], Sequence[Path], Path, Path], Infers]
-"""Starts one with the runs that are used and those that judge, by a rig file, into a directory."""
+"""Starts an inference. Arguments: the runs used, the runs that judge, the rig file and the output directory."""
 
 
 @dataclass
 class Inference:
-    """An inference under way in a process of its own."""
+    """An inference in a separate process."""
 
     child: Child
     directory: Path
 
     @classmethod
     def start(cls, used: Sequence[Path], judges: Sequence[Path], rig_file: Path, directory: Path) -> Inference:
-        """Start one that writes into a new directory. Raises FileError and CellError where its request cannot be
-        written."""
+        """Start an inference that writes to a new directory.
+
+        Raises FileError or CellError if the request cannot be written.
+        """
         request = directory.with_suffix(".json")
         asked = {
             "used": [str(path) for path in used],
@@ -161,11 +164,11 @@ class Inference:
 
     @property
     def is_done(self) -> bool:
-        """Whether it has ended."""
+        """True if the process has ended."""
         return not self.child.runs
 
     def result(self) -> Answer:
-        """Return its answer. Raises CellError where it has none."""
+        """Return the answer. Raises CellError if the process failed."""
         if self.child.exit_code != 0:
             raise self.child.ended()
         text = (self.directory / ANSWER).read_text(encoding="utf-8")
@@ -173,30 +176,34 @@ class Inference:
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# The error of the path: readings against those that the commanded circle would give, whatever the joints were told.
+# Path error: readings compared with the commanded circle, independent of the joint angles sent by the controller.
 
 
 @dataclass(frozen=True)
 class Driven:
-    """What a controller drove by: the model of the arm, and by how much its joints read more since values were entered,
-    (6,) degrees."""
+    """Correction active in the controller during a run.
+
+    model: model of the arm used by the controller; None if uncorrected. reading_deg: offset of the reported joint
+    angles (6,) caused by entered values, in degrees.
+    """
 
     model: Rig | None = None
     reading_deg: Sequence[float] = (0.0,) * 6
 
 
 def path_error(runs: Sequence[Path], driven: Driven, noise_um: float) -> Deviation | None:
-    """Return how far the tool was from the commanded circle in runs, set-ups fitted; None for no runs.
+    """Return the deviation of the tool from the commanded circle, after fitting the set-ups; None if there are no runs.
 
-    noise_um: scatter of one run, root mean square. The joints that a controller reports do not say where it meant to
-    be once it was corrected; the circle angle does, by which the commanded joints are found again. Raises FileError.
+    noise_um: rms scatter of a single run. The joint angles reported by a corrected controller do not reveal the
+    commanded place. The commanded joints are therefore recovered from the circle angle. Raises FileError.
     """
     from analysis.diagnosis.judge.compare_runs import compare  # noqa: PLC0415 - slow to import
 
     measured = [as_commanded(load_measured(path), driven) for path in runs]
     if not measured:
         return None
-    # One set-up for both directions, as in the gap and in what was expected: apart they would take up half of a play.
+    # Both directions share a set-up, as in the residual and in the prediction. Separate fits would absorb half of a
+    # play.
     every = np.concatenate([run.residuals_mm.ravel() for run in compare(measured, measured[0].rig).runs])
     return Deviation(
         um=round(1e3 * rms(every), 2),
@@ -207,8 +214,7 @@ def path_error(runs: Sequence[Path], driven: Driven, noise_um: float) -> Deviati
 
 
 def as_commanded(run: Measured, driven: Driven) -> Measured:
-    """Return a run on a circle with the joints that a sound arm would have had on the commanded circle, about a rig
-    without errors."""
+    """Return a circle run of a rig without errors, with the joints of an ideal arm on the commanded circle."""
     table = run.table
     bare = run.rig.model_copy(update={"effects": ()}).with_calibration(None, None)
     if not isinstance(table, CircleTable):

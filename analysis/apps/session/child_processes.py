@@ -1,7 +1,7 @@
-"""Processes that a session starts and that end with it, however it ends: rigd, an emulated cell, an inference.
+"""Child processes of a session: rigd, an emulated cell, an inference.
 
-The system itself ends them where the session is killed (`PR_SET_PDEATHSIG`), so that none holds ports or locks which
-the next session needs.
+The children always end with the session. If the session is killed, the operating system terminates them
+(`PR_SET_PDEATHSIG`) and thereby frees the ports and locks for the next session.
 """
 
 from __future__ import annotations
@@ -20,33 +20,36 @@ _ENTRY = (
     "import ctypes, os, signal, sys; ctypes.CDLL(None).prctl(1, signal.SIGTERM); os.nice({nice}); "
     "signal.signal(signal.SIGINT, signal.SIG_IGN); from {module} import main; sys.argv[0] = {name!r}; main()"
 )
-"""The child asks for SIGTERM at its parent's end and leaves Ctrl-C to it. 1 is PR_SET_PDEATHSIG (linux/prctl.h)."""
+"""Entry code of a child. It requests SIGTERM at the death of the parent and ignores Ctrl-C.
+
+The value 1 is PR_SET_PDEATHSIG (linux/prctl.h).
+"""
 _ENDS_S = 15.0
-"""The time for a child to end in order: rigd closes a run, which a slow disk may hold up."""
+"""Time for an orderly shutdown: rigd closes a run first, and a slow disk may delay that."""
 
 
 class Talking(Protocol):
-    """A program to which lines are written."""
+    """A program that reads lines from standard input."""
 
     name: str
     log: Path
 
     @property
     def runs(self) -> bool:
-        """Whether it has not ended."""
+        """True if the program is still running."""
 
     def type_line(self, line: str) -> None:
-        """Write a line to it. Raises CellError where it has ended."""
+        """Write a line to the program. Raises CellError if the program has ended."""
 
     def ended(self) -> CellError:
-        """Return the error for its end."""
+        """Return an error that reports the end of the program."""
 
     def stop(self) -> None:
-        """End it."""
+        """Stop the program."""
 
 
 class Child:
-    """A running program of ours, its output in a log."""
+    """A running Python program of rig with the output in a log file."""
 
     @classmethod
     def start(
@@ -59,10 +62,10 @@ class Child:
         hear: Callable[[str], None] | None = None,
         nice: int = 0,
     ) -> Child:
-        """Start a program by the `main` of a module. hear: called, in a thread, with each line of a program to which
-        lines are written as well.
+        """Start the `main` function of a module as a program.
 
-        Raises FileError where its log cannot be written.
+        hear: called from a thread with each line of output. It also opens the standard input of the program. Raises
+        FileError if the log cannot be written.
         """
         entry = _ENTRY.format(module=module, name=name, nice=nice)
         try:
@@ -86,14 +89,14 @@ class Child:
         self._process, self._log = process, opened
 
     def _read(self, output: IO[bytes], hear: Callable[[str], None]) -> None:
-        with suppress(ValueError, OSError):  # closed
+        with suppress(ValueError, OSError):  # the pipe is closed
             for line in output:
                 self._log.write(line)
                 self._log.flush()
                 hear(line.decode("utf-8", "replace").rstrip("\n"))
 
     def type_line(self, line: str) -> None:
-        """Write a line to it. Raises CellError where it has ended."""
+        """Write a line to the program. Raises CellError if the program has ended."""
         try:
             assert self._process.stdin is not None  # noqa: S101 - of a child that talks
             self._process.stdin.write(line.encode() + b"\n")
@@ -102,7 +105,7 @@ class Child:
             raise self.ended() from None
 
     def ended(self) -> CellError:
-        """Return the error for its end, with the last that it said."""
+        """Return an error that reports the end of the program and the last line of the log."""
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(1.0)
         last_line = ""
@@ -115,16 +118,16 @@ class Child:
 
     @property
     def runs(self) -> bool:
-        """Whether it has not ended."""
+        """True if the program is still running."""
         return self._process.poll() is None
 
     @property
     def exit_code(self) -> int | None:
-        """Its exit code, None while it runs."""
+        """Exit code of the program; None while it is running."""
         return self._process.poll()
 
     def stop(self) -> None:
-        """End it, and wait until it has ended."""
+        """Terminate the program and wait for the exit. Kill it if it does not react."""
         if self.runs:
             self._process.terminate()
             try:

@@ -1,4 +1,4 @@
-"""`rig session CELL`: from a checked rig file to a corrected robot, guided."""
+"""`rig session CELL`: guided work from a checked rig file to a corrected robot."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def session(
         raise UseError("--for", "is not given, and neither feedback nor robot names the maker", "give --for")
     from analysis.apps.session.run_session import Asked, run_session
 
-    if Path(effects).is_file():  # by a path that holds wherever the cell is started; a shipped name stays
+    if Path(effects).is_file():  # an absolute path is valid in any working directory; the name of a shipped rig is kept
         effects = str(Path(effects).resolve())
     asked = Asked(
         rig_file=str(find(rig_file).resolve()),
@@ -143,9 +143,10 @@ def _show(place: Place, rig_file: Path | str, rig_text: str, *, as_json: bool) -
 
 
 class _Lines:
-    """Lines that stay on standard output; what goes on is one line on a terminal, rewritten, and nothing elsewhere.
+    """Output of a session: permanent lines on standard output and a rewritten progress line on a terminal.
 
-    aside: the lines stand on standard error, since JSON follows on standard output."""
+    aside: print the permanent lines on standard error, because JSON follows on standard output.
+    """
 
     def __init__(self, *, aside: bool) -> None:
         self._shown, self._aside = False, aside
@@ -163,7 +164,7 @@ class _Lines:
             self._shown = True
 
     def clear(self) -> None:
-        """Take away what goes on."""
+        """Remove the progress line."""
         if self._shown:
             sys.stderr.write("\r\x1b[K")
             sys.stderr.flush()
@@ -171,7 +172,10 @@ class _Lines:
 
 
 def _wrapped(line: str) -> list[str]:
-    """A line in pieces as wide as the terminal, the further ones indented; whole where there is no terminal."""
+    """Wrap a line to the width of the terminal with indented continuation lines.
+
+    If there is no terminal, do not wrap.
+    """
     if not sys.stdout.isatty():
         return [line]
     indent = " " * (len(line) - len(line.lstrip()) + 2)

@@ -1,8 +1,8 @@
-"""The correction as a step of a session: values for the controller, or programs with corrected targets.
+"""Correction step of a session: values entered at the controller or programs with corrected targets.
 
-Which of the two is decided by what they take away: values that are entered once serve every program and are preferred
-where they carry nearly as much; gears, soft joints and plays are held by the targets of a program alone, whose ways
-are known. What depends on time or on the instruments is corrected by neither: a person mends it.
+The choice depends on the error that each removes. Entered values serve every program, so they are preferred if they
+remove nearly as much. Gear errors, joint compliance and play can only be corrected in the targets of a program with a
+known path. Errors that depend on time or on the instruments need a repair instead.
 """
 
 from __future__ import annotations
@@ -47,22 +47,28 @@ from rigs.yaml_text import read_yaml
 CORRECTIONS = "corrections"
 _FILE = "corrections.yaml"
 _ARC_DEG = 5.0
-"""Arcs of a program whose targets are corrected. On an arc a controller turns the tool evenly from end to end, so a
-wave of eight a lap keeps 6 % of what it does to the angle; 55 % at 15° (measured: 14 µm instead of 5)."""
+"""Arc length of programs with corrected targets. On an arc the controller turns the tool at a constant rate. The
+angular effect of a wave with eight periods per lap therefore keeps a residual of 6 %, compared with 55 % at 15°
+(measured: 5 µm instead of 14 µm).
+"""
 _NEARLY = 0.8
-"""Share of what corrected targets take away from which entries are preferred. Chosen."""
+"""Minimum share of the improvement by corrected targets for entries to be preferred. Chosen."""
 _POSES = 60
-"""Postures of a run at which the uncertainty of the model is taken: every 6 degrees of a lap."""
+"""Number of postures per run at which the uncertainty of the model is evaluated: every 6 degrees of a lap."""
 _ENTER = "choose --correct entries"
 _LEAST_UM, _LEAST_SHARE = 2.0, 0.05
-"""What a correction must take away of the error of the readings at least, in µm and as a share of it. Chosen: less is
-not worth a person's time, nor shown by a second measurement."""
+"""Minimum improvement of a correction, in µm and as a share of the error of the readings. Chosen: a smaller gain
+is not worth the effort and would not show in a second measurement.
+"""
 
 
 @dataclass(frozen=True)
 class Left:
-    """What is left of the error of the readings in µm, root mean square with set-ups fitted: as it is, with what the
-    entries hold, and with what corrected targets hold, whose ways between them are the controller's."""
+    """Rms error of the readings in µm with fitted set-ups: uncorrected, with entered values, and with corrected
+    targets.
+
+    by_targets_um includes the error between the targets, where the controller interpolates.
+    """
 
     now_um: float
     by_entries_um: float
@@ -78,11 +84,11 @@ def corrected(
     directory: Path,
     chosen_way: Way | None = None,
 ) -> tuple[Correction, dict[str, Program]]:
-    """Return the correction by a model that a session found, with its files in a directory in place of an older one's,
-    and the programs that it changes, by those whose place they take.
+    """Compute the correction from the model of a session and replace the files of an older correction in the directory.
 
-    runs: on the circle of the rig, by which it is judged, and at the other place; steps: those that are driven after
-    it; chosen_way: what a person chose. Raises FileError and CellError.
+    Return the correction and the corrected programs, by the name of the program that each replaces. runs: runs on the
+    circle of the rig, which decide between entries and programs, and runs at the other place. steps: steps to drive
+    after the correction. chosen_way: choice of the user. Raises FileError and CellError.
     """
     shutil.rmtree(directory, ignore_errors=True)
     model, _ = load(model_file)
@@ -140,15 +146,18 @@ def corrected(
 
 
 def expected_left(model: Rig, pose_u: PoseUncertainty, runs: Sequence[Measured], left_um: float) -> Expected:
-    """Return what a correction leaves on runs, with the uncertainty of the model in a reading there, a coordinate of
-    the tool's place with the frame taught on the circle; without one where the model's runs do not say it."""
+    """Return the expected error on runs after a correction, with the uncertainty of the model there.
+
+    The uncertainty applies to each coordinate of the tool's place with the frame taught on the circle. It is None if
+    the runs of the model do not determine it.
+    """
     q = np.concatenate([run.table.q[:: -(-len(run.table.q) // _POSES)] for run in runs])
     u_um = 1e3 * rms(where_known(pose_u, q, frame_u_mm(model, pose_u, q, q) / np.sqrt(3)))
     return Expected(um=round(left_um, 1), u_um=None if np.isnan(u_um) else round(u_um, 1))
 
 
 def _left_um(runs: Sequence[Measured], rig: Rig, effects: Sequence[Effect]) -> float:
-    """Return the gap of runs about an arm with these effects, µm: what a controller that knows them leaves."""
+    """Return the residual of runs in µm, given these effects: the error left by a controller that corrects them."""
     modelled = rig.model_copy(update={"effects": tuple(effects)}).with_calibration(None, None)
     every = np.concatenate([run.residuals_mm.ravel() for run in compare(runs, modelled).runs])
     return 1e3 * rms(every)
@@ -168,7 +177,7 @@ def _correction(
 
 
 def way_of(remaining: Left, entries: ControllerEntries) -> Way:
-    """Return how a robot is best corrected."""
+    """Return the best way to correct the robot."""
     by_targets_um = remaining.now_um - remaining.by_targets_um
     by_entries_um = remaining.now_um - remaining.by_entries_um if entries.entries else 0.0
     if max(by_targets_um, by_entries_um) < max(_LEAST_UM, _LEAST_SHARE * remaining.now_um):
@@ -177,12 +186,12 @@ def way_of(remaining: Left, entries: ControllerEntries) -> Way:
 
 
 def entries_file(directory: Path) -> Path:
-    """The file with the values to be entered."""
+    """Return the path of the file with the values to enter."""
     return directory / _FILE
 
 
 def reading_deg(directory: Path) -> tuple[float, ...]:
-    """Return how much more each joint (6,) reads, in degrees, once the values of a correction are entered."""
+    """Return the offsets of the joint readings (6,) in degrees after entering the values of a correction."""
     data = read_yaml((directory / _FILE).read_text(encoding="utf-8"), str(directory / _FILE))[1]
     added_deg = [0.0] * 6
     for entry in data["controller"]["entries"]:
@@ -191,8 +200,10 @@ def reading_deg(directory: Path) -> tuple[float, ...]:
 
 
 def corrected_programs(rig: Rig, model: Rig, stages: Sequence[Stage], steps: Sequence[Step]) -> dict[str, Program]:
-    """Return corrected programs in place of those of some steps, by the names of those. Raises FileError where a target
-    cannot be corrected."""
+    """Return the corrected programs for some steps, by the name of the nominal program that each replaces.
+
+    Raises FileError if a target cannot be corrected.
+    """
     programs: dict[str, Program] = {}
     for stage in stages:
         stage_steps = [step for step in steps if step.stage == stage.name]
@@ -221,9 +232,11 @@ def _of_test(rig: Rig, model: Rig, stage: Stage, test: DrivenTest) -> list[Progr
 
 
 def _between_targets_um(rig: Rig, model: Rig, stage: Stage, programs: Sequence[Program]) -> float:
-    """Return the error in µm, root mean square, that corrected programs of a circle leave on the ways between their
-    targets, where the controller turns evenly: waves that are short, and plays where a joint turns back. A shift of the
-    circle and what the gauges' zeros hold are left out."""
+    """Return the rms error in µm of corrected circle programs between targets, where the controller interpolates.
+
+    The sources are waves with a short period and play at reversals of a joint. A shift of the circle and a zero offset
+    of the gauges do not count.
+    """
     moved = stage_rig(rig, stage).modelled_as(model)
     effects = (*used_effects(model, supports(model)), *known_plays(moved))
     real, frame = model_of(moved, effects), frame_of(circle_of(moved))

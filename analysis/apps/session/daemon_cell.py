@@ -1,7 +1,7 @@
-"""The cell of a session: rigd as a process, the hands that set up and press start, and a step driven to its run.
+"""Cell of a session: rigd as a process, the hands that set up and start programs, and the recording of a step.
 
-rigd is asked to record when the robot stands at the start of a program, and to stop when it has come to the end of its
-way and stands there. So a run is of the program that was driven, whichever was asked for.
+Recording starts when the robot stands at the start of a program and stops when it stands at the end of the path. A run
+therefore belongs to the program that was actually driven, which may differ from the requested program.
 """
 
 from __future__ import annotations
@@ -26,55 +26,55 @@ from rigs.errors import CellError, RigError
 from rigs.schema.vocabulary import MakerName
 
 LOOK_S = 0.1
-"""Between two looks at the joints."""
+"""Interval between two checks of the joints."""
 _READY_S = 30.0
-"""The time for rigd and an emulated cell to come up."""
+"""Time limit for rigd and an emulated cell to start."""
 _LEAVES_S = 6.0
-"""The time that the daemon of a session has to end after it."""
+"""Time limit for the daemon of a killed session to exit."""
 _READS_S = 20.0
-"""The time until every stream has readings."""
+"""Time limit for every stream to deliver readings."""
 _SILENT_S = 3.0
-"""A stream without readings for so long is reported."""
+"""A stream is reported as silent after this time."""
 _STANDS_S = 4.0
-"""A program stands for 3 s at its end."""
+"""Pause of 3 s at the end of a program, with a margin."""
 _STATUS_S = 1.0
 _MOVES_S = 0.5
-"""A robot that has not stood for so long moves, and is waited for."""
+"""A robot at rest for less time than this counts as moving, and the session waits for it."""
 _AGAIN_S = 1.0
 _HOST = "host"
-"""The stream of what happened to the computer itself."""
+"""Stream of events on the computer, such as stalls."""
 _JOINTS = [f"q{axis}_deg" for axis in range(1, 7)]
 
 Say = Callable[[str], None]
 
 
 class Screen(Protocol):
-    """Where a session says what happens."""
+    """Output of a session."""
 
     def say(self, line: str) -> None:
-        """Say a line that stays."""
+        """Print a permanent line."""
 
     def show(self, line: str) -> None:
-        """Show what is going on, in place of what was shown before."""
+        """Replace the progress line."""
 
 
 class Hands(Protocol):
-    """What is done at the cell: by a person who is asked, or by an emulated cell."""
+    """Actions at the cell, by the operator on request or by an emulated cell."""
 
     def set_up(self, stage: Stage, rig_file: Path) -> Path:
-        """Set up a stage; return the rig file of the cell as it then is."""
+        """Set up a stage and return the rig file of the resulting cell."""
 
     def start(self, program: Program) -> None:
-        """Start a program, or ask for it."""
+        """Start a program, or request it."""
 
     def go_on(self, program: Program) -> None:
-        """Let a program that waits for its recording go on, or ask for it."""
+        """Continue a program that waits for the recording, or request it."""
 
     def look(self) -> None:
-        """Look whether the cell is still there. Raises CellError."""
+        """Check that the cell is still present. Raises CellError."""
 
     def enter(self, file: Path) -> bool:
-        """Enter the values of a file at the controller; return whether that is done."""
+        """Enter the values of a file at the controller; return whether they are entered."""
 
     def leave(self) -> None:
         """Leave the cell."""
@@ -82,8 +82,11 @@ class Hands(Protocol):
 
 @dataclass(frozen=True)
 class Run:
-    """A run that was recorded: its directory's name, the program that was driven, and why it is unusable, or empty;
-    held_up: how often the computer stood still meanwhile."""
+    """A recorded run.
+
+    name: directory name. program: program that was driven. why: reason for being unusable, or empty. held_up: number of
+    stalls of the computer during the run.
+    """
 
     name: str
     program: str
@@ -92,27 +95,27 @@ class Run:
 
 
 class Driver(Protocol):
-    """What drives the steps of a session and records them."""
+    """Drives and records the steps of a session."""
 
     def set_up(self, stage: Stage, programs: Mapping[str, Program]) -> None:
-        """Make a stage ready, whose programs these are."""
+        """Prepare a stage and load the programs for it."""
 
     def drive(self, step: Step, wait: Callable[[], None]) -> Run:
-        """Have a step driven; `wait` is called while nothing is to be done. Raises CellError."""
+        """Drive a step and return the run. `wait` is called repeatedly while waiting. Raises CellError."""
 
     def enter(self, file: Path) -> bool:
-        """Have values entered; return whether that is done."""
+        """Have values entered at the controller; return whether they are entered."""
 
     def close(self) -> None:
         """Leave the cell as it is."""
 
 
 class Rigd:
-    """The daemon of a session."""
+    """Daemon process of a session."""
 
     @classmethod
     def start(cls, rig_name: str, rig_file: Path, runs: Path, log: Path) -> Rigd:
-        """Start it, and wait until every stream has readings. Raises CellError."""
+        """Start the daemon and wait until every stream delivers readings. Raises CellError."""
         _hold_unserved(rig_name)
         rigd = cls(rig_name, Child.start("daq.service.rigd", "rigd", [rig_file, "--runs", runs], log))
         try:
@@ -137,7 +140,7 @@ class Rigd:
         self._after: dict[str, int] = {}
 
     def _hold_reading(self) -> None:
-        """Wait until every stream has readings. Raises CellError."""
+        """Wait until every stream delivers readings. Raises CellError after the time limit."""
         until_s = clock.now_s() + _READS_S
         while silent := self.silent():
             if clock.now_s() > until_s:
@@ -146,13 +149,13 @@ class Rigd:
             clock.sleep(LOOK_S)
 
     def ask(self, command: str, **fields: Any) -> dict[str, Any]:
-        """Ask it, over another connection where it has closed one that was silent for long. Raises RigError."""
+        """Send a command to the daemon. Reconnect if the daemon closed an idle connection. Raises RigError."""
         assert self._client is not None  # noqa: S101 - since it came up
         if not self._child.runs:
             raise self._child.ended()
         try:
             return self._client.ask(command, **fields)
-        except CellError:  # of the connection: what rigd itself refuses is another RigError
+        except CellError:  # of the connection; a command refused by rigd raises another RigError
             self._client.__exit__()
             self._client = Client(find_socket(self._name)).__enter__()
             return self._client.ask(command, **fields)
@@ -165,8 +168,7 @@ class Rigd:
         ]
 
     def joints(self) -> tuple[float, list[float]] | None:
-        """Return the newest joint angles in degrees with their time in s, None where none have come since the last
-        time."""
+        """Return the time in s and the newest joint angles in degrees; None if unchanged since the last call."""
         robot = self.ask("samples", after=self._after)["streams"].get("robot")
         if not robot or not robot["rows"]:
             return None
@@ -176,18 +178,18 @@ class Rigd:
         return None if any(angle is None for angle in angles) else (row[0] / 1e9, angles)
 
     def stop(self) -> None:
-        """Stop it; a run that it records is closed."""
+        """Stop the daemon. It closes a run in progress."""
         if self._client is not None:
             self._client.__exit__()
         self._child.stop()
 
 
 StartRigd = Callable[[str, Path, Path, Path], Rigd]
-"""Starts the daemon of a rig's name, by its rig file, into a directory of runs, with a log."""
+"""Starts the daemon. Arguments: the name of the rig, the rig file, the directory of runs and the log."""
 
 
 def _hold_unserved(rig_name: str) -> None:
-    """Raise CellError where another rigd serves a rig; that of a session which was just killed has some seconds."""
+    """Raise CellError if another rigd serves the rig. The daemon of a killed session gets some seconds to exit."""
     until_s = clock.now_s() + _LEAVES_S
     while True:
         try:
@@ -201,7 +203,7 @@ def _hold_unserved(rig_name: str) -> None:
 
 
 class LiveDriver:
-    """Drives steps in a cell whose instruments rigd reads."""
+    """Drives steps in a cell and records them with rigd."""
 
     def __init__(
         self,
@@ -213,19 +215,19 @@ class LiveDriver:
         wait_min: float,
         start_rigd: StartRigd = Rigd.start,
     ) -> None:
-        """wait_min: how many minutes a robot has to begin."""
+        """wait_min: minutes to wait for the robot to start a program."""
         self._rig_name, self._directory, self._hands, self._screen = rig_name, directory, hands, screen
         self._operator, self._wait_s, self._start_rigd = operator, 60 * wait_min, start_rigd
         self.entered = False
-        """Whether the controller has the values of a correction, which correct whatever is driven."""
+        """True if the values of a correction are entered at the controller, where they affect every program."""
         self._rigd: Rigd | None = None
         self._programs: Mapping[str, Program] = {}
         self._ways: dict[str, Way] = {}
         self._ended = ""
-        """The program that was driven to its end last, at this stage."""
+        """Last program completed at this stage."""
 
     def set_up(self, stage: Stage, programs: Mapping[str, Program]) -> None:
-        """Make a stage ready: hands set it up, and rigd reads the cell as it then is. Raises CellError."""
+        """Have the stage set up and start rigd for the resulting cell. Raises CellError."""
         if self._rigd is not None:
             self._rigd.stop()
             self._rigd = None
@@ -236,7 +238,7 @@ class LiveDriver:
         self._rigd = self._start_rigd(self._rig_name, rig_file, self._directory / "runs", self._directory / "rigd.log")
 
     def drive(self, step: Step, wait: Callable[[], None]) -> Run:
-        """Have a step driven and recorded. Raises CellError where nothing is driven in time."""
+        """Drive and record a step. Raises CellError if no program starts in time."""
         assert self._rigd is not None  # noqa: S101 - a stage was set up
         watch = Watch(self._ways, step.program, self._ended)
         by: DrivenWith = "entries" if self.entered else ""
@@ -250,12 +252,12 @@ class LiveDriver:
         return run
 
     def enter(self, file: Path) -> bool:
-        """Have values entered at the controller."""
+        """Have values entered at the controller and store the result."""
         self.entered = self._hands.enter(file)
         return self.entered
 
     def close(self) -> None:
-        """Stop rigd, and leave the cell."""
+        """Stop rigd and leave the cell."""
         if self._rigd is not None:
             self._rigd.stop()
         self._hands.leave()
@@ -263,8 +265,10 @@ class LiveDriver:
 
 @dataclass
 class _Drive:
-    """One step, from when it is asked for to its run. ended: the program that came to its end, empty where none did;
-    recording: the one whose run is being recorded, or none."""
+    """Execution of a step, from the request to the run.
+
+    ended: program that has reached its end, or empty. recording: program being recorded, or empty.
+    """
 
     rigd: Rigd
     hands: Hands
@@ -279,7 +283,7 @@ class _Drive:
     try_again_s: float = 0.0
 
     def run(self, operator: str, wait_s: float, runs: Path) -> Run:
-        """Have it driven; a recording that is cut short is ended in any case."""
+        """Have the step driven. Always stop the recording, even after an error."""
         self.hands.start(self.programs[self.asked.program])
         until_s, look_s = clock.now_s() + wait_s, 0.0
         try:
@@ -312,7 +316,10 @@ class _Drive:
                     self.rigd.ask("record_stop")
 
     def _seen(self, seen: str, operator: str) -> tuple[str, str] | None:
-        """Act on what is seen; return the program that has come to its end, and why its run is unusable, or empty."""
+        """React to an observation of the watch.
+
+        Return the completed program and the reason for being unusable, or empty.
+        """
         program = self.watch.program
         if seen == "at_start" and not self.recording:
             self._begin(program, operator)
@@ -334,7 +341,7 @@ class _Drive:
         return None
 
     def _begin(self, program: str, operator: str) -> None:
-        """Begin to record a program, and let it go on; a refusal is reported, and tried again."""
+        """Start recording a program and let it continue. Report a refusal and retry later."""
         if clock.now_s() < self.try_again_s:
             return
         driven = self.programs[program]
@@ -358,7 +365,7 @@ class _Drive:
         self.hands.go_on(driven)
 
     def _judged(self, done: tuple[str, str], runs: Path) -> Run:
-        """End the recording, and say whether it can be used."""
+        """Stop the recording and check whether the run is usable."""
         program, why = done
         ended = self.rigd.ask("record_stop")
         self.recording = ""
@@ -375,46 +382,46 @@ class _Drive:
         return Run(name, program, why, held_up)
 
     def _tell(self, line: str) -> None:
-        """Say something once."""
+        """Print a line unless it was printed before."""
         if line not in self.lines:
             self.lines.add(line)
             self.screen.say(line)
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# Hands: a person who is asked, and an emulated cell that needs nobody.
+# Hands: an operator who receives requests, and an emulated cell that works unattended.
 
 
 class Person:
-    """A person at the cell, who is asked; what they did shows in what the robot does."""
+    """Operator at the cell. The motion of the robot shows whether a request was followed."""
 
     def __init__(self, screen: Screen, ask: Callable[[str], bool]) -> None:
-        """ask: has a person confirm something; false where there is none."""
+        """ask: requests a confirmation from the operator; returns False if the operator cannot answer."""
         self._screen, self._ask = screen, ask
 
     def set_up(self, stage: Stage, rig_file: Path) -> Path:
-        """The guide has asked for it."""
+        """Return the rig file. The guide has already printed the request."""
         return rig_file
 
     def start(self, program: Program) -> None:
-        """The guide has asked for it."""
+        """Ignored: the guide has already printed the request."""
 
     def go_on(self, program: Program) -> None:
         self._screen.say(f"{program.name} is recorded: mount the link, and let the program continue")
 
     def look(self) -> None:
-        """A person looks after themselves."""
+        """Ignored: the operator is always present."""
 
     def enter(self, file: Path) -> bool:
         return self._ask(f"the values of {file} are entered, and checked as it says")
 
     def leave(self) -> None:
-        """They go home."""
+        """Ignored: the cell stays as it is."""
 
 
 Hear = Callable[[CellEvent], None]
 StartCell = Callable[[Sequence[str | Path], Path, Hear], Talking]
-"""Starts an emulated cell with the arguments of `rig emulate` and a log; each of its events is heard."""
+"""Starts an emulated cell. Arguments: the options of `rig emulate`, the log and the listener for events."""
 
 
 def _emulate(arguments: Sequence[str | Path], log: Path, hear: Hear) -> Child:
@@ -426,7 +433,7 @@ def _emulate(arguments: Sequence[str | Path], log: Path, hear: Hear) -> Child:
 
 
 class EmulatedHands:
-    """An emulated cell in a process: its robot drives the programs, and values are entered at its controller."""
+    """Emulated cell in a child process. Its robot drives the programs, and its controller accepts entered values."""
 
     def __init__(
         self,
@@ -436,12 +443,12 @@ class EmulatedHands:
         entered: Sequence[Path],
         start_cell: StartCell = _emulate,
     ) -> None:
-        """entered: files whose values the controller has already."""
+        """entered: files with values that are already entered at the controller."""
         self._directory, self._maker, self._emulated = directory, maker, emulated
         self._entered, self._start_cell = list(entered), start_cell
         self._child: Talking | None = None
         self._events: queue.SimpleQueue[CellEvent] = queue.SimpleQueue()
-        # One that goes on after a cut has other noise: with the same its runs would repeat those before exactly.
+        # A resumed session needs new noise. The same seed would repeat the earlier runs exactly.
         self._visits = len(list((directory / "runs").glob("*")))
         self._waits, self._may_go_on, self._is_busy = False, False, False
 
@@ -456,7 +463,7 @@ class EmulatedHands:
         self._visits += 1
         self._is_busy = self._waits = False
         arguments += ["--seed", str(self._emulated.seed + self._visits)]
-        self._events = queue.SimpleQueue()  # what the cell before it still told is of no use
+        self._events = queue.SimpleQueue()  # late events of the previous cell are irrelevant
         self._child = self._start_cell(arguments, self._directory / "emulated.log", self._events.put)
         self._await("ready")
         for file in self._entered:
@@ -465,26 +472,28 @@ class EmulatedHands:
         return cell / "rig.yaml"
 
     def start(self, program: Program) -> None:
-        """Press start."""
+        """Start a program."""
         self._may_go_on = False
         self._free()
         self._type(f"run {program.name}")
         self._is_busy = True
 
     def go_on(self, program: Program) -> None:
-        """Let the program go on as soon as it waits."""
+        """Let the program continue as soon as it waits for the recording."""
         self._may_go_on = True
 
     def look(self) -> None:
-        """Hear what the cell reports. Raises CellError for an error of it, and where it has ended."""
+        """Process the events of the cell. Raises CellError if the cell reports an error or has ended."""
         self._hear()
         if self._waits and self._may_go_on:
             self._waits = self._may_go_on = False
             self._type("go on")
 
     def _hear(self) -> list[str]:
-        """Take in what the cell reported since the last time; return what kinds of events these are. Raises CellError
-        for an error of it, and where it has ended."""
+        """Process all new events of the cell and return the kinds.
+
+        Raises CellError if the cell reports an error or has ended.
+        """
         assert self._child is not None  # noqa: S101 - a stage was set up
         heard: list[str] = []
         with suppress(queue.Empty):
@@ -492,7 +501,7 @@ class EmulatedHands:
                 event = self._events.get_nowait()
                 heard.append(event.event)
                 match event.event:
-                    case "refused" if event.name != "stop":  # which was typed where it ended just before
+                    case "refused" if event.name != "stop":  # a stop typed just after the end of a program is refused
                         raise CellError(
                             "the emulated cell", event.text.removeprefix("error: "), f"see {self._child.log}"
                         )
@@ -507,7 +516,7 @@ class EmulatedHands:
         return heard
 
     def _await(self, event: str) -> None:
-        """Wait until the cell reports an event. Raises CellError where it ends before, or takes too long."""
+        """Wait for an event of the cell. Raises CellError if the cell ends or takes too long."""
         assert self._child is not None  # noqa: S101 - a stage was set up
         until_s = clock.now_s() + _READY_S
         while event not in self._hear():
@@ -516,7 +525,7 @@ class EmulatedHands:
             clock.sleep(LOOK_S)
 
     def enter(self, file: Path) -> bool:
-        """Enter the values of a file."""
+        """Enter the values of a file at the emulated controller."""
         self._entered.append(file)
         if self._child is not None:
             self._free()
@@ -525,8 +534,10 @@ class EmulatedHands:
         return True
 
     def _free(self) -> None:
-        """Let a program end that stands at its end, and stop one that drives or waits: what is typed next would wait
-        for it."""
+        """Wait for a program at its end, and stop a program that drives or waits.
+
+        The next command would otherwise be queued.
+        """
         until_s = clock.now_s() + _STANDS_S
         while self._is_busy and clock.now_s() < until_s:
             self.look()

@@ -1,9 +1,9 @@
-"""The guide of a session: what each event makes of it, and what is done next.
+"""Guide of a session: the decisions about the next step.
 
-Pure: the state and an event in, the next state and actions out. `analysis.apps.session.run_session` carries these out,
-and says what came of them as events again. Which step comes next follows from what is kept alone
-(`analysis.apps.session.next_step`), so that a session goes on wherever it was cut off; the rest of the state is what
-goes on just now.
+Pure: a state and an event in, the next state and actions out. `analysis.apps.session.run_session` executes the actions
+and reports the results as further events. The next step depends only on the stored session
+(`analysis.apps.session.next_step`), so an interrupted session can resume anywhere. The other fields of the state
+describe the work in progress.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ from rigs.text import counted
 
 _T = TypeVar("_T")
 _MOST_MORE = 4
-"""So many stages are added at most to separate rivals or to decide: then a person has to think."""
+"""Maximum number of stages added to separate rivals or to decide. If they do not suffice, an expert is needed."""
 
 
 @dataclass(frozen=True)
 class Runs:
-    """What an inference is about: names of the runs that are used, and of those that judge."""
+    """Names of the runs of an inference: the runs used, and the runs that judge."""
 
     used: tuple[str, ...]
     judges: tuple[str, ...] = ()
@@ -48,8 +48,11 @@ class Runs:
 
 @dataclass(frozen=True)
 class State:
-    """A session with what goes on in it: the stage that is set up, the number of the step that is driven, and the
-    inferences under way. ahead: the last one, begun beside the one that the other place judges."""
+    """A session and the work in progress.
+
+    stage: stage that is set up. driving: number of the step being driven. inferring: runs of the inference in progress.
+    ahead: runs of the final inference, if it was started in parallel with the judging inference.
+    """
 
     session: Session
     stage: str = ""
@@ -58,18 +61,20 @@ class State:
     ahead: Runs | None = None
 
     def keeping(self, **changed: object) -> State:
-        """Return the state with other values of the session."""
+        """Return the state with changed fields of the session."""
         return replace(self, session=self.session.model_copy(update=changed))
 
     def tried(self, number: int, attempt: Try) -> State:
-        """Return the state with a further run of a step."""
+        """Return the state with an additional run of a step."""
         step = self.session.steps[number]
         tries = (*step.tries, attempt)
         return replace(self, session=self.session.with_step(number, step.model_copy(update={"tries": tries})))
 
     def skipping(self, purpose: Purpose, why: str) -> State:
-        """Return the state without the steps of a purpose that were not driven, but for one that is being driven; an
-        empty `why` opens them again."""
+        """Skip the steps of a purpose that have no run, except the step being driven.
+
+        An empty `why` reopens skipped steps.
+        """
         steps = [
             step.model_copy(update={"skipped": why})
             if step.purpose == purpose and step.run is None and number != self.driving
@@ -80,12 +85,15 @@ class State:
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# What happens.
+# Events.
 
 
 @dataclass(frozen=True)
 class Present:
-    """A run lies in the directory that the session does not know; program: of which it is, if it may be of a step."""
+    """The directory contains a run unknown to the session.
+
+    program: the program of the run, if it may belong to a step.
+    """
 
     run: str
     program: str = ""
@@ -93,7 +101,7 @@ class Present:
 
 @dataclass(frozen=True)
 class Recorded:
-    """A run was recorded: of the step that was asked for, or of another program."""
+    """A run was recorded, of the requested program or a different program."""
 
     run: Run
     minutes: float
@@ -101,7 +109,10 @@ class Recorded:
 
 @dataclass(frozen=True)
 class Answered:
-    """An inference has its answer; or none while a step is driven, and why: more runs follow, and with them another."""
+    """An inference has finished.
+
+    answer: None if it failed while a step is driven. More runs and a new inference follow.
+    """
 
     answer: Answer | None
     why: str = ""
@@ -109,7 +120,10 @@ class Answered:
 
 @dataclass(frozen=True)
 class Corrected:
-    """The correction is made. programs: names of the corrected programs, by those whose place they take."""
+    """The correction is computed.
+
+    programs: names of corrected programs, by the name of the program that each replaces.
+    """
 
     correction: Correction
     programs: Mapping[str, str]
@@ -124,50 +138,52 @@ class Reported:
 
 
 Event = Present | Recorded | Answered | Corrected | Reported | Literal["begun", "entered"]
-"""begun: the session begins, or goes on; entered: the values are entered at the controller."""
+"""begun: the session starts or resumes. entered: the values are entered at the controller."""
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# What is done: besides the steps that come next.
+# Actions, in addition to the next steps.
 
 
 @dataclass(frozen=True)
 class Say:
-    """Say lines that stay."""
+    """Print permanent lines."""
 
     lines: tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class SetUp:
-    """Write the programs of a stage, and set it up."""
+    """Write the programs of a stage and set it up."""
 
     stage: Stage
 
 
 @dataclass(frozen=True)
 class Begin:
-    """Begin an inference."""
+    """Start an inference."""
 
     runs: Runs
 
 
 @dataclass(frozen=True)
 class Stop:
-    """End here: something in the cell must be put right first."""
+    """Abort the session until a problem in the cell is solved."""
 
     error: CellError
 
 
 Action = Say | SetUp | Begin | Stop | Drive | Literal["await", "correct", "enter", "report"]
-"""await: the inference that is under way; the others as of `Following`."""
+"""await: wait for the inference in progress. For the other literals see `Following`."""
 Outcome = tuple[State, tuple[Action, ...]]
 
 
 @dataclass(frozen=True)
 class Guide:
-    """Says what comes next in a session of a rig. directory: of the session, as it is named to a person; chosen_way:
-    the way of the correction that a person chose."""
+    """Decides the next actions in a session.
+
+    directory: path of the session as printed for the user. chosen_way: way of the correction chosen by the user.
+    """
 
     rig: Rig
     pace: Pace
@@ -175,8 +191,10 @@ class Guide:
     chosen_way: Way | None = None
 
     def step(self, state: State, event: Event) -> Outcome:
-        """Return the next state, which is kept before anything is done, and what is to be done: the last action brings
-        the next event, where one comes."""
+        """Return the next state and the actions. The state must be stored before the actions are executed.
+
+        If a further event follows, the last action produces it.
+        """
         changed, actions = state, tuple[Action, ...]()
         match event:
             case Present(run, program):
@@ -202,7 +220,7 @@ class Guide:
         return following, (*actions, *further)
 
     def _following(self, state: State) -> Outcome:
-        """Return what comes next: nothing is driven, and no inference is waited for."""
+        """Return the next state and actions when the robot is idle and all inferences are finished."""
         following = next_of(state.session)
         match following:
             case Drive(number):
@@ -229,17 +247,17 @@ class Guide:
         return next_state, (*actions, *further)
 
     def _nothing(self, session: Session) -> str:
-        """Why nothing is corrected, empty where something may be."""
+        """Return the reason for not correcting anything; empty if a correction is allowed."""
         answer = _of(session.answer)
         if not answer.model:
             return f"Nothing can be corrected: {answer.next_step}"
         return why_nothing(session) if self.chosen_way in (None, "none") else ""
 
     # ------------------------------------------------------------------------------------------------------------------
-    # What an answer decides.
+    # Decisions after an answer.
 
     def _decided(self, state: State, answer: Answer) -> Outcome:
-        """Put the test next that separates rivals or decides, or go on."""
+        """Insert a test that separates rivals or helps to decide. If there is none, close the search for errors."""
         session = state.session
         addition = self._more(session, answer) if session.aim != "check" else None
         if addition is None:
@@ -254,7 +272,7 @@ class Guide:
         return replace(state.keeping(stages=stages, steps=ordered), stage=""), (reason,)
 
     def _more(self, session: Session, answer: Answer) -> tuple[Stage, tuple[Step, ...]] | None:
-        """Return a stage with steps that would show more, None where none would, or the time is over."""
+        """Return a stage with steps that add information; None if none does, or if the time does not suffice."""
         if len(session.stages) >= 2 + _MOST_MORE:
             return None
         addition: tuple[Stage, tuple[Step, ...]] | None = None
@@ -262,13 +280,13 @@ class Guide:
             tests = tuple(dict.fromkeys(step.test for step in session.runs_for("find")))
             addition = separating(self.rig, answer.next_test, tests, len(session.stages) + 1)
         elif answer.condition == "undecided" and answer.runs_to_decide is not None:
-            # The same once more in each direction, where that may decide
+            # Repeat the main test in each direction, if that may decide.
             main = session.stages[0]
             main_steps = [step for step in session.steps if step.stage == main.name and step.purpose == "find"]
             once = list({step.program: step for step in main_steps}.values())
             if sum(bool(step.run) for step in main_steps) < len(once) * answer.runs_to_decide:
                 addition = main, tuple(step.model_copy(update={"tries": (), "skipped": ""}) for step in once)
-        # A test at the place that judges is driven anyway: its runs join the last diagnosis.
+        # A test at the judging place is driven anyway, and its runs join the last diagnosis.
         judged_at = [stage.circle for stage in session.stages if stage.circle is not None]
         if addition is None or addition[0].circle in judged_at:
             return None
@@ -277,16 +295,16 @@ class Guide:
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# What each event makes of the state.
+# Handling of each event.
 
 
 def _needs_other_test(answer: Answer) -> bool:
-    """Return whether another test is needed to distinguish causes, and no more runs of the same."""
+    """Return whether a different test is needed to distinguish causes; more repeats would not help."""
     return answer.condition == "ambiguous" or (answer.condition == "undecided" and answer.runs_to_decide is None)
 
 
 def _adopted(state: State, run: str, program: str) -> Outcome:
-    """Take a run that was recorded for an open step just before the session was cut off; leave all others alone."""
+    """Assign a run to an open step if it was recorded just before an interruption. Ignore all other runs."""
     following = next_of(state.session)
     if program and isinstance(following, Drive):
         number = _number_of(state.session, program, state.session.steps[following.number].purpose)
@@ -297,13 +315,13 @@ def _adopted(state: State, run: str, program: str) -> Outcome:
 
 
 def _number_of(session: Session, program: str, purpose: Purpose) -> int | None:
-    """Return the number of the first open step of a program with a purpose."""
+    """Return the number of the first open step with this program and purpose."""
     steps = enumerate(session.steps)
     return next((k for k, step in steps if step.program == program and step.purpose == purpose and step.is_open), None)
 
 
 def _recorded(state: State, run: Run, minutes: float) -> Outcome:
-    """Take a run as what it is; where it can be used, try to understand what there is meanwhile."""
+    """Assign a run to the step of its program. If the run is usable and adds information, start an inference."""
     number, session = _of(state.driving), state.session
     idle = replace(state, driving=None).keeping(driven_minutes=round(session.driven_minutes + minutes, 2))
     usable = f"not usable: {run.why}; drive it again" if run.why else "usable"
@@ -316,7 +334,7 @@ def _recorded(state: State, run: Run, minutes: float) -> Outcome:
     if run.why:
         failed = _failed(tried.session.steps[of], is_emulated=session.emulated is not None)
         return tried, (*actions, *failed)
-    # One inference at a time, and only where it would show more than the last one
+    # Run a single inference at a time, and only if it may show more than the last.
     find = tried.session.runs_for("find")
     understood = session.answer.runs if session.answer else 0
     all_driven = first_open(tried.session, "judge") is None and first_open(tried.session, "find") is None
@@ -328,7 +346,7 @@ def _recorded(state: State, run: Run, minutes: float) -> Outcome:
 
 
 def _failed(step: Step, *, is_emulated: bool) -> tuple[Stop, ...]:
-    """End where a step was driven in vain so often that something in the cell must be put right."""
+    """Abort after repeated failures of a step: a problem in the cell must be solved first."""
     last = step.tries[-1].why
     if len(step.tries) % MOST_TRIES:
         return ()
@@ -341,7 +359,10 @@ def _failed(step: Step, *, is_emulated: bool) -> tuple[Stop, ...]:
 
 
 def _begun(state: State, *, joins: bool) -> Outcome:
-    """Begin to understand what there is. joins: whether the runs of the place that has judged are used as well."""
+    """Start an inference with the available runs.
+
+    joins: also use the runs of the other place, after their judgement.
+    """
     find, judge = (
         tuple(step.run for step in state.session.runs_for(purpose) if step.run) for purpose in ("find", "judge")
     )
@@ -350,21 +371,21 @@ def _begun(state: State, *, joins: bool) -> Outcome:
         actions = () if state.ahead == every else (Begin(every),)
         return replace(state, inferring=every, ahead=None), actions
     asked = Runs(find, judge)
-    # Where the other place judges, both at once, since a computer has two cores.
+    # When the other place judges, run both inferences in parallel: computers have at least two cores.
     if judge and first_open(state.session, "judge") is None:
         return replace(state, inferring=asked, ahead=every), (Begin(asked), Begin(every))
     return replace(state, inferring=asked, ahead=None), (Begin(asked),)
 
 
 def _answered(state: State, answer: Answer) -> Outcome:
-    """Keep an answer; where it answers the question, leave out what was still to be driven to find errors."""
+    """Store an answer. If it answers the question, skip the remaining steps for finding errors."""
     session, judges = state.session, len(state.session.runs_for("judge"))
     if judges and answer.runs > len(session.runs_for("find")):
         answer = answer.model_copy(update={"joined": judges})
     changed = state.keeping(answer=answer, judged=answer if answer.judges else session.judged)
     actions: tuple[Action, ...] = (Say(tuple(words.answer_lines(answer, session.answer))),)
     is_known = is_answered(changed.session, answer)
-    # More runs may show less for sure: as long as the ball stands where it stood, they go on.
+    # A later answer may be less certain. Steps are reopened as long as the ball is still in the same place.
     is_there = not judges and state.stage in ("", session.stages[0].name)
     if session.aim != "faults" or session.answered or not (is_known or is_there):
         return changed, actions
@@ -377,11 +398,11 @@ def _answered(state: State, answer: Answer) -> Outcome:
 
 
 _ANSWERED, _OPEN = "the question is answered", "the question is open again"
-"""Why steps are left out, and why they are driven after all."""
+"""Reasons for skipping and reopening steps."""
 
 
 def _corrected(state: State, correction: Correction, programs: Mapping[str, str]) -> Outcome:
-    """Keep a correction; its programs take the place of those that would be driven after it, if there are any."""
+    """Store a correction. Its programs, if any, replace those of the verification steps."""
     changed = state
     if correction.way == "none":
         changed = state.skipping("verify", "nothing was corrected")
@@ -392,13 +413,13 @@ def _corrected(state: State, correction: Correction, programs: Mapping[str, str]
         for step in changed.session.steps
     ]
     kept = changed.keeping(correction=correction, steps=tuple(steps))
-    # Entries change the robot where it stands; corrected programs are loaded first.
+    # Entered values take effect in the current stage. Corrected programs must be loaded first.
     return replace(kept, stage=state.stage if correction.way == "entries" else ""), (
         Say((f"correction: {correction.sentence}",)),
     )
 
 
 def _of(value: _T | None) -> _T:
-    """What is there at this point of a session."""
+    """Return a value that is always present at this point of a session."""
     assert value is not None  # noqa: S101 - by the step that comes next
     return value

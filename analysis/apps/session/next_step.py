@@ -1,4 +1,4 @@
-"""What comes next in a session: it follows from the state alone, so that a session goes on wherever it was cut off."""
+"""Next step of a session, derived only from the stored state, so that an interrupted session can resume anywhere."""
 
 from __future__ import annotations
 
@@ -8,33 +8,35 @@ from typing import Literal
 from analysis.apps.session.session_state import MAIN, Answer, Purpose, Session
 
 _UNEXPLAINED = 0.1
-"""Share of the error without an explanation up to which named faults answer the question. Chosen."""
+"""Maximum unexplained share of the error if named faults are to answer the question. Chosen."""
 _SETTLED = ("named", "nothing_unusual", "uncalibrated")
-"""Conditions that more runs of the same would not change."""
+"""Conditions that more runs of the same tests would not change."""
 
 
 @dataclass(frozen=True)
 class Drive:
-    """The step of this number is driven."""
+    """Drive the step with this number."""
 
     number: int
 
 
 @dataclass(frozen=True)
 class Infer:
-    """What there is, is understood. joins: whether the runs of the place that has judged are used as well."""
+    """Diagnose the available runs. joins: also use the runs of the other place, after their judgement."""
 
     joins: bool = False
 
 
 Following = Drive | Infer | Literal["decide", "correct", "enter", "report", "done"]
-"""What comes next. decide: the answer decides whether more is measured; correct: the correction is made; enter: its
-values are entered; report: what was driven afterwards is set beside what was before, and the page is written; done:
-nothing is left."""
+"""Kind of the next step.
+
+decide: decide from the answer whether more tests are needed. correct: compute the correction. enter: enter the values
+at the controller. report: compare the runs before and after the correction and write the page. done: session complete.
+"""
 
 
 def next_of(session: Session) -> Following:
-    """Return what comes next in a session."""
+    """Return the next step of a session."""
     if (number := first_open(session, "find")) is not None:
         return Drive(number)
     if not session.answered:
@@ -42,18 +44,19 @@ def next_of(session: Session) -> Following:
         return "decide" if is_known else Infer()
     if (number := first_open(session, "judge")) is not None:
         return Drive(number)
-    # The errors are found, and the place that judges was driven.
+    # The search for errors is complete, and the other place was driven.
     following = _correcting(session) if session.aim != "check" else None
     return following or ("done" if session.report else "report")
 
 
 def _correcting(session: Session) -> Following | None:
-    """What comes next from the last inference to the last run after the correction, None after that."""
+    """Return the next step between the last inference and the last verification run; None after that run."""
     answer, correction = session.answer, session.correction
     if correction is None:
         if answer is not None and session.is_last(answer):
             return "correct" if session.decided == answer.runs else "decide"
-        # The other place judges first what was found without it; then its runs join, and what all of them show decides.
+        # First the other place judges a model found without it. Then its runs join, and the answer from all runs
+        # decides.
         run_counts = len(session.runs_for("find")), len(session.runs_for("judge"))
         judged = session.judged
         return Infer(joins=judged is not None and (judged.runs, judged.judges) == run_counts)
@@ -69,8 +72,11 @@ def first_open(session: Session, purpose: Purpose) -> int | None:
 
 
 def is_answered(session: Session, answer: Answer) -> bool:
-    """Whether what is asked is known: repeats in both directions were used, the condition is settled, and no group that
-    makes much of the error beside the faults waits for the test that names it."""
+    """Return whether the question of the session is answered.
+
+    This requires repeats in both directions, a settled condition, little unexplained error, and no large group of
+    causes that a different test could name.
+    """
     used = session.runs_for("find")[: answer.runs - answer.joined]
     circles = [(step.test, step.direction) for step in used if step.direction]
     repeated = bool(circles) and all(circles.count(circle) >= _REPEATS for circle in ((MAIN, "acw"), (MAIN, "cw")))
@@ -80,9 +86,9 @@ def is_answered(session: Session, answer: Answer) -> bool:
 
 
 def why_nothing(session: Session) -> str:
-    """Return why the robot is not corrected by what was found, in a sentence; empty where it may be.
+    """Return the reason for not correcting the robot as a sentence; empty if a correction is allowed.
 
-    Where the other place judged, its verdict counts, and not that of the last answer, which nothing judged.
+    The verdict of the other place counts, if available. The last answer includes these runs and has no judge.
     """
     answer = session.judged or session.answer
     return _WHY_NOTHING.get(answer.ground, "") if answer else ""
@@ -95,6 +101,6 @@ _WHY_NOTHING = {
     "no_gain_elsewhere": "Correct nothing: the model takes away no error where it had no part. --correct programs "
     "corrects by it all the same.",
 }
-"""The advice for each ground on which nothing is corrected (`rigs.calibration.ground_of`)."""
+"""Advice for each ground on which a correction is refused (`rigs.calibration.ground_of`)."""
 _REPEATS = 2
-"""Runs of a circle in each direction, at least, before its scatter is measured."""
+"""Minimum number of runs of a circle in each direction for measuring the scatter."""

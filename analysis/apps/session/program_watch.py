@@ -1,8 +1,9 @@
-"""Which program the robot drives, and how far it is: joint angles in, what happened out.
+"""Detection of the driven program and the progress from joint angles.
 
-It owns no clock and no daemon, so that an hour of a cell is tested in milliseconds. Each program is known by the joint
-angles along its whole way. A robot that stands where a program begins is about to drive it; a robot that leaves the way
-drives something else. The way of a lap and that of the way back are the same places, so progress only ever grows.
+The module uses neither a clock nor a daemon, so a test covers an hour of a cell in milliseconds. Each program is
+identified by the joint angles along the path. A robot resting at the start of a path is about to drive that program. A
+robot that leaves the path drives something else. The outward and return paths pass through the same places, so progress
+never decreases.
 """
 
 from __future__ import annotations
@@ -19,51 +20,57 @@ from analysis.robot.kinematics.arm import Array
 from analysis.runs.stands import FLICKER_DEG
 
 NEAR_DEG = 1.0
-"""A robot whose joints are all so near to the start of a program stands there. Chosen: corrected programs begin some
-hundredths of a degree beside the nominal ones, and starts of different programs differ by tens of degrees."""
+"""Maximum distance of each joint from the start of a program. Chosen: corrected programs start some hundredths of a
+degree from the nominal start, and the starts of different programs differ by tens of degrees.
+"""
 _ASTRAY_DEG = 5.0
-"""A robot that is further from every place of the way drives something else. Chosen: between targets a controller may
-move its joints a little otherwise than planned."""
+"""Distance from the entire path above which the robot drives something else. Chosen: between targets a controller may
+deviate slightly from the planned joint angles.
+"""
 _STANDS_S = 0.5
 _ENDED_S = 2.0
-"""A robot that stands so long at the end of its way has ended: programs stand there for 3 s."""
+"""Standstill at the end of the path after which a program has ended: programs pause there for 3 s."""
 _MORE_S = 3.0
-"""It has been stopped if it stands for twice its longest planned stand and so much more elsewhere."""
+"""Margin added to twice the longest planned pause: a longer standstill elsewhere means that the robot was stopped."""
 _ELSEWHERE_S = 4.0
 _MEANT_S = 4.0
-"""A robot that stood at the start of another program from the first look on is about to drive it if it stays there: the
-person may be on the way to the program that was asked for."""
+"""Standstill at the start of an unexpected program after which it is accepted. Until then the operator may still move
+the robot to the start of the requested program.
+"""
 _STEP_DEG = 0.5
-"""Between places of a way. Chosen: a tenth of what counts as astray."""
+"""Spacing of the points of a path. Chosen: a tenth of the distance that counts as astray."""
 _AHEAD = 240
-"""Places of the way that are looked at ahead of where the robot was: 120 degrees of the fastest joint, which none
-passes between two looks."""
+"""Number of path points searched ahead: 120 degrees of the fastest joint, more than the motion between two checks."""
 _NEARLY, _LAST = 0.99, 4
-"""A robot that stands at the end is seen within the last hundredth of its way, or at one of so many last places: the
-first of those that are near is taken, and a way of a small circle has but seventy."""
+"""Share of the path, or number of last points, from which the robot counts as near the end. The search takes the first
+near point, and the path of a small circle has only seventy points.
+"""
 
 Seen = Literal["nothing", "at_start", "driving", "ended", "stopped", "astray", "elsewhere"]
-"""What is seen: a program is about to begin; it is driven; it has ended; it was stopped; the robot has left its way; or
-it moved and stands where no program begins."""
+"""Observation of the robot.
+
+at_start: a program is about to start. driving: it is in progress. ended: it is complete. stopped: it was interrupted.
+astray: the robot left the path. elsewhere: the robot moved to a place that is not the start of any program.
+"""
 
 
 @dataclass(frozen=True)
 class Way:
-    """The way of a program: joint angles q_deg (n, 6) at even distances, and its longest stand in s."""
+    """Path of a program: joint angles q_deg (n, 6) at equal distances, and the longest planned pause in s."""
 
     q_deg: Array
     longest_stand_s: float
 
     @classmethod
     def of(cls, plan: Plan) -> Way:
-        """Return the way of a plan, from where it begins."""
+        """Build the joint path of a plan, starting at the first posture."""
         moves = [step for step in plan.steps if isinstance(step, Move)]
         pieces = [start_of(plan).q[None]]
         for before, move in pairwise(moves):
             pieces.append(angles_along(end_of(before), move))
         at_end = max((k for k, step in enumerate(plan.steps) if isinstance(step, Move)), default=0)
         stands = [step.seconds for step in plan.steps[:at_end] if isinstance(step, Dwell)]
-        # Angles (n, 6) at even distances along a polyline of angles (m, 6)
+        # Resample a polyline of joint angles (m, 6) to angles (n, 6) at equal distances.
         q_deg = np.degrees(np.concatenate(pieces))
         far = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(q_deg, axis=0)).max(axis=1))])
         at = np.linspace(0.0, far[-1], 2 + int(far[-1] / _STEP_DEG))
@@ -71,33 +78,33 @@ class Way:
 
 
 class Watch:
-    """Follows one step: waits for the expected program or another known one, then follows it to its end."""
+    """Tracks a step: waits for the expected program or a different known program and follows it to the end."""
 
     def __init__(self, ways: Mapping[str, Way], expected: str, ended: str = "") -> None:
-        """ended: the program that was driven to its end before, at which the robot may still stand."""
+        """ended: previous program. The robot may still stand at its end."""
         self._ways, self._expected, self._ended = ways, expected, ended
         self.program = ""
-        """The program that is about to begin or is driven."""
+        """Program that is about to start or in progress."""
         self._at = 0
         self._has_moved = False
         self._first: Array | None = None
         self._stands_at: Array = np.full(6, np.inf)
         self._stands_since_s = 0.0
         self.stood_s = 0.0
-        """How long the robot has stood where it is."""
+        """Duration of the current standstill."""
 
     def forget(self) -> None:
-        """Wait again, as at the beginning, where the program that was followed has ended."""
+        """Reset to the initial state after the end of a program."""
         self._ended, self._has_moved, self._first = self.program, False, None
         self.program, self._at = "", 0
 
     @property
     def share(self) -> float:
-        """How much of its way the robot has driven."""
+        """Completed share of the path, 0 to 1."""
         return self._at / max(1, len(self._ways[self.program].q_deg) - 1) if self.program else 0.0
 
     def feed(self, t_s: float, joints_deg: Sequence[float] | Array) -> Seen:
-        """Take in where the joints (6,) are at a time, and return what is seen."""
+        """Process the joint angles (6,) in degrees at a time in s and return the observation."""
         q = np.asarray(joints_deg, dtype=float)
         if self._first is None:
             self._first = q
@@ -112,7 +119,7 @@ class Watch:
         away = np.abs(ahead - q).max(axis=1)
         if away.min() > _ASTRAY_DEG:
             return "astray"
-        # The first of the near places: where the way turns back, the same place comes again soon after.
+        # Take the first near point: at a turning point of the path, the same place soon occurs again.
         self._at += int((away <= away.min() + _STEP_DEG).argmax())
         is_last = self.share >= _NEARLY or self._at > len(way.q_deg) - 1 - _LAST
         if is_last and self.stood_s >= _ENDED_S:
@@ -124,7 +131,8 @@ class Watch:
     def _await(self, q: Array) -> Seen:
         if self.stood_s < _STANDS_S:
             return "nothing"
-        # Where a program ends another may begin: only the expected one is taken for meant where the robot stayed there.
+        # Another program may start at the end of the last. If the robot did not move off, only the expected program
+        # counts.
         stayed = not self._has_moved and self._ended and _apart(q, self._ways[self._ended].q_deg[-1]) < NEAR_DEG
         is_meant = self._has_moved or (not stayed and self.stood_s > _MEANT_S)
         for name in (self._expected, *(self._ways if is_meant else ())):

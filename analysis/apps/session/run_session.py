@@ -1,5 +1,7 @@
-"""A session from its command: begun or gone on with, in a cell or an emulated one, and what its guide decides carried
-out. All that is slow or can fail is here; what happens next is decided by `analysis.apps.session.guide` alone."""
+"""Execution of the command `rig session`: starts or resumes a session and carries out the decisions of the guide.
+
+All slow or fallible work is here. The decisions are in `analysis.apps.session.guide`.
+"""
 
 from __future__ import annotations
 
@@ -40,8 +42,11 @@ from rigs.text import counted
 
 @dataclass(frozen=True)
 class Asked:
-    """What a person asks for. wait_min: minutes that a robot has to begin; correct: the way that was chosen; entered:
-    whether the values of the correction are entered; fast: whether an emulated cell is driven in simulated time."""
+    """Options of a session.
+
+    wait_min: minutes to wait for the robot to start. correct: way chosen by the user. entered: whether the values of
+    the correction are entered. fast: whether an emulated cell runs in simulated time.
+    """
 
     rig_file: str
     aim: Aim
@@ -56,13 +61,13 @@ class Asked:
 
     @property
     def pace(self) -> Pace:
-        """What the session takes beside the motion; in simulated time as much as with a person."""
+        """Time needed in addition to the motion; in simulated time the same as for an operator."""
         return BY_ITSELF if self.emulated and not self.fast else BY_HAND
 
 
 @dataclass(frozen=True)
 class Means:
-    """What a session works with."""
+    """Dependencies of a session."""
 
     hands: Hands
     start_rigd: StartRigd = Rigd.start
@@ -77,9 +82,9 @@ def run_session(
     screen: Screen,
     means: Means | None = None,
 ) -> Session:
-    """Begin a session, or go on with the one that is kept, to its end.
+    """Start a session, or resume the stored session, and run it to the end.
 
-    Raises RigError; what was reached is kept, and the same call goes on.
+    Raises RigError. Progress is stored, so the same call resumes the session.
     """
     with place:
         kept = place.read()
@@ -111,9 +116,9 @@ def run_session(
 
 @dataclass
 class Conductor:
-    """Carries out what the guide of a session decides, from one step to the next, until nothing is to be done.
+    """Executes the decisions of the guide step by step until the session ends.
 
-    rig_text: of the rig file; corrected: the corrected programs, once they are made, by those whose place they take.
+    rig_text: text of the rig file. corrected: corrected programs, by the name of the program that each replaces.
     """
 
     place: Place
@@ -127,7 +132,7 @@ class Conductor:
     corrected: Mapping[str, Program] = field(default_factory=dict)
 
     def run(self) -> Session:
-        """Go on to the end. Raises RigError; what was reached is kept."""
+        """Run to the end of the session. Raises RigError; the progress is stored."""
         session = self.state.session
         present = {attempt.run for step in session.steps for attempt in step.tries} | set(session.left_alone)
         for path in sorted(self.place.runs.glob("*")):
@@ -145,7 +150,7 @@ class Conductor:
         return self.state.session
 
     def _take(self, event: guide.Event) -> guide.Event | None:
-        """Take in an event, keep what it makes of the session, and carry out what follows; return what came of that."""
+        """Process an event, store the session and execute the actions. Return the event produced by the last action."""
         before = self.state.session
         self.state, actions = self.guided.step(self.state, event)
         if self.state.session != before:
@@ -183,7 +188,7 @@ class Conductor:
         return None
 
     def _look(self) -> None:
-        """Take in an answer that has come while a step is driven."""
+        """Process an answer that arrives while a step is driven."""
         runs = self.state.inferring
         if runs is not None and self.inferences[runs].is_done:
             try:
@@ -193,37 +198,39 @@ class Conductor:
             self._take(event)
 
     # ------------------------------------------------------------------------------------------------------------------
-    # What lies in the directory.
+    # Files in the directory.
 
     def _program_of(self, path: Path) -> str:
-        """The program of a run that may be of an open step; empty where it is not whole or usable, of another rig, or a
-        copy of one that a step has."""
+        """Return the program of a run that may belong to an open step.
+
+        Return an empty string if the run is incomplete, unusable, of another rig, or a copy of a known run.
+        """
         try:
             manifest = load_manifest(path)
         except RigError:
             return ""
         if manifest.exit_status != "complete" or manifest.rig_name != self.guided.rig.name or why_unusable(path):
             return ""
-        # Somebody may have copied a run: it holds the readings of one that a step has.
+        # A copied run contains the readings of another run.
         readings = read_run(path).readings_sha256
         driven = self.place.runs_of(self.state.session.steps)
         return "" if any(read_run(run).readings_sha256 == readings for run in driven if is_run(run)) else manifest.name
 
     def _programs(self, stage: Stage) -> dict[str, Program]:
-        """The programs that may be driven at a stage now."""
+        """Return all programs available at a stage."""
         nominal = (step for step in self.state.session.steps if not step.program.endswith(FIXED))
         programs = programs_of_steps(self.guided.rig, [stage], [step for step in nominal if step.stage == stage.name])
         return programs | {new.name: new for new in self.corrected.values() if new.stage == stage.name}
 
     def _write(self, stage: Stage, programs: Mapping[str, Program]) -> None:
-        """Write the rig file and the programs of a stage; those that are there are the same."""
+        """Write the rig file and the programs of a stage. Existing files are overwritten with the same content."""
         directory = self.place.directory
         write_programs(self.state.session.maker, list(programs.values()), directory / "programs" / stage.name)
         files = {**self.guided.rig.beside, f"{stage.name}.yaml": stage_text(self.rig_text, stage).encode()}
         write_all_over(directory / "cells", {name: holding(content) for name, content in files.items()})
 
     # ------------------------------------------------------------------------------------------------------------------
-    # Understanding, correcting, and the end.
+    # Diagnosis, correction and the end.
 
     def _begun(self, runs: guide.Runs) -> Infers:
         folder = self.place.directory / "found"
@@ -244,7 +251,7 @@ class Conductor:
         return guide.Answered(inference.result())
 
     def _verify_steps(self) -> list[Step]:
-        """The steps after the correction, with the nominal programs that they begin from."""
+        """Return the steps after the correction with the nominal programs from which they are derived."""
         return [
             step.model_copy(update={"program": step.program.removesuffix(FIXED)})
             for step in self.state.session.steps
@@ -270,7 +277,7 @@ class Conductor:
         return guide.Corrected(correction, {name: program.name for name, program in programs.items()})
 
     def _enter(self) -> guide.Event:
-        """Have the values entered. Raises CellError where no person confirms it."""
+        """Have the values entered. Raises CellError if the operator does not confirm it."""
         file = entries_file(self.place.directory / CORRECTIONS)
         self.screen.say(f"enter the values of {file}, as it says")
         if not self.driver.enter(file):
@@ -294,7 +301,7 @@ _LOOK_S = 0.2
 
 @contextmanager
 def _means(session: Session, place: Place, asked: Asked, screen: Screen) -> Iterator[Means]:
-    """Give what a session works with, in simulated time where it is asked for."""
+    """Provide the dependencies of a session, in simulated time if requested."""
     files, emulated = _entered_files(session, place), session.emulated
     if emulated is None:
         yield Means(Person(screen, _confirmed))
@@ -332,7 +339,7 @@ def _begun(rig: Rig, text: str, asked: Asked, screen: Screen) -> Session:
 
 
 def _hold_same(session: Session, text: str, asked: Asked, place: Place) -> None:
-    """Raise an error where the session that is kept is of another cell, or was begun otherwise."""
+    """Raise an error if the stored session belongs to a different cell or was started with other options."""
     if session.rig_sha256 != digest_of(text):
         problem = f"is a session with the rig file {session.rig_file}, which has changed since or is another"
         raise FileError(str(place.file), problem, "restore that file, or begin another session with another --output")
@@ -342,13 +349,13 @@ def _hold_same(session: Session, text: str, asked: Asked, place: Place) -> None:
 
 
 def _entered_files(session: Session, place: Place) -> list[Path]:
-    """The files whose values the controller has."""
+    """Return the files with values that are entered at the controller."""
     correction = session.correction
     return [entries_file(place.directory / CORRECTIONS)] if correction and correction.entered else []
 
 
 def _confirmed(statement: str) -> bool:
-    """Ask a person at the terminal whether something is so; false where there is none."""
+    """Request a confirmation at the terminal; return False if standard input is not a terminal."""
     if not (sys.stdin is not None and sys.stdin.isatty() and sys.stdout.isatty()):
         return False
     try:

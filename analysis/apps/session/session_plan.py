@@ -1,9 +1,10 @@
-"""The plan of a session: which programs are driven, where and how often, in the time at hand.
+"""Plan of a session: the programs, places and repeats that fit into the available time.
 
-Every session that corrects has the same backbone: the circle of the rig file in both directions, repeated, so that the
-scatter between runs is measured; the same at a place that finds nothing and judges everything; after the correction
-both again, the ball first where it lies. What time is left goes to the tests that make most else testable
-(`rig plan`). A session that only checks drives the circle alone.
+Every session with a correction has the same backbone. It drives the circle of the rig file repeatedly in both
+directions, which measures the scatter between runs. It drives the same circle at a second place, which only judges the
+model. After the correction both circles are driven again, starting at the current place of the ball. The remaining time
+is used for tests that make the most additional parameters testable (`rig plan`). A session that only checks drives
+just the circle.
 """
 
 from __future__ import annotations
@@ -32,18 +33,20 @@ from rigs.schema.vocabulary import CIRCLES, Direction, DrivenTest, MakerName, Te
 from rigs.yaml_text import data_of
 
 DWELL_S = 3.0
-"""Seconds at each target of radial and repeatability: arms settle within one, and slow gauges answer a few times."""
+"""Pause at each target of radial and repeatability tests. Arms settle within 1 s; slow gauges need a few readings."""
 FIXED = "-fixed"
-"""What the names of corrected programs end with. With it they have 23 characters, of the 24 that all languages take."""
+"""Suffix of corrected programs. Names then have 23 characters; all controller languages accept 24."""
 _BOTH: tuple[Direction, ...] = ("acw", "cw")
 _SEPARATING_RUNS = 2
-"""Runs in each direction of a test that separates rivals: two, so that its scatter is measured."""
+"""Runs in each direction of a test that separates rivals: two are needed to measure the scatter."""
 
 
 @dataclass(frozen=True)
 class Pace:
-    """What a session takes beside the motion: minutes to set up a stage, seconds for a program, and minutes at its end
-    for inference, correction and report."""
+    """Time needed in addition to the motion.
+
+    set_up_min: for each stage. handling_s: for each program. thinking_min: inference, correction and report at the end.
+    """
 
     set_up_min: float
     handling_s: float
@@ -51,15 +54,14 @@ class Pace:
 
 
 BY_HAND = Pace(SET_UP_MIN, 45.0, 2.0)
-"""Chosen: somebody who has done it before walks to the pendant, selects a program, mounts the link and starts it."""
+"""Chosen: an experienced operator walks to the pendant, selects a program, mounts the link and starts the program."""
 BY_ITSELF = Pace(0.05, 1.5, 0.8)
-"""An emulated cell; measured on two busy cores: 3 s a stage, 0.5 to 1 s beside each motion, 45 s at the end."""
+"""Pace of an emulated cell, measured on two busy cores: 3 s per stage, 0.5 to 1 s per motion, 45 s at the end."""
 
 
 @dataclass(frozen=True)
 class Program:
-    """A program of a session: its name, its stage, what it drives, and how long it takes; corrected: what corrects the
-    arm while it drives."""
+    """A program of a session. corrected: kind of correction active while it is driven."""
 
     name: str
     stage: str
@@ -71,13 +73,13 @@ class Program:
 
 
 def stage_rig(rig: Rig, stage: Stage) -> Rig:
-    """Return the rig of a stage: with its circle, and without rules for automatic runs, since a session records."""
+    """Return the rig of a stage, including the circle. Automatic runs are disabled, because the session records."""
     moved = rig.model_copy(update={"automatic": None})
     return moved if stage.circle is None else with_circle(moved, stage.circle)
 
 
 def stage_text(text: str, stage: Stage) -> str:
-    """Return the text of a rig file as it is for a stage."""
+    """Return the text of a rig file adapted to a stage."""
     data = {key: value for key, value in data_of(text).items() if key != "automatic"}
     if stage.circle is not None:
         data["tests"] = {**(data.get("tests") or {}), "circle": stage.circle.model_dump(mode="json")}
@@ -88,9 +90,9 @@ def stage_text(text: str, stage: Stage) -> str:
 def planned(
     rig: Rig, aim: Aim, minutes: float, pace: Pace, progress: Callable[[str], None]
 ) -> tuple[tuple[Stage, ...], tuple[Step, ...]]:
-    """Return the stages and steps for the time at hand.
+    """Plan the stages and steps for the available time.
 
-    Raises FileError where the arm cannot drive its circle, UseError where the time is too short for anything.
+    Raises FileError if the arm cannot drive the circle, and UseError if the time is too short for any session.
     """
     if not rig.gauges.recorded:
         problem = "has no gauges, and a session drives circles that are read by two"
@@ -115,7 +117,7 @@ def planned(
 
 
 def _backbones(rig: Rig, aim: Aim, main: Stage) -> Iterator[tuple[tuple[Stage, ...], tuple[Step, ...]]]:
-    """Yield what every session drives, the most first."""
+    """Yield the possible backbones in order of decreasing length."""
     main_programs = programs_for(rig, main, MAIN)
     if aim == "check":
         for repeats in (2, 1):
@@ -140,7 +142,7 @@ def _backbones(rig: Rig, aim: Aim, main: Stage) -> Iterator[tuple[tuple[Stage, .
 
 
 def elsewhere(rig: Rig) -> Stage | None:
-    """Return the stage at another place, with the same link and tool; None where the arm can drive none."""
+    """Return the stage at a second place with the same link and tool; None if the arm cannot drive any."""
     circle = rig.tests.circle
     assert circle is not None  # noqa: S101 - looked at before
     for words, centre in places(rig, circle):
@@ -151,7 +153,7 @@ def elsewhere(rig: Rig) -> Stage | None:
 
 
 def drives(rig: Rig) -> bool:
-    """Whether the arm can drive the circle of a rig, in both directions, as programs drive it."""
+    """Return whether the arm can drive the circle of a rig in both directions with generated programs."""
     try:
         for direction in _BOTH:
             circle_program(rig, direction)
@@ -162,7 +164,7 @@ def drives(rig: Rig) -> bool:
 
 
 def _set_up(test: DrivenTest, place: str | None) -> str:
-    """What a person sets up, in words."""
+    """Describe the set-up of a test for the operator."""
     if test not in CIRCLES:
         return "the ball at the centre of the hemisphere, one gauge on the link of the hemisphere"
     where = f"the ball {place}" if place else "the ball at the centre of the circle of the rig file"
@@ -170,7 +172,7 @@ def _set_up(test: DrivenTest, place: str | None) -> str:
 
 
 def _circles(programs: Sequence[Program], purpose: Purpose, repeats: int) -> tuple[Step, ...]:
-    """Return so many runs of each program, in turn."""
+    """Return the steps for a number of runs of each program, in turn."""
     return tuple(
         Step(
             program=program.name,
@@ -186,8 +188,11 @@ def _circles(programs: Sequence[Program], purpose: Purpose, repeats: int) -> tup
 
 
 def separating(rig: Rig, words: str, tests: Sequence[TestName], number: int) -> tuple[Stage, tuple[Step, ...]] | None:
-    """Return the stage and the steps of a further test by what `rig plan` calls it; None where it needs another link or
-    tool, or the arm cannot drive it. number: of the stage, which its name ends with where the circle is another."""
+    """Return the stage and the steps of a test named by `rig plan`.
+
+    number: number of the stage, used in the name if the circle differs. None if the test needs another link or tool, or
+    if the arm cannot drive it.
+    """
     for further in further_tests(rig, tests):
         for called, moved in further.choices:
             if called != words:
@@ -207,7 +212,7 @@ def separating(rig: Rig, words: str, tests: Sequence[TestName], number: int) -> 
 def _extra(
     rig: Rig, minutes: float, pace: Pace, progress: Callable[[str], None]
 ) -> list[tuple[Stage, tuple[Step, ...]]]:
-    """Return further tests in the time that is left, those that make most testable for their minutes first."""
+    """Choose additional tests for the remaining time by the number of parameters made testable per minute."""
     possible = []
     for number, further in enumerate(further_tests(rig, (MAIN,)), start=2):
         for words, _ in further.choices:
@@ -239,15 +244,17 @@ def _extra(
 
 
 def minutes_of(stages: Sequence[Stage], steps: Sequence[Step], pace: Pace) -> float:
-    """Return the minutes that steps take, with the set-up before each change of the stage."""
+    """Return the duration of steps in minutes, including the set-up before each change of the stage."""
     changes = sum(k == 0 or steps[k - 1].stage != step.stage for k, step in enumerate(steps))
     driven_s = sum(step.seconds + pace.handling_s for step in steps)
     return changes * pace.set_up_min + driven_s / 60
 
 
 def numbered(steps: Sequence[Step], written: Sequence[Step] = ()) -> tuple[Step, ...]:
-    """Return the steps with programs whose names say the order in which they are first driven. written: steps whose
-    programs are written, and keep their numbers."""
+    """Number the programs of steps in the order of first use.
+
+    written: steps with existing program files; these keep their numbers.
+    """
     names = {_bare(step.program): step.program for step in written}
     for bare in map(_bare, (step.program for step in steps)):
         names.setdefault(bare, f"p{len(names) + 1:02d}-{bare}")
@@ -255,13 +262,13 @@ def numbered(steps: Sequence[Step], written: Sequence[Step] = ()) -> tuple[Step,
 
 
 def _bare(program: str) -> str:
-    """A program's name without its number."""
+    """Remove the number from the name of a program."""
     head, _, stem = program.partition("-")
     return stem if head[:1] == "p" and head[1:].isdigit() else program
 
 
 def programs_for(rig: Rig, stage: Stage, test: DrivenTest, arc_deg: float = LONGEST_ARC_DEG) -> list[Program]:
-    """Return the programs of a test at a stage, for each direction, without their numbers. Raises FileError."""
+    """Return the programs of a test at a stage, for each direction, without numbers. Raises FileError."""
     at = stage_rig(rig, stage)
     ways: tuple[Direction | None, ...] = _BOTH if test in CIRCLES else (None,)
     place = stage.name if stage.circle else ""
@@ -273,12 +280,12 @@ def programs_for(rig: Rig, stage: Stage, test: DrivenTest, arc_deg: float = LONG
 
 
 def named_as(program: Program, name: str) -> Program:
-    """Return a program under another name, which is that of its plan as well: its file is named by it."""
+    """Rename a program and the plan, which determines the file name."""
     return replace(program, name=name, plan=replace(program.plan, name=name))
 
 
 def programs_of_steps(rig: Rig, stages: Sequence[Stage], steps: Sequence[Step]) -> dict[str, Program]:
-    """Return the nominal programs that steps need, by their names."""
+    """Return the nominal programs of steps, by name."""
     programs: dict[str, Program] = {}
     for stage in stages:
         stage_steps = [step for step in steps if step.stage == stage.name]
@@ -291,7 +298,9 @@ def programs_of_steps(rig: Rig, stages: Sequence[Stage], steps: Sequence[Step]) 
 
 
 def write_programs(maker: MakerName, programs: Sequence[Program], directory: Path) -> list[Path]:
-    """Write the files of programs for a maker's controllers, in place of those that are there. Raises FileError where
-    there can be none, CellError when the disk refuses."""
+    """Write the program files for the controllers of a maker and replace existing files.
+
+    Raises FileError if the files are not possible in this place, and CellError if the disk refuses.
+    """
     files = programs_of(maker, [(program.plan, demand_of(program.plan)) for program in programs])
     return write_all_over(directory, encoded_programs(maker, files))

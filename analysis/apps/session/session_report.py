@@ -1,4 +1,4 @@
-"""The page at the end of a session: the report of its runs, and the error of the robot before and after."""
+"""Final page of a session: the report of the runs, and the error of the robot before and after the correction."""
 
 from __future__ import annotations
 
@@ -20,8 +20,10 @@ PAGE = "report.html"
 
 
 def verified_by(session: Session, place: Place) -> Verified:
-    """Return the error of the robot's own path before and after the correction, on the same tests and at the place that
-    was not used. Raises RigError."""
+    """Return the path error before and after the correction, on the same tests and at the other place.
+
+    Raises RigError.
+    """
     nominal = after = Driven()
     noise_um = session.answer.noise_um if session.answer else 0.0
     if session.answer is not None and session.correction is not None and session.correction.way != "none":
@@ -41,15 +43,18 @@ def verified_by(session: Session, place: Place) -> Verified:
 
 
 def write_report(session: Session, rig: Rig, place: Place) -> Path:
-    """Write the page of a session, in place of an older one: figures of the runs that find errors, and the diagnosis of
-    all runs before the correction. Raises FileError and CellError."""
+    """Write the page of a session and replace an older page.
+
+    The figures show the runs for finding errors. The diagnosis uses all runs before the correction. Raises FileError
+    and CellError.
+    """
     find, judges = (
         [load_measured(run) for run in place.runs_of(session.runs_for(purpose))] for purpose in ("find", "judge")
     )
     model = find[0].rig.modelled_as(rig)
     joined = judges if session.answer and session.answer.joined else []
     diagnosis = None
-    with suppress(RigError):  # the page says why for those that find errors
+    with suppress(RigError):  # the page gives the reason for the runs that find errors
         diagnosis = diagnose([*find, *joined], rig=model) if joined else None
     results, after = evaluate_runs(find), None
     correction, judged = session.correction, session.judged

@@ -1,7 +1,7 @@
-"""The state of a session: one file that a person can read, written whole after each step.
+"""State of a session in a readable file, rewritten after each step.
 
-Everything that a session knows is here; which step comes next follows from it alone (`analysis.apps.session.guide`). So
-a session that was interrupted, however, goes on with the same command.
+The file contains all knowledge of a session and alone determines the next step (`analysis.apps.session.next_step`). An
+interrupted session therefore resumes with the same command.
 """
 
 from __future__ import annotations
@@ -33,30 +33,32 @@ _HEAD = """\
 """
 _MOST_BYTES = 1_000_000
 _MOST_MINUTES = 10_000.0
-"""A week: rig session takes a day at most."""
+"""One week; a session takes at most a day."""
 MOST_TRIES = 3
-"""So often a step is driven again by itself before a person is asked to look at the cell."""
+"""Number of attempts at a step before the session stops and the user has to check the cell."""
 
 MAIN: DrivenTest = CIRCLES[0]
-"""The test by which a session finds errors and shows that they are gone."""
+"""Test for finding errors and for verifying the correction."""
 ELSEWHERE = "other"
-"""The stage at the place that is not used to find errors."""
+"""Name of the stage at the other place, which is not used to find errors."""
 Aim = Literal["faults", "accuracy", "check"]
-"""What a session is for: what is worn, loose or shifted; how accurate the arm can be made; or whether all is well."""
+"""Aim of a session: find worn, loose or shifted parts; reach the best accuracy; or check the robot."""
 Purpose = Literal["find", "judge", "verify"]
-"""What a run is for: to find errors; to judge at a place that is not used for that; or to see what a correction did."""
+"""Purpose of a run: find errors; judge the model at the other place; or verify a correction."""
 Way = Literal["entries", "programs", "none"]
-"""How the robot is corrected: values entered at the controller, programs with corrected targets, or not at all."""
+"""Way to correct the robot: values entered at the controller, programs with corrected targets, or no correction."""
 
 
 def _a_time(text: str) -> str:
-    dt.datetime.fromisoformat(text)  # which raises ValueError
+    dt.datetime.fromisoformat(text)  # raises ValueError
     return text
 
 
 class Stage(Part):
-    """What a person sets up before some programs: where the ball stands and how the gauges are mounted. circle: where
-    it differs from that of the rig file; words: what to set up."""
+    """Set-up for some programs: the place of the ball and the mounting of the gauges.
+
+    words: instructions for the operator. circle: circle of the stage if it differs from the rig file.
+    """
 
     name: Annotated[str, Field(pattern=r"^[a-z0-9-]{1,40}$")]
     words: str
@@ -64,8 +66,10 @@ class Stage(Part):
 
 
 class Try(Part):
-    """A run that was recorded for a step; why: what makes it unusable, empty where it is usable; held_up: how often the
-    computer stood still meanwhile."""
+    """A run recorded for a step.
+
+    why: reason for being unusable, or empty. held_up: number of stalls of the computer during the run.
+    """
 
     run: Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9._-]{0,200}$")]
     why: str = ""
@@ -73,8 +77,11 @@ class Try(Part):
 
 
 class Step(Part):
-    """A program to be driven. program: its name, also of its file; tries: the runs recorded for it, the last counts;
-    skipped: why it is not needed any more, or empty."""
+    """A program to drive.
+
+    program: name of the program and of the file. tries: recorded runs; the last usable run counts. skipped: reason for
+    skipping the step, or empty.
+    """
 
     program: Annotated[str, Field(pattern=r"^[a-z0-9-]{1,60}$")]
     stage: str
@@ -87,22 +94,22 @@ class Step(Part):
 
     @property
     def run(self) -> str | None:
-        """The usable run of the step, if there is one."""
+        """The usable run of the step; None if there is none."""
         return next((attempt.run for attempt in self.tries[::-1] if not attempt.why), None)
 
     @property
     def is_open(self) -> bool:
-        """Whether it is still to be driven."""
+        """True if the step still has to be driven."""
         return self.run is None and not self.skipped
 
     @property
     def title(self) -> str:
-        """For example `yaw acw`."""
+        """Title of the step, for example `yaw acw`."""
         return " ".join(filter(None, (self.test, self.direction)))
 
 
 class PartOfError(Part):
-    """A part of the error in words, with its share of the whole and its root mean square in µm."""
+    """A part of the error: share of the total, and rms value in µm."""
 
     part: str
     kind: str = ""
@@ -113,8 +120,10 @@ class PartOfError(Part):
 
 
 class Deed(Part):
-    """An act that follows from an answer (`analysis.diagnosis.judge.acts`): its kind and reason, and what it says to
-    do; corrected: the same once the robot was driven corrected, where that is said otherwise."""
+    """An act recommended by an answer (`analysis.diagnosis.judge.acts`).
+
+    words: text of the recommendation. corrected: text for a corrected robot, if different.
+    """
 
     kind: str
     why: str
@@ -123,11 +132,13 @@ class Deed(Part):
 
 
 class Answer(Part):
-    """What the runs so far show. runs, judges: how many were used, and how many judged at another place; joined: how
-    many of those used had judged before, at the last diagnosis; condition and standing as of `rig diagnose`; headline,
-    accuracy, next_step: its sentences; next_test: the test that would separate rivals or name a group; runs_to_decide:
-    how many runs of each kind would decide; found: directory of its files; noise_um: scatter of one run, root mean
-    square."""
+    """Result of an inference during a session.
+
+    runs: number of runs used. judges: number of runs that judged at the other place. joined: number of runs used that
+    had judged an earlier answer. condition, standing: as in `rig diagnose`. headline, accuracy, next_step: sentences of
+    the answer. next_test: test that would separate rivals or name a group. runs_to_decide: number of runs of each kind
+    needed to decide. found: directory of the result files. noise_um: rms scatter of a single run.
+    """
 
     runs: Count
     judges: Count = 0
@@ -139,31 +150,34 @@ class Answer(Part):
     next_step: str
     parts: tuple[PartOfError, ...]
     remedies: tuple[str, ...] = ()
-    """What a person does next to that."""
+    """Further recommendations after the next step."""
     acts: tuple[Deed, ...] = ()
-    """Both, with what kind of act each is; empty in sessions of earlier versions."""
+    """The next step and the remedies with the kind of each act; empty in sessions of earlier versions."""
     next_test: str = ""
     ground: str = ""
-    """Why the model is corrected by, or not (`rigs.calibration.Ground`); empty where there is none."""
+    """Reason to correct or not to correct by the model (`rigs.calibration.Ground`); empty if not assessed."""
     runs_to_decide: int | None = None
     now_um: NotNegative
     calibrated_um: NotNegative
     before_there_um: NotNegative = 0.0
-    """What was there without the model where calibrated_um was left with it."""
+    """Error without the model in the same place as calibrated_um."""
     level: float = 1.0
-    """Multiple of the usual errors of this arm, 1 where it has them as such arms usually do (`rig plan --level`)."""
+    """Size of the errors relative to typical arms of this kind; 1 is typical (`rig plan --level`)."""
     noise_um: NotNegative
     seconds: NotNegative
     found: str
     model: str = ""
-    """The rig file with what was found."""
+    """File name of the rig file with the diagnosed effects; empty if there is none."""
 
 
 class Correction(Part):
-    """What is corrected and how. sentence: what a person does; expected_um: what the correction is expected to leave
-    of the error of the readings, and before_um what it was; same, elsewhere: that with its uncertainty, on the circle
-    and at the other place; work: over the whole work; directory: of its files; entered: whether a person entered the
-    values."""
+    """A correction.
+
+    sentence: instruction for the operator. before_um, expected_um: error of the readings before and after the
+    correction. same, elsewhere: expected error and uncertainty, on the circle and at the other place. work: expected
+    error over the work area. directory: directory of the files. entered: whether the values are entered at the
+    controller.
+    """
 
     way: Way
     sentence: str
@@ -177,8 +191,7 @@ class Correction(Part):
 
 
 class Verified(Part):
-    """The error on the robot before and after, on the same tests and at the place that was not used; None where one
-    side was not driven."""
+    """Measured errors before and after the correction on the same tests and at the other place; None if not driven."""
 
     same_before: Deviation | None = None
     same_after: Deviation | None = None
@@ -187,7 +200,7 @@ class Verified(Part):
 
 
 class Emulated(Part):
-    """The emulated cell of a session: its hidden effects, the seed of its noise, and whether in simulated time."""
+    """Emulated cell of a session: hidden effects, seed of the noise, and whether it runs in simulated time."""
 
     effects: str = ""
     seed: int = 1
@@ -195,7 +208,7 @@ class Emulated(Part):
 
 
 class Session(Part):
-    """All of it."""
+    """The complete state of a session."""
 
     version: Literal[1] = 1
     rig: Annotated[str, Field(min_length=1)]
@@ -209,20 +222,20 @@ class Session(Part):
     stages: tuple[Stage, ...]
     steps: tuple[Step, ...]
     driven_minutes: NotNegative = 0.0
-    """Minutes from the start of each step to its run, pauses between sessions left out."""
+    """Total time from the start of each step to the recorded run. Pauses between sessions do not count."""
     left_alone: tuple[str, ...] = ()
-    """Runs in the directory that are of no step: of somebody else, or broken off."""
+    """Runs in the directory that do not belong to any step: recorded for another purpose, or interrupted."""
     answer: Answer | None = None
     answered: str = ""
-    """Why no more is measured to find errors; empty while something is."""
+    """Reason for ending the search for errors; empty while the search continues."""
     judged: Answer | None = None
-    """What was found without the place that judges, with its judgement; those runs join the last answer."""
+    """Answer validated on the runs at the other place, which it did not use. These runs join the last answer."""
     decided: int = 0
-    """Runs of the last answer after which nothing more is measured."""
+    """Number of runs of the answer on which the end of measuring was decided."""
     correction: Correction | None = None
     verified: Verified | None = None
     report: str = ""
-    """The page, once the session is at its end."""
+    """File name of the page after the end of the session."""
 
     @model_validator(mode="after")
     def _consistent(self) -> Session:
@@ -237,20 +250,20 @@ class Session(Part):
         return self
 
     def stage_of(self, step: Step) -> Stage:
-        """Return what is set up for a step."""
+        """Return the stage of a step."""
         return next(stage for stage in self.stages if stage.name == step.stage)
 
     @property
     def open_steps(self) -> list[Step]:
-        """The steps that are still to be driven."""
+        """Steps that still have to be driven."""
         return [step for step in self.steps if step.is_open]
 
     def with_step(self, number: int, step: Step) -> Session:
-        """Return the session with another state of a step, counted from 0."""
+        """Return the session with a replaced step. number: index of the step, from 0."""
         return self.model_copy(update={"steps": (*self.steps[:number], step, *self.steps[number + 1 :])})
 
     def is_last(self, answer: Answer) -> bool:
-        """Whether an answer is of all runs before the correction, those that only judged among them."""
+        """Return whether an answer used all runs before the correction, including the judging runs."""
         if any(step.purpose == "judge" and step.is_open for step in self.steps):
             return False
         judges = len(self.runs_for("judge"))
@@ -258,12 +271,12 @@ class Session(Part):
 
     @property
     def is_corrected(self) -> bool:
-        """Whether the robot was driven with a correction."""
+        """True if the robot was driven with a correction."""
         return bool(self.verified and self.verified.same_after)
 
     @property
     def sides(self) -> tuple[Side, ...]:
-        """The error on the robot at each place that was driven before the correction."""
+        """Errors of the robot at each place that was driven before the correction."""
         verified, correction = self.verified or Verified(), self.correction
         at_place, elsewhere = (correction.same, correction.elsewhere) if correction else (None, None)
         sides = []
@@ -275,8 +288,7 @@ class Session(Part):
 
     @property
     def to_do(self) -> tuple[str, ...]:
-        """What is to be done, the first act first; of a robot that was corrected without the correction, which is
-        done."""
+        """Recommended acts, the first first. After a verified correction, the correction itself is left out."""
         answer = self.answer
         if answer is None:
             return ()
@@ -290,13 +302,15 @@ class Session(Part):
         return open_acts if answer.acts else tuple(filter(None, (answer.next_step, *answer.remedies)))
 
     def runs_for(self, *purposes: Purpose) -> list[Step]:
-        """Return the driven steps with these purposes."""
+        """Return the steps of these purposes that have a run."""
         return [step for step in self.steps if step.purpose in purposes and step.run]
 
 
 def own_programs(session: Session, directory: Path) -> str:
-    """Return the command that corrects programs of a person's own by what a session found; empty without a model, and
-    where nothing is to be corrected by it."""
+    """Return the command for correcting other programs of the user with the model of a session.
+
+    Empty if there is no model, or if a correction is not recommended.
+    """
     if not (session.answer and session.answer.model) or (session.correction and session.correction.way == "none"):
         return ""
     model = Place(directory).model_of(session.answer)
@@ -304,14 +318,14 @@ def own_programs(session: Session, directory: Path) -> str:
 
 
 class Place:
-    """The directory of a session: its file, and the lock that one process holds while it works with it."""
+    """The directory of a session, with the state file and a lock that allows one process at a time."""
 
     def __init__(self, directory: Path) -> None:
         self.directory = directory
         self._lock: int | None = None
 
     def __enter__(self) -> Place:
-        """Take the lock. Raises CellError where another session has it, FileError where there can be none."""
+        """Take the lock. Raises CellError if another session has it, and FileError if the directory cannot be used."""
         try:
             self.directory.mkdir(parents=True, exist_ok=True)
             self._lock = durable.try_lock(self.directory)
@@ -328,11 +342,11 @@ class Place:
 
     @property
     def file(self) -> Path:
-        """The file of the state."""
+        """Path of the state file."""
         return self.directory / STATE
 
     def command(self, rig_file: Path | str, kept: Session | None = None) -> str:
-        """Return the command that begins a session of a rig file here, or goes on with the one that is kept."""
+        """Return the command that starts a session of a rig file in this directory, or resumes the stored session."""
         command = f"rig session {as_argument(rig_file)} -o {as_argument(self.directory)}"
         if kept is None:
             return command
@@ -341,23 +355,23 @@ class Place:
 
     @property
     def runs(self) -> Path:
-        """The directory of the runs."""
+        """Directory of the runs."""
         return self.directory / "runs"
 
     def run(self, name: str) -> Path:
-        """The directory of a run."""
+        """Return the directory of a run."""
         return self.runs / name
 
     def runs_of(self, steps: Sequence[Step]) -> list[Path]:
-        """The directories of the runs of steps that were driven."""
+        """Return the run directories of all driven steps."""
         return [self.run(step.run) for step in steps if step.run]
 
     def model_of(self, answer: Answer) -> Path:
-        """The rig file with what was found."""
+        """Return the path of the rig file with the diagnosed effects."""
         return self.directory / "found" / answer.found / answer.model
 
     def read(self) -> Session | None:
-        """Return the session that is kept here, None where there is none. Raises FileError, RigFileError."""
+        """Read the stored session; None if there is none. Raises FileError and RigFileError."""
         try:
             text = read_text(self.file, _MOST_BYTES)
         except FileNotFoundError:
@@ -373,8 +387,10 @@ class Place:
             raise RigFileError(str(self.file), problems_of(error, data, root, Session)) from None
 
     def hold_whole(self, session: Session, rig_text: str) -> None:
-        """Raise RigFileError, with the lines, where a session names runs that are not here, or is of another rig file
-        than the one with this text."""
+        """Check that all runs of a session exist and that it belongs to this text of the rig file.
+
+        Raises RigFileError with the lines of the problems.
+        """
         missing = []
         if session.rig_sha256 != digest_of(rig_text):
             problem = "is not that of the rig file: it was changed, or this session is of another one"
@@ -392,7 +408,7 @@ class Place:
             raise RigFileError(str(self.file), problems)
 
     def write(self, session: Session) -> None:
-        """Keep a session, durably and at once. Raises CellError where the disk refuses; the old one stays then."""
+        """Store a session durably and atomically. Raises CellError if the disk refuses; the old file is kept."""
         try:
             durable.replace(self.file, (_HEAD + text_of(session)).encode())
         except OSError as error:
@@ -401,7 +417,7 @@ class Place:
 
 
 def text_of(session: Session) -> str:
-    """Return a session as YAML: a line for each step, without what is as usual."""
+    """Return a session as YAML with a line for each step. Fields with default values are omitted."""
     plain: dict[str, Any] = session.model_dump(mode="json", exclude_defaults=True)
     text: str = yaml.safe_dump(
         {"version": 1, **plain}, sort_keys=False, allow_unicode=True, width=110, default_flow_style=None
@@ -410,5 +426,5 @@ def text_of(session: Session) -> str:
 
 
 def digest_of(text: str) -> str:
-    """Return by what a rig file is known again."""
+    """Return the digest that identifies the text of a rig file."""
     return hashlib.sha256(text.encode()).hexdigest()

@@ -1,4 +1,4 @@
-"""What a session says on the screen: a line for each step, the parts of the error as they grow, and the end."""
+"""Screen output of a session: lines for each step, for the parts of the error, and for the end."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ _PURPOSES = {"find": "to find errors", "judge": "to judge by, used for nothing e
 _BAR = 10
 _WIDTH = 34
 _LONGEST = 46
-"""Letters of a part's name and size: with its figures and its bar it has room on a terminal of 80."""
+"""Maximum length of the name and size of a part. Its figures and bar then fit into a terminal of 80 columns."""
 
 
 def plan_lines(session: Session, pace: Pace, directory: Path) -> Iterator[str]:
-    """Yield what is still to be driven, a line for each purpose and stage."""
+    """Yield the remaining programs, with a line for each purpose and stage."""
     if not (open_steps := session.open_steps):
         return
     driven = len(session.steps) - len(open_steps)
@@ -45,7 +45,7 @@ def plan_lines(session: Session, pace: Pace, directory: Path) -> Iterator[str]:
 
 
 def step_lines(session: Session, number: int) -> Iterator[str]:
-    """Yield which program is to be started, and by which commands it would be recorded without a session."""
+    """Yield the program to start and the commands for recording it manually."""
     step = session.steps[number]
     is_again = any(earlier.program == step.program and earlier.run for earlier in session.steps[:number])
     again = " again" if is_again else ""
@@ -56,24 +56,24 @@ def step_lines(session: Session, number: int) -> Iterator[str]:
 
 
 def answer_lines(answer: Answer, before: Answer | None) -> Iterator[str]:
-    """Yield what the runs so far show, unless it was said before."""
+    """Yield the current diagnosis, unless it is unchanged."""
     if before is None or (answer.runs, answer.headline) != (before.runs, before.headline):
         yield f"  {counted(answer.runs, 'run shows', 'runs show')}: {answer.headline}"
         yield from (f"    {line}" for line in budget_lines(answer.parts))
 
 
 def more_lines(answer: Answer, stage: Stage) -> Iterator[str]:
-    """Yield what is driven in addition, and why."""
+    """Yield the additional stage and the reason for it."""
     measure = next((act.words for act in answer.acts if act.kind == "measure"), answer.next_step)
     yield f"  {answer.condition}: {measure}"
     yield f"  so the stage {stage.name} comes next"
 
 
 def budget_lines(parts: tuple[PartOfError, ...]) -> Iterator[str]:
-    """Yield the parts of the error, each with its share."""
+    """Yield the parts of the error with their shares."""
     names = []
     for part in parts:
-        # The size is left out where there is no room: the headline has it.
+        # Leave the size out if it does not fit: the headline includes it.
         whole = f"{part.part} {part.size}".strip()
         short = part.part if len(part.part) <= _LONGEST else f"{part.part[: _LONGEST - 1]}…"
         names.append(whole if len(whole) <= _LONGEST else short)
@@ -84,7 +84,7 @@ def budget_lines(parts: tuple[PartOfError, ...]) -> Iterator[str]:
 
 
 def end_lines(session: Session, directory: Path) -> Iterator[str]:
-    """Yield what came of a session: what it was and is, what made it, and what is to do about the cause."""
+    """Yield the result of a session: the error before and after, the causes, and the recommended acts."""
     answer, correction = session.answer, session.correction
     if answer:
         yield f"found: {answer.headline}"
@@ -119,7 +119,7 @@ def end_lines(session: Session, directory: Path) -> Iterator[str]:
 
 
 def correction_lines(correction: Correction, sides: Sequence[Side]) -> Iterator[str]:
-    """Yield what was corrected, and the error before, expected and measured after at each place."""
+    """Yield the correction and the error before, expected and measured after it, for each place."""
     is_driven = any(side.after for side in sides)
     yield _DRIVEN[correction.way] if is_driven else correction.sentence
     for side in sides:
@@ -147,7 +147,7 @@ def _size(error: Deviation) -> str:
 
 
 def status_lines(session: Session, following: Following, directory: Path) -> Iterator[str]:
-    """Yield how far a session is, a line for each step, and what comes next."""
+    """Yield the progress of a session, with a line for each step, and the next step."""
     began = session.began.replace("T", " ")
     minutes = counted(round(session.driven_minutes), "minute")
     yield f"session of {session.rig}, begun {began}, aim {session.aim}, {minutes} driven"
@@ -156,7 +156,7 @@ def status_lines(session: Session, following: Following, directory: Path) -> Ite
         state = step.run or (f"left out: {step.skipped}" if step.skipped else open_state)
         yield f"{number:3} {step.program:{_WIDTH}} {state}"
     if session.answer:
-        shown = "" if session.report else f" {session.answer.headline}"  # which the end says as well
+        shown = "" if session.report else f" {session.answer.headline}"  # the lines of the end include it
         yield f"{counted(session.answer.runs, 'run shows', 'runs show')}:{shown}"
         yield from (f"  {line}" for line in budget_lines(session.answer.parts))
     if session.report:

@@ -1,9 +1,9 @@
-"""A session of an emulated cell in simulated time: 50 minutes in one or two.
+"""Session of an emulated cell in simulated time: 50 minutes pass in one or two.
 
-Daemon, instruments, lines' pace, the robot with its programs and the inference are the same; only the processes, the
-ports and the clock are not. So nothing is late here, whatever else the computer does, and a seed gives the same runs.
-What a person would do between programs is planned for, and takes no time. An inference takes a time of its own beside
-the robot, in which it must be done in fact.
+The daemon, the instruments, the timing of the lines, the robot with its programs and the inference are the same as in
+real time. Only the processes, ports and clock are replaced. Nothing is ever late, regardless of the load of the
+computer, and a seed always produces the same runs. Manual work between programs is planned for but takes no time. An
+inference runs in parallel with the robot and takes a fixed simulated time.
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ from rigs.errors import CellError
 from rigs.load import load, load_hidden
 
 _INFERENCE_S = 20.0
-"""Simulated seconds of an inference. Measured: 10 to 25 s for four to twelve runs, on a core of two that are busy."""
+"""Simulated duration of an inference. Measured: 10 to 25 s for four to twelve runs on one of two busy cores."""
 _HANGS_S = 1800.0
-"""So long in real time the slowest inference takes."""
+"""Upper limit for the slowest inference in real time."""
 _LOOK_S = 0.02
 
 
 class SimulatedChild:
-    """What `rig emulate` is to a session, without a process: it takes the lines that are typed, and answers."""
+    """In-process replacement of `rig emulate` for a session. It receives typed lines and reports events."""
 
     @classmethod
     def start(
@@ -50,8 +50,10 @@ class SimulatedChild:
         log: Path,
         hear: Callable[[CellEvent], None],
     ) -> SimulatedChild:
-        """Start one. arguments: of `rig emulate`, as `EmulatedHands` gives them; folder: of the session. Raises
-        RigError."""
+        """Start an emulated cell.
+
+        arguments: arguments of `rig emulate` from `EmulatedHands`. folder: directory of the session. Raises RigError.
+        """
         options: Mapping[str | Path, str | Path] = dict(zip(arguments[2::2], arguments[3::2], strict=True))
         rig, text = load(Path(arguments[1]))
         text = as_emulated(text)
@@ -82,20 +84,20 @@ class SimulatedChild:
         self.runs = False
 
     def type_line(self, line: str) -> None:
-        """Write a line to it."""
+        """Process a typed line."""
         self._keyboard.take(line)
 
     def ended(self) -> CellError:
-        """Return the error for its end."""
+        """Return an error that reports the end of the cell."""
         return CellError(self.name, "ended by itself", "the same command goes on")
 
     def stop(self) -> None:
-        """End it."""
+        """Stop the cell."""
         self._end(0)
 
 
 class SimulatedRigd(Rigd):
-    """The daemon of a session, in this process."""
+    """Daemon of a session in the same process."""
 
     def __init__(self, rig_name: str, cell: SimulatedCell) -> None:
         self._name, self._cell = rig_name, cell
@@ -104,30 +106,30 @@ class SimulatedRigd(Rigd):
         self._hold_reading()
 
     def ask(self, command: str, **fields: Any) -> dict[str, Any]:
-        """Ask it. Raises RigError."""
+        """Send a command to the daemon. Raises RigError."""
         if self._daemon is None:
             raise CellError("rigd", "ended by itself", "see its log; then the same command goes on")
         answer: dict[str, Any] = self._daemon.answer({"command": command, **fields})
         return answer
 
     def stop(self) -> None:
-        """Stop it; a run that it records is closed."""
+        """Stop the daemon. It closes a run in progress."""
         if self._daemon is not None:
             self._daemon.close("complete", "the session is over")
             self._daemon = None
 
     def kill(self) -> None:
-        """End it as SIGKILL does."""
+        """Kill the daemon as SIGKILL would."""
         if self._daemon is not None:
             self._cell.kill(self._daemon)
             self._daemon = None
 
 
 class SimulatedCells:
-    """What a session starts: emulated cells, one after the other, and the daemon of each."""
+    """Emulated cells of a session and the daemon of each."""
 
     def __init__(self, simulated: SimulatedClock, folder: Path) -> None:
-        """folder: of the session; runs are in `runs` of it."""
+        """folder: directory of the session. The runs are in the subdirectory `runs`."""
         self._clock, self._folder = simulated, folder
         self._child: SimulatedChild | None = None
         self.rigd: SimulatedRigd | None = None
@@ -135,12 +137,12 @@ class SimulatedCells:
     def start_cell(
         self, arguments: Sequence[str | Path], log: Path, hear: Callable[[CellEvent], None]
     ) -> SimulatedChild:
-        """`StartCell` of `EmulatedHands`."""
+        """Start a cell; implements `StartCell` of `EmulatedHands`."""
         self._child = SimulatedChild.start(self._clock, arguments, self._folder, log, hear)
         return self._child
 
     def start_rigd(self, rig_name: str, _rig_file: Path, _runs: Path, _log: Path) -> Rigd:
-        """`StartRigd` of `LiveDriver`."""
+        """Start the daemon of the current cell; implements `StartRigd` of `LiveDriver`."""
         assert self._child is not None  # noqa: S101 - hands set a stage up before it is read
         self.rigd = SimulatedRigd(rig_name, self._child.cell)
         return self.rigd
@@ -148,20 +150,20 @@ class SimulatedCells:
 
 @dataclass
 class SimulatedInference:
-    """An inference in a process of its own beside the simulated cell, which is done after a fixed simulated time."""
+    """An inference in a separate process that finishes after a fixed simulated time."""
 
     inference: Inference
     done_ns: int
 
     @classmethod
     def start(cls, used: Sequence[Path], judges: Sequence[Path], rig_file: Path, directory: Path) -> SimulatedInference:
-        """Start one. Raises FileError and CellError where its request cannot be written."""
+        """Start an inference. Raises FileError or CellError if the request cannot be written."""
         done_ns = clock.now_ns() + int(1e9 * _INFERENCE_S)
         return cls(Inference.start(used, judges, rig_file, directory), done_ns)
 
     @property
     def is_done(self) -> bool:
-        """Whether its time is over; by then it is waited for in fact."""
+        """True if the simulated time has passed. The property then blocks until the real process has finished."""
         if clock.now_ns() < self.done_ns:
             return False
         while not self.inference.is_done:
@@ -169,13 +171,13 @@ class SimulatedInference:
         return True
 
     def result(self) -> Answer:
-        """Return its answer. Raises CellError where it has none."""
+        """Return the answer. Raises CellError if the process failed."""
         return self.inference.result()
 
 
 @contextmanager
 def simulated_time(seed: int) -> Iterator[SimulatedClock]:
-    """Let simulated time begin now, and pass as fast as it is computed; Ctrl-C ends it as it ends real time."""
+    """Start simulated time, which passes as fast as it can be computed. Ctrl-C interrupts it like real time."""
     simulated = SimulatedClock(seed, hangs_s=_HANGS_S, began_wall_ns=time.time_ns())
     with simulated.running():
         if threading.current_thread() is not threading.main_thread():

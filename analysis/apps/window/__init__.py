@@ -1,1 +1,1 @@
-"""Web server of `rig window`: live cell, session and runs as pages, in a process that is a client of rigd."""
+"""Web server of `rig window`: pages for the live cell, the session and the runs, in a client process of rigd."""

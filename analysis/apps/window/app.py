@@ -1,4 +1,4 @@
-"""Web pages by address, in the report's languages; messages of the analysis stay in English."""
+"""Routes of the web pages in the languages of the report. Messages of the analysis stay in English."""
 
 from __future__ import annotations
 
@@ -64,26 +64,29 @@ LANGUAGE = "rig_window_lang"
 _STATIC = {"window.css": "text/css", "window.js": "text/javascript", "icon.svg": "image/svg+xml"}
 _A_YEAR_S = 31_536_000
 _MOST_RUNS = 60
-"""Limit of runs in an address, whose length is limited to 8 kB."""
+"""Maximum number of runs in an address: addresses are limited to 8 kB."""
 _MOST_ROBOTS = 3
-"""Robots whose runs are evaluated for one list."""
+"""Maximum number of robots evaluated for a list of runs."""
 _PAGE = "page.html"
 _SCRAPE_S, _LOOK_S = 8.0, 0.2
-"""Time that metrics wait for runs under evaluation, and polling interval: Prometheus has a limit of 10 s."""
+"""Time that a metrics request waits for evaluations, and the polling interval. Prometheus has a limit of 10 s."""
 _WRONG_TOKEN_S = 1.0
-"""Delay of the answer to a wrong token, one at a time: prevents guessing a word of 16 letters."""
+"""Delay after a wrong token, applied to a single request at a time. It prevents guessing a token of 16 letters."""
 _SCRIPTED = "sandbox allow-scripts allow-downloads; frame-ancestors 'none'"
-"""Policy for pages of `rig report`, whose own scripts are allowed by hash, isolated from the window."""
+"""Policy for pages of `rig report`: the scripts of the page are allowed by hash, isolated from the window."""
 _PLAIN = (
     "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'; "
     "frame-ancestors 'none'"
 )
-"""Policy for all other generated files: no scripts."""
+"""Policy for all other generated files: scripts are forbidden."""
 
 
 @dataclass(frozen=True)
 class Window:
-    """Content of a window. shelf: of the runs. place: of the session. controls: None if read-only."""
+    """Data sources of a window.
+
+    shelf: the runs. place: the session directory. controls: None if the window is read-only.
+    """
 
     watcher: Watcher
     shelf: Shelf
@@ -94,7 +97,7 @@ class Window:
 
 
 def app_of(window: Window) -> Guard:
-    """Return the web application with its guard."""
+    """Return the web application, wrapped in the access control."""
     pages = _Pages(window)
     routes = [
         Route("/", pages.live),
@@ -242,11 +245,11 @@ class _Pages:
 
     def metrics(self, request: Request) -> Response:
         daemon = ""
-        with suppress(RigError):  # missing while there is no daemon
+        with suppress(RigError):  # not available until the daemon starts
             daemon = str(self._window.watcher.ask("metrics")["text"])
         end_s = time.monotonic() + _SCRAPE_S
         while self._evaluates(self._window.shelf.runs()[0]) and time.monotonic() < end_s:
-            time.sleep(_LOOK_S)  # in a thread of the pool; unopened runs have no figures yet
+            time.sleep(_LOOK_S)  # runs in a thread of the pool; new runs are not evaluated yet
         text = daemon + metrics_of(self._window.shelf.runs()[0], daemon_is_up=bool(daemon))
         return Response(text, media_type="text/plain; version=0.0.4; charset=utf-8")
 
@@ -290,7 +293,7 @@ class _Pages:
         if controls is None or not self._window.gate.is_own_form(form):
             raise HTTPException(403)
         if self._window.gate.token is None:
-            # A user without a token needs access to the daemon's socket, by user and group.
+            # A local user needs no token if the socket of the daemon is accessible by user or group.
             client, server = request.client, request.scope.get("server")
             user = tcp_user((client.host, client.port), server[1]) if client and server else None
             if user is None or not controls.is_allowed(user):
@@ -354,11 +357,11 @@ class _Pages:
         return [self._window.shelf.run(name) for name in names]
 
     def _evaluates(self, shown: Sequence[Shown]) -> bool:
-        """Start the evaluation of runs without figures, as in `rig history`; return whether it is in progress."""
+        """Start the evaluation of runs not yet evaluated, as in `rig history`. Return whether it is in progress."""
         new = {str(run.about["rig"]) for run in shown if run.record is None and _is_whole(run)}
         try:
             made = [self._window.made.get(self._history_of(robot)) for robot in sorted(new)[:_MOST_ROBOTS]]
-        except RigError:  # the next attempt reports details
+        except RigError:  # the next attempt reports the details
             return False
         return None in made
 
@@ -369,7 +372,7 @@ class _Pages:
         return Wanted("analysis.cli", words, runs)
 
     def _pictures(self, shown: Sequence[Shown]) -> tuple[list[str] | None, str]:
-        """Return the picture addresses of runs, None while being drawn, and the reason for missing pictures."""
+        """Return the addresses of the pictures, None while they are drawn, and the reason for missing pictures."""
         words = ("analyse", *_paths(shown), "--json", "--plot", "{out}")
         try:
             made = self._window.made.get(Wanted("analysis.cli", words, tuple(run.path for run in shown)))
@@ -396,7 +399,7 @@ class _Pages:
 
 
 def _label(language: Language, name: str) -> str:
-    """Return the name of a figure in a language; axis figures are in English."""
+    """Return the name of a figure in a language. Figures of single axes are in English."""
     label = report_texts(language).label(name)
     return label_of(name) if label == name else label
 
@@ -407,7 +410,7 @@ def _written(value: Quantity) -> str:
 
 
 def _say_why(watching: asyncio.Task[None]) -> None:
-    """Log the reason when watching ends; pages report missing updates."""
+    """Log the reason for the end of the watch task. The pages report the missing updates."""
     if not watching.cancelled() and (error := watching.exception()) is not None:
         log.error("the cell is not watched any more", exc_info=error)
 

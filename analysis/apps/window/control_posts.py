@@ -23,20 +23,20 @@ class Controls:
     """Starts and stops recordings, zeroes the view, and continues the session."""
 
     def __init__(self, watcher: Watcher, place: Place | None, rig_file: str) -> None:
-        """Create the controls. place, rig_file: of the session, None and empty without one."""
+        """Create the controls. place, rig_file: of the session; None and empty if there is no session."""
         self._watcher, self._place, self._rig_file = watcher, place, rig_file
         self._session: Child | None = None
         self._lock = threading.Lock()
 
     def is_allowed(self, user: int) -> bool:
-        """Return whether a local user may control the daemon, according to its socket."""
+        """Return whether a local user may control the daemon, according to the permissions of the socket."""
         try:
             return may_use(user, self._watcher.socket())
-        except RigError:  # no daemon runs, and processes started here run as this user
+        except RigError:  # if the daemon is not running, processes started here run as the current user
             return user in (0, os.geteuid())
 
     def do(self, action: str, form: Mapping[str, str]) -> str | None:
-        """Execute the action of a form; return a message, None for an unknown action. Raises RigError."""
+        """Execute the action of a form. Return a message; None for an unknown action. Raises RigError."""
         watcher = self._watcher
         match action:
             case "start":
@@ -71,7 +71,7 @@ class Controls:
         return [plain(line) for line in lines[-30:]]
 
     def close(self) -> None:
-        """End the session started here; its state is kept, and the same command continues it."""
+        """Stop the session started here. The state is stored, and the same command resumes the session."""
         with self._lock:
             if self._session is not None:
                 self._session.stop()
@@ -81,7 +81,7 @@ class Controls:
         return self._place.directory / "window.log" if self._place else None
 
     def _go_on(self, maker: MakerName | None, *, entered: bool) -> str:
-        """Start or continue the session, as in `rig session`. maker: of the controller, for a new session."""
+        """Start or resume the session, as in `rig session`. maker: maker of the controller, for a new session."""
         if self._place is None or self._log is None:
             raise CellError("rig window", "was started without a cell", "start it as rig window CELL --control")
         with self._lock:

@@ -1,10 +1,9 @@
-"""Live data over Foxglove's WebSocket protocol: joint angles with the arm's URDF, gauges and angle.
+"""Live data over the WebSocket protocol of Foxglove: joint angles with the URDF of the arm, gauge readings and angle.
 
-Its server admits every program, so a gateway checks each request first. A browser sends the origin of the page opening
-a
-WebSocket, and only pages of Foxglove and of the window's own names may read the cell. A required token is part of the
-address: `ws://127.0.0.1:8765/?token=…`, because Foxglove sends no header. The server listens at a random local address,
-and its library limits the queue of each client.
+The Foxglove server accepts any client, so a gateway checks each request first. A browser sends the origin of the page
+that opens a WebSocket. Only pages of Foxglove and of the window may read the cell. A required token is part of the
+address (`ws://127.0.0.1:8765/?token=…`), because Foxglove sends no header. The server listens at a random local
+address, and the library limits the queue of each client.
 """
 
 from __future__ import annotations
@@ -37,23 +36,25 @@ from rigs.errors import CellError
 from rigs.rig import Rig
 
 _APPS = ("https://app.foxglove.dev", "file://")
-"""Origins of Foxglove in a browser and on a desktop."""
+"""Origins of Foxglove in a browser and on the desktop."""
 _MOST_HEAD, _HEAD_S, _MOST = 8192, 5.0, 16
-"""Limits: request head in bytes, its time in seconds, and connections; a user has one or two."""
+"""Limits: size of a request head in bytes, time to send it in seconds, and number of connections (a user needs two)."""
 _PIECE = 1 << 16
 
 
 def hidden_address() -> str:
-    """Return a random local address 127.x.y.z, unguessable for web pages: 16 million addresses with 60 000 ports
-    each."""
+    """Return a random local address 127.x.y.z.
+
+    A web page cannot guess it: there are 16 million addresses with 60 000 ports each.
+    """
     return "127." + ".".join(str(1 + secrets.randbelow(254)) for _ in range(3))
 
 
 class Door:
-    """Gateway that listens in a thread until closed, and forwards requests permitted by a gate."""
+    """Gateway that listens in a thread and forwards the requests permitted by a gate."""
 
     def __init__(self, port: int, inner: tuple[str, int], gate: Gate) -> None:
-        """Create a gateway. inner: address and port of the server behind it."""
+        """Create a gateway. inner: address and port of the protected server."""
         self.port = port
         self._inner, self._gate, self._open = inner, gate, 0
         self._loop = asyncio.new_event_loop()
@@ -68,7 +69,7 @@ class Door:
         return door
 
     def start(self) -> None:
-        """Listen; for port 0, `port` becomes the assigned one. Raises OSError if the port is taken."""
+        """Start listening. If `port` is 0, it is set to the assigned port. Raises OSError if the port is taken."""
         listening = asyncio.start_server(self._come, "127.0.0.1", self.port, limit=_MOST_HEAD)
         try:
             self._server = self._loop.run_until_complete(listening)
@@ -79,7 +80,7 @@ class Door:
         self._thread.start()
 
     def close(self) -> None:
-        """Stop, closing all connections."""
+        """Stop and close all connections."""
         self._loop.call_soon_threadsafe(self._end)
         self._thread.join()
         self._loop.close()
@@ -94,7 +95,7 @@ class Door:
     async def _come(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         self._open += 1
         try:
-            # Cancelled on closing, which asyncio would report as an error of this connection.
+            # Tasks are cancelled on closing; asyncio would report this as an error of the connection.
             with suppress(OSError, EOFError, asyncio.LimitOverrunError, TimeoutError, asyncio.CancelledError):
                 head = await asyncio.wait_for(reader.readuntil(b"\r\n\r\n"), _HEAD_S)
                 status = "503 Busy" if self._open > _MOST else refused(head, self._gate)
@@ -127,7 +128,7 @@ async def _copied(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) ->
 
 
 def refused(head: bytes, gate: Gate) -> str:
-    """Return the HTTP status for refusing a request by its head, empty if permitted."""
+    """Return the HTTP status for refusing a request head; empty if the request is permitted."""
     first, *lines = head.decode("latin-1").split("\r\n")
     named = [line.partition(":") for line in lines if line]
     headers = {name.strip().lower(): value.strip() for name, _, value in named}
@@ -154,17 +155,19 @@ _GAUGES = {
 
 
 class Foxglove:
-    """Server of a view's data, from creation until closed."""
+    """Server for the data of a view."""
 
     def __init__(self, port: int, rig: Rig | None, gate: Gate) -> None:
-        """Create a server. rig: with the displayed arm. gate: access control. Raises CellError if the library is
-        missing or the port is taken."""
+        """Create a server. rig: rig with the displayed arm. gate: access control.
+
+        Raises CellError if the library is missing or the port is taken.
+        """
         try:
             import foxglove  # noqa: PLC0415 - an extra
         except ModuleNotFoundError:
             problem = "needs foxglove-sdk, which is not installed"
             raise CellError("--foxglove", problem, to_install("foxglove-sdk")) from None
-        context = self._context = foxglove.Context()  # its channels live as long as the context
+        context = self._context = foxglove.Context()  # the channels live as long as the context
 
         def channel(topic: str, schema: dict[str, Any]) -> Any:
             named = {**schema, "title": schema["title"]}
@@ -189,20 +192,20 @@ class Foxglove:
 
     @property
     def port(self) -> int:
-        """Listening port."""
+        """The listening port."""
         return self._door.port
 
     def show(self, view: LiveView) -> None:
         """Send the new rows of a view."""
         now_s = time.monotonic()
-        if self._urdf and now_s - self._described_s > 1.0:  # later clients receive it within a second
+        if self._urdf and now_s - self._described_s > 1.0:  # new clients receive the arm within a second
             self._described_s = now_s
             self._described.log({"data": self._urdf})
         cell, new = view.cell, np.flatnonzero(view.rows.t_s > self._until_s)
         if cell is None or not len(new):
             return
         self._until_s = float(view.rows.t_s[-1])
-        # The daemon's times count from the start of its computer, like this process's monotonic clock.
+        # Times of the daemon count from the start of its computer, like the monotonic clock of this process.
         since_1970_ns = time.time_ns() - time.monotonic_ns()
         for k in new.tolist():
             at_ns = int(view.rows.t_s[k] * 1e9) + since_1970_ns

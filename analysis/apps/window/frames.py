@@ -1,6 +1,7 @@
-"""Page data of the live cell and its session as plain values, in separate kinds, so that only changes are sent.
+"""Data of the live cell and the session for pages, as plain values of separate kinds: only changed kinds are sent.
 
-The figures are those of `rig live --json`. Curves are sent as integers in units of the last digit, half the size.
+The figures are the same as in `rig live --json`. Curves are sent as integers in units of the last digit, which halves
+the size.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ _TRACE_POINTS = 240
 _CURVE_POINTS = 360
 _EVENTS = 12
 _REVERSALS = 24
-"""Reversals marked on the circle: the last ones of about two laps."""
+"""Number of joint reversals marked on the circle: the most recent, from about two laps."""
 _ONE_PLACE_DEG = 5.0
 _PHI_PER_DEG, _ERROR_PER_UNIT, _UM_TENTHS_PER_MM = 10, 1e5, 1e4
 
@@ -46,7 +47,7 @@ def cell(view: LiveView) -> dict[str, Any]:
 
 
 def now(view: LiveView, zero_mm: tuple[float, float], tick: int) -> dict[str, Any]:
-    """Return the present figures, relative to the zeros of both gauges; tick: counter that makes each frame unique."""
+    """Return the current figures relative to the zeros of both gauges. tick: a counter that makes each frame unique."""
     lap, state = lap_state(view), view.state or {}
     return {
         **figures(view),
@@ -62,7 +63,7 @@ def now(view: LiveView, zero_mm: tuple[float, float], tick: int) -> dict[str, An
 
 
 def curve(error_curve: ErrorCurve) -> dict[str, Any]:
-    """Return an error curve: pieces with angles in tenths of a degree and errors in hundred-thousandths of its unit."""
+    """Return an error curve as pieces: angles in tenths of a degree, errors in hundred-thousandths of the unit."""
     step = max(1, math.ceil(len(error_curve.phi) / _CURVE_POINTS))
     return {
         "band": round(error_curve.band, 6) if len(error_curve.phi) else None,
@@ -79,14 +80,14 @@ def curve(error_curve: ErrorCurve) -> dict[str, Any]:
 
 
 def curves(view: LiveView) -> dict[str, dict[str, Any]]:
-    """Return both curves by direction, and the circle: scale and joint reversals."""
+    """Return both curves by direction, and the circle with scale and joint reversals."""
     both = shown_curves(view)
     turned: list[list[float]] = []
     for reversal in reversed(view.reversals[-_REVERSALS:]):
         if not math.isfinite(reversal.phi_rad):
             continue
         phi_deg = round(math.degrees(reversal.phi_rad), 1)
-        # A joint reversing at the same position in two laps is marked once.
+        # Mark a joint that reverses at the same position in two laps only once.
         is_marked = any(
             (axis, sense) == (reversal.axis, reversal.sense)
             and abs(math.remainder(phi_deg - at_deg, 360.0)) < _ONE_PLACE_DEG
@@ -98,8 +99,10 @@ def curves(view: LiveView) -> dict[str, dict[str, Any]]:
 
 
 def trace(view: LiveView) -> dict[str, Any]:
-    """Return the readings of the last seconds: ages in hundredths of a second, and deviations from the mean in tenths
-    of a micrometre, null if missing."""
+    """Return the readings of the last seconds.
+
+    Ages are in hundredths of a second, deviations from the mean in tenths of a micrometre. Missing values are null.
+    """
     recent = view.since(TRACE_S)
     recent = recent.taken(slice(None, None, max(1, math.ceil(len(recent) / _TRACE_POINTS))))
     if not len(recent):
@@ -115,7 +118,7 @@ def trace(view: LiveView) -> dict[str, Any]:
 
 
 def links(view: LiveView) -> dict[str, Any]:
-    """Return streams, disk and events, latest first."""
+    """Return the streams, the disk and the events, newest first."""
     state = view.state or {}
     streams = [
         {
@@ -142,7 +145,7 @@ def _whole(values: Array) -> list[int]:
 
 
 def summary(session: Session) -> dict[str, Any]:
-    """Return a session as plain values with unchanged texts."""
+    """Return a session as plain values with unmodified texts."""
     answer, correction = session.answer, session.correction
     return {
         "rig": session.rig,
@@ -181,7 +184,7 @@ def summary(session: Session) -> dict[str, Any]:
 
 
 def _next(session: Session) -> dict[str, Any]:
-    """Return the next step: text key and parameters."""
+    """Return the next step as a text key with parameters."""
     following = next_of(session)
     match following:
         case Drive(number):

@@ -1,8 +1,8 @@
-"""Access control of pages: host, origin, token and size of each request, checked first.
+"""Access control for pages: check the host, origin, token and size of each request first.
 
-Browsers send requests on behalf of any open page. So the requested host name must be one of the window's (foreign names
-resolving to this computer are refused), requests caused by other sites are refused, and control requests must come from
-a page of the window and contain its secret.
+A browser sends requests on behalf of any open page. The host name of a request must therefore be a name of the window:
+foreign names that resolve to this computer are refused. Requests from other sites are refused. Control requests must
+come from a page of the window and contain the secret of the process.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from rigs.files import read_text
 COOKIE = "rig_window"
 LOGIN = "/login"
 MOST_BODY = 4096
-"""Limit of a form in bytes; a label with all fields has about 300."""
+"""Maximum size of a form in bytes. A label with all fields has about 300."""
 _BODY_S = 5.0
 _LEAST_TOKEN = 16
 _MOST_TOKEN = 1024
@@ -63,7 +63,7 @@ def token_of(file: Path) -> str:
 
 
 def is_loopback(address: str) -> bool:
-    """Return whether an address is only reachable from this computer. Raises UseError if invalid."""
+    """Return whether an address is reachable only from this computer. Raises UseError if it is invalid."""
     try:
         return ipaddress.ip_address(address).is_loopback
     except ValueError:
@@ -73,7 +73,10 @@ def is_loopback(address: str) -> bool:
 
 @dataclass(frozen=True)
 class Gate:
-    """names: permitted host names. token: None if not required. secret: of this process, part of every control form."""
+    """Access rules.
+
+    names: permitted host names. token: None if not required. secret: secret of this process in control forms.
+    """
 
     names: frozenset[str]
     token: str | None = None
@@ -86,8 +89,10 @@ class Gate:
 
     @property
     def pass_(self) -> str:
-        """Return the cookie of a browser that has shown the token; it does not reveal the token and expires with the
-        process."""
+        """Value of the cookie for a browser that presented the token.
+
+        It does not reveal the token and expires with the process.
+        """
         return hmac.new(self.secret.encode(), (self.token or "").encode(), "sha256").hexdigest()
 
     def is_token(self, token: str) -> bool:
@@ -112,10 +117,10 @@ class Gate:
         return _are_equal(form.get("secret", ""), self.secret)
 
     def wrong(self, scope: Scope) -> tuple[int, str]:
-        """Return status and reason for refusing a request, 0 and empty if permitted."""
+        """Return status and reason for refusing a request; 0 and empty if it is permitted."""
         headers = Headers(scope=scope)
         host = headers.get("host", "")
-        name = (urlsplit(f"//{host}").hostname or "").lower()  # without port; IPv6 without brackets
+        name = (urlsplit(f"//{host}").hostname or "").lower()  # remove the port and the brackets of IPv6
         if name not in self.names:
             return 421, "This window is not served under that name; rig window --name NAME allows one."
         origin, site = headers.get("origin"), headers.get("sec-fetch-site", "none")
@@ -132,13 +137,13 @@ class Gate:
 
 
 class Guard:
-    """Forwards permitted requests, and adds security headers to the answers."""
+    """Middleware that forwards permitted requests and adds security headers to the responses."""
 
     def __init__(self, app: ASGIApp, gate: Gate) -> None:
         self._app, self._gate = app, gate
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer or refuse a request."""
+        """Respond to a request or refuse it."""
         if scope["type"] == "lifespan":
             await self._app(scope, receive, send)
             return
@@ -166,7 +171,10 @@ class Guard:
 
 
 async def form_of(request: Request) -> dict[str, str]:
-    """Return the fields of a form. Raises ValueError for an oversized or invalid form, TimeoutError for a slow one."""
+    """Return the fields of a form.
+
+    Raises ValueError for an oversized or invalid form, and TimeoutError for a slow client.
+    """
     body = b""
     async with asyncio.timeout(_BODY_S):
         async for piece in request.stream():

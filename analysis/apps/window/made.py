@@ -1,7 +1,7 @@
-"""Pages, pictures and tables created by commands for a browser, in separate sequential processes.
+"""Pages, pictures and tables generated for a browser by commands in separate processes, executed in sequence.
 
-A long diagnosis delays neither the live page nor the recorder, and pages show exactly the output of the command. Tables
-are written without marking the run as exported, because a browser download may be lost.
+A long diagnosis therefore delays neither the live page nor the recorder, and a page shows exactly the output of the
+command. Writing a table does not mark the run as exported, because a browser download may be lost.
 """
 
 from __future__ import annotations
@@ -28,18 +28,17 @@ from rigs.text import plain
 
 MOST_WAITING = 8
 _MOST_KEPT = 40
-"""Number of results kept; a report has 2 MB."""
+"""Number of cached results. A report has 2 MB."""
 _LONGEST_S = 1800.0
-"""Time limit; a diagnosis of many runs takes minutes."""
+"""Time limit. The diagnosis of a large number of runs takes minutes."""
 _NICE = 10
 
 
 @dataclass(frozen=True)
 class Wanted:
-    """Output of the `main` of a module, called as a program with arguments; `{out}` is replaced by the output
-    directory.
+    """Output of the `main` function of a module, run as a program. `{out}` in the arguments is the output directory.
 
-    runs: inputs, whose changes invalidate the result.
+    runs: input runs; a change of any run invalidates the result.
     """
 
     module: str
@@ -48,7 +47,7 @@ class Wanted:
 
     @property
     def key(self) -> str:
-        """Cache key: letters and digits."""
+        """Key of the cache, consisting of letters and digits."""
         parts = [self.module, *self.arguments]
         for run in self.runs:
             for name in (MANIFEST, LEDGER):
@@ -59,18 +58,18 @@ class Wanted:
 
 
 class Made:
-    """Finished, running and queued results, in a directory removed with this process."""
+    """Queued, running and finished results in a temporary directory of this process."""
 
     def __init__(self, directory: Path) -> None:
         self._directory = directory
         self._lock = threading.Lock()
         self._waiting: OrderedDict[str, Wanted] = OrderedDict()
         self._done: OrderedDict[str, str] = OrderedDict()
-        """Keys with their error, empty after success."""
+        """Finished keys with the error message, empty after success."""
         self._current: tuple[str, Child, float] | None = None
 
     def get(self, making: Wanted) -> Path | None:
-        """Return the directory of a result, None while not ready.
+        """Return the directory of a result; None until it is ready.
 
         Raises FileError once after a failure, and CellError if the queue is full.
         """
@@ -92,7 +91,7 @@ class Made:
             return None
 
     def file(self, key: str, name: str) -> Path | None:
-        """Return the path of a created file, None if missing."""
+        """Return the path of a generated file; None if it is missing."""
         with self._lock:
             if self._done.get(key) != "":
                 return None
@@ -109,7 +108,7 @@ class Made:
                 self._current = None
 
     def _advance(self) -> None:
-        """Collect a finished process, and start the next."""
+        """Collect a finished process and start the next."""
         if self._current is not None:
             key, child, began_s = self._current
             if child.runs and clock.now_s() - began_s < _LONGEST_S:
@@ -117,7 +116,7 @@ class Made:
             took_too_long = child.runs
             child.stop()
             self._current = None
-            # Results of the valid runs are shown, although others were refused.
+            # Show the results of valid runs, even if other runs were refused.
             is_made = any((self._directory / key).iterdir())
             lines = child.log.read_text("utf-8", "replace").splitlines()
             error = next((line.removeprefix("error: ") for line in lines if line.startswith("error: ")), "")

@@ -1,5 +1,6 @@
-"""Run a window from its command: content, access, shutdown, and the listening socket with limits for idle, slow and
-excess connections."""
+"""Entry point of `rig window`: data sources, access control, shutdown, and a socket with limits for idle, slow and
+excess connections.
+"""
 
 from __future__ import annotations
 
@@ -33,21 +34,21 @@ from rigs.errors import CellError, UseError
 from rigs.load import find, load
 
 MOST_CONNECTIONS = 128
-"""Twice the need of the permitted viewers; a silent connection is replaced by a new one."""
+"""Maximum number of connections, twice the need of all viewers. A new connection replaces an idle one."""
 HEAD_S = 5.0
-"""Limit for the head of a request; on a network it takes milliseconds."""
+"""Time limit for the head of a request. On a network it takes milliseconds."""
 SLOW_S = 10.0
-"""Time after which a browser not accepting data is dropped."""
+"""Time after which a browser that does not accept data is disconnected."""
 _KEPT = 1 << 16
-"""Bytes queued for a browser in the system, and as many here; a page has fewer."""
+"""Size limit in bytes of the write queue and of the send buffer of the system. A page is smaller."""
 _MOST_HEAD = 16384
 
 
 class Bounded(H11Protocol):
-    """Connection with limits against idle and slow clients."""
+    """HTTP connection with limits against idle and slow clients."""
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Accept a connection; at the limit, the oldest silent one is closed."""
+        """Accept a connection. At the limit, close the connection that has been idle longest."""
         super().connection_made(transport)
         transport.set_write_buffer_limits(_KEPT)
         self._slow: asyncio.TimerHandle | None = None
@@ -64,11 +65,11 @@ class Bounded(H11Protocol):
 
     @property
     def is_silent(self) -> bool:
-        """Return whether no answer is in progress."""
+        """True if all requests have been answered."""
         return self.cycle is None or self.cycle.response_complete
 
     def data_received(self, data: bytes) -> None:
-        """Receive bytes; the head must be complete in time."""
+        """Receive bytes. The head of a request must be complete in time."""
         if self._head is None and self.is_silent:
             self._head = self.loop.call_later(HEAD_S, self.transport.abort)
         super().data_received(data)
@@ -76,13 +77,13 @@ class Bounded(H11Protocol):
             self._stop_head()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Forget the connection."""
+        """Cancel the timers of the connection."""
         self._stop_head()
         self.resume_writing()
         super().connection_lost(exc)
 
     def on_response_complete(self) -> None:
-        """Limit the wait for the next request."""
+        """Cancel the time limit of the head."""
         self._stop_head()
         super().on_response_complete()
 
@@ -122,21 +123,21 @@ def listening(address: str, port: int) -> socket.socket:
 
 
 class Server(uvicorn.Server):
-    """Server that ends streams, which have no end of their own, before other connections."""
+    """Server that ends the endless event streams before closing connections at shutdown."""
 
     def __init__(self, config: uvicorn.Config, ends: Callable[[], None]) -> None:
         super().__init__(config)
         self._ends = ends
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """End streams, then connections."""
+        """End the streams, then close the connections."""
         self._ends()
         await super().shutdown(sockets)
 
 
 def serve(app: ASGIApp, sock: socket.socket, ends: Callable[[], None]) -> None:
-    """Serve until SIGINT or SIGTERM; ends: called at that time."""
-    with suppress(KeyboardInterrupt):  # Ctrl-C is the normal end
+    """Serve until SIGINT or SIGTERM. ends: function called at that time."""
+    with suppress(KeyboardInterrupt):  # Ctrl-C is the normal way to stop
         server_of(app, ends).run(sockets=[sock])
 
 
@@ -160,7 +161,7 @@ def server_of(app: ASGIApp, ends: Callable[[], None]) -> Server:
 
 
 def _not_of_peers(record: logging.LogRecord) -> bool:
-    """Filter log messages that peers could trigger arbitrarily often."""
+    """Filter out log messages that a client could trigger in large numbers."""
     return record.levelno > logging.WARNING and "ASGI callable" not in record.getMessage()
 
 
@@ -179,8 +180,10 @@ class Asked:
     session: Path | None
 
     def gate(self) -> Gate:
-        """Return the access control. Raises UseError for public access without a token, FileError for an invalid
-        token."""
+        """Access control of the options.
+
+        Raises UseError for public access without a token, and FileError for an invalid token.
+        """
         if not is_loopback(self.listen) and self.token is None:
             problem = f"{self.listen} can be reached by other computers"
             remedy = "give --token FILE as well, or put a proxy that asks who it is before 127.0.0.1"
@@ -189,7 +192,7 @@ class Asked:
 
 
 def run_window(asked: Asked, say: Callable[[str], object]) -> None:
-    """Serve until SIGINT or SIGTERM, and print the address. Raises RigError if not possible."""
+    """Serve until SIGINT or SIGTERM and print the address. Raises RigError if serving is not possible."""
     gate = asked.gate()
     if asked.session and asked.rig_file is None:
         raise UseError("--session", "needs the rig file of its cell", "give CELL")
@@ -197,7 +200,8 @@ def run_window(asked: Asked, say: Callable[[str], object]) -> None:
     place = Place(asked.session or Path(f"session-{rig.name}")) if rig else None
     shelf = Shelf(asked.runs or (place.runs if place and place.file.exists() else Path("runs")))
     sock = listening(asked.listen, asked.port)
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # so that temporary files and processes are cleaned up
+    # exit normally, which cleans up temporary files and processes
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     with ExitStack() as ends:
         made = Made(Path(ends.enter_context(tempfile.TemporaryDirectory(prefix="rig-window-"))))
         stream = None

@@ -1,5 +1,7 @@
-"""Runs of a directory for pages: state, figures from the history file, and standing against the limits; the newest also
-as Prometheus metrics, with those of the daemon."""
+"""Runs of a directory for pages: state, figures from the history file, and verdicts by the limits.
+
+The newest runs are also available as Prometheus metrics, with the metrics of the daemon.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,7 @@ _WORST: tuple[Standing, ...] = ("fail", "watch", "pass")
 
 @dataclass(frozen=True)
 class Figure:
-    """Figure of a run: name, value, limit and standing, None without a limit."""
+    """A figure of a run. limit, standing: None if the rig file has no limit for the figure."""
 
     name: str
     value: Quantity
@@ -39,7 +41,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Shown:
-    """Run: fields of `rig runs --json`, history record if any, and figures."""
+    """A run with the fields of `rig runs --json`, the history record if any, and the figures."""
 
     name: str
     path: Path
@@ -49,12 +51,12 @@ class Shown:
 
     @property
     def started(self) -> str:
-        """Day and time of the run's clock, to the minute."""
+        """Start date and time by the clock of the run, to the minute."""
         return self.record.started[:16].replace("T", " ") if self.record else ""
 
     @property
     def title(self) -> str:
-        """For example `yaw acw`."""
+        """Title of the run, for example `yaw acw`."""
         return " ".join(filter(None, (self.about["test"], self.about["direction"])))
 
     @property
@@ -64,19 +66,19 @@ class Shown:
 
     @property
     def standing(self) -> Standing | None:
-        """Worst standing of its figures, None without limits."""
+        """Worst standing of all figures; None if there are no limits."""
         standings = {figure.standing for figure in self.figures}
         return next((worst for worst in _WORST if worst in standings), None)
 
 
 class Shelf:
-    """Directory of runs, which may not exist yet."""
+    """Directory of runs. It does not need to exist."""
 
     def __init__(self, directory: Path) -> None:
         self.directory = directory
 
     def runs(self, words: str = "") -> tuple[list[Shown], int]:
-        """Return the newest runs containing all words in name, test, state or rig, and their total number."""
+        """Return the newest runs with all words in name, test, state or rig, and the total number of such runs."""
         searched, matching = words.lower().split(), []
         try:
             for run in survey(self.directory):
@@ -85,7 +87,7 @@ class Shelf:
                     of_run += [manifest.test, manifest.direction or "", manifest.rig_name]
                 if all(word in " ".join(of_run).lower() for word in searched):
                     matching.append(run)
-        except FileError:  # created by the first recording
+        except FileError:  # the first recording creates the directory
             return [], 0
         matching.sort(key=lambda run: run.ended_s, reverse=True)
         records = self._records()
@@ -103,11 +105,11 @@ class Shelf:
         raise FileError(name, "is no run here", "choose one of the list")
 
     def robots(self) -> list[str]:
-        """Return the names of the rigs with runs here."""
+        """Return the names of all rigs with runs in the directory."""
         return sorted({str(run.about["rig"]) for run in self.runs()[0] if run.about["rig"]})
 
     def _records(self) -> Mapping[str, Record]:
-        """Return the history records, empty if unreadable."""
+        """Return the history records; empty if the file is unreadable."""
         try:
             return read_records(self.directory / FILE)[0]
         except Unusable:
@@ -127,7 +129,7 @@ def _shown(run: RunInfo, record: Record | None) -> Shown:
 
 @lru_cache(maxsize=64)
 def limits_of(rig_text: str) -> Limits:
-    """Return the limits in a run's rig file, empty if unreadable."""
+    """Return the limits in the rig file of a run; empty if it is unreadable."""
     try:
         return parse(rig_text, "the rig file of the run").limits
     except RigError:
@@ -138,9 +140,9 @@ _STANDINGS: tuple[Standing, ...] = ("pass", "watch", "fail")
 
 
 def metrics_of(runs: Iterable[Shown], *, daemon_is_up: bool) -> str:
-    """Return metrics: daemon state, leading and limited figures of the newest run per rig, test and direction.
+    """Return metrics: the daemon state, and the main and limited figures of the newest run per rig, test and direction.
 
-    runs: newest first.
+    runs: runs in order from the newest to the oldest.
     """
     newest: dict[tuple[str, ...], Shown] = {}
     for run in runs:

@@ -1,9 +1,8 @@
-"""Watch the cell ten times a second, publish the state by server-sent events, and forward user requests to rigd.
+"""Watch the cell ten times a second, publish the state as server-sent events, and forward user requests to rigd.
 
-One client of rigd serves all browsers, so additional browsers cost the recorder nothing. The board contains the newest
-message of each kind, without queues: a slow browser receives the newest ones when ready, and costs no memory. Messages
-are
-encoded once for all browsers.
+A single client of rigd serves all browsers, so additional browsers do not affect the recorder. The board contains only
+the newest message of each kind. A slow browser skips older messages and needs no queue. Messages are encoded once for
+all browsers.
 """
 
 from __future__ import annotations
@@ -29,11 +28,11 @@ from rigs.errors import RigError
 from rigs.text import plain_values
 
 MOST_VIEWERS = 50
-"""Limit of simultaneous pages. Chosen: five times a cell with ten viewers."""
+"""Maximum number of simultaneous pages. Chosen: five times the viewers of a busy cell."""
 
 
 class Board:
-    """Latest messages by kind."""
+    """The latest message of each kind."""
 
     def __init__(self) -> None:
         self._news: dict[str, tuple[int, bytes]] = {}
@@ -42,7 +41,7 @@ class Board:
         self._ended = False
 
     def post(self, kind: str, values: Mapping[str, Any]) -> None:
-        """Replace the message of a kind; equal content is not news."""
+        """Replace the message of a kind. Equal content does not count as a change."""
         text = json.dumps(plain_values(for_json(values)), separators=(",", ":"), ensure_ascii=True, allow_nan=False)
         data = f"event: {kind}\ndata: {text}\n\n".encode()
         version, before = self._news.get(kind, (0, b""))
@@ -52,12 +51,12 @@ class Board:
             self._changed = asyncio.Event()
 
     def end(self) -> None:
-        """End all streams: the window closes, and pages reconnect later."""
+        """End all streams when the window closes. The pages reconnect later."""
         self._ended = True
         self._changed.set()
 
     async def follow(self) -> AsyncGenerator[bytes, None]:
-        """Yield the present messages, then changes as fast as they are consumed."""
+        """Yield the current messages, followed by changes at the speed of the reader."""
         seen: dict[str, int] = {}
         while not self._ended:
             changed = self._changed
@@ -76,7 +75,7 @@ class Follow:
         self._board, self._headers = board, dict(headers or {})
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Send the stream. Readers that accept no data are dropped (`analysis.apps.window.serve`)."""
+        """Send the stream. The server disconnects readers that do not accept data (`analysis.apps.window.serve`)."""
         headers = {"content-type": "text/event-stream", "cache-control": "no-store", "x-accel-buffering": "no"}
         head = [(name.encode(), value.encode()) for name, value in {**headers, **self._headers}.items()]
         self._board.viewers += 1
@@ -106,11 +105,11 @@ async def _gone(receive: Receive) -> None:
 
 _TICK_S = 0.1
 _SLOW_TICKS = 5
-"""Interval in ticks for curves, trace and links, twice a second."""
+"""Interval in ticks for curves, trace and links: twice a second."""
 
 
 class Source(Protocol):
-    """Source of updates, from `begun` to `end`."""
+    """Source of updates, used between `begun` and `end`."""
 
     def begun(self) -> object:
         """Start."""
@@ -135,8 +134,9 @@ class Watcher:
     ) -> None:
         """Create a watcher.
 
-        find: returns the socket of the daemon; raises CellError while there is none. place: of the session. shows:
-        called with each view. source: source of updates in place of the daemon. begin: command that starts a session.
+        find: returns the socket of the daemon, or raises CellError if it is not running. place: directory of the
+        session. shows: called with each view. source: source of updates in place of the daemon. begin: command that
+        starts a session.
         """
         self.board = Board()
         self.view = LiveView()
@@ -145,7 +145,7 @@ class Watcher:
         self._begin = begin
         self._source: Source = source or DaemonSource(find)
         self._session_seen: object = ...
-        """State of the session file at the last check; None if it did not exist."""
+        """State of the session file at the last check; None if the file did not exist."""
 
     async def run(self) -> None:
         """Watch until cancelled."""
@@ -173,7 +173,7 @@ class Watcher:
             self._source.end()
 
     def _look_at_session(self) -> None:
-        """Publish the session if its file has changed."""
+        """Publish the session if the file has changed."""
         if self._place is None:
             return
         seen: object = None
@@ -191,7 +191,7 @@ class Watcher:
         self.board.post("session", summary(session) if session else {"next": {"key": "none", "command": self._begin}})
 
     def socket(self) -> Path:
-        """Return the socket of the daemon. Raises CellError while there is none."""
+        """Return the socket of the daemon. Raises CellError if the daemon is not running."""
         return self._find()
 
     def ask(self, command: str, **fields: Any) -> dict[str, Any]:
@@ -200,22 +200,22 @@ class Watcher:
             return client.ask(command, **fields)
 
     def start(self, name: str, test: str, direction: str | None) -> str:
-        """Start a recording; return its directory. Raises RigError."""
+        """Start a recording and return the directory. Raises RigError."""
         zero = {"view_zero_mm": list(self.zero_mm)} if any(self.zero_mm) else {}
         return str(self.ask("record_start", name=name, test=test, direction=direction, **zero)["run"])
 
     def stop(self) -> str:
-        """End the recording; return its directory. Raises RigError."""
+        """Stop the recording and return the directory. Raises RigError."""
         return str(self.ask("record_stop")["run"])
 
     def zero(self) -> None:
-        """Zero both gauges at the present readings."""
+        """Set the zeros of both gauges to the current readings."""
         readings = self.view.readings
         g1, g2 = (readings[name].mm if name in readings else 0.0 for name in ("g1", "g2"))
         self.zero_mm = (g1, g2)
 
     def restart(self, *, zero: bool = False) -> None:
-        """Reset extremes, curves and counts; zero: also remove the zero offsets."""
+        """Reset extremes, curves and counts. zero: also remove the zero offsets."""
         if zero:
             self.zero_mm = (0.0, 0.0)
         else:

@@ -1,8 +1,8 @@
-"""Attempts for a port, derived from the schemas: interface, line settings and permitted data; and the results of a
+"""Attempts for a port, derived from the schemas: interface, line settings and permitted data. Also the results of a
 search.
 
-Pure lists in the order of the attempts. An interface with an unconfirmed request (`Origin.standing`) is only tried if
-named by the user, because its request could have a different meaning for other instruments. A conversation on trial is
+The attempts are pure lists in order. An interface with an unconfirmed request (`Origin.standing`) is tried only if the
+user names it, because the request could have a different meaning for other instruments. A conversation on trial is
 limited in the data it may send, and ends when it can no longer succeed.
 """
 
@@ -29,13 +29,13 @@ from rigs.schema.modbus import ModbusMap
 from rigs.schema.probe import Probe
 
 Sends = Literal["nothing", "requests", "all"]
-"""Data a conversation may send: nothing, read requests only, or everything as in rigd."""
+"""Data that a conversation may send: none, read requests only, or all data as in rigd."""
 
 _MOST_CHANNELS = 8
 STAND_IN: dict[str, Any] = {"range_mm": 100.0}
-"""Stand-ins for keys known only to the owner: readings are then percentages of the range."""
+"""Substitutes for keys known only to the owner: readings are then percentages of the range."""
 _MODBUS_EXAMPLE = "ur10e"
-"""Shipped rig with the only known Modbus register map, that of Baumer's OM20 and OM30."""
+"""Shipped rig with the only known Modbus register map, that of OM20 and OM30 by Baumer."""
 _GAUGE: TypeAdapter[Any] = TypeAdapter(Gauge)
 
 
@@ -60,7 +60,7 @@ class Attempt:
 
 
 def attempts(port: str, modbus_units: Sequence[int] = (1,)) -> list[Attempt]:
-    """Return the attempts for an unknown port: listening, the makers' line settings, then common ones."""
+    """Return the attempts for an unknown port: listening, the line settings of the makers, then common settings."""
     candidates = list(_candidates(port, modbus_units))
     listened = [Attempt(gauges, gauges[0].line, "nothing") for gauges in candidates if _streams(gauges)]
     asked = [gauges for gauges in candidates if not _streams(gauges)]
@@ -68,7 +68,7 @@ def attempts(port: str, modbus_units: Sequence[int] = (1,)) -> list[Attempt]:
     if tcp_address(port):
         return declared
     by_line = sorted(declared, key=lambda attempt: [gauges.line for gauges in declared].index(attempt.line))
-    # The commonest line settings first, for all possible interfaces: the first match ends the search of a port.
+    # For all possible interfaces, the most common line settings come first: the first match ends the search of a port.
     usual = [
         Attempt(gauges, line, "requests")
         for line in USUAL_LINES
@@ -82,7 +82,7 @@ def attempts(port: str, modbus_units: Sequence[int] = (1,)) -> list[Attempt]:
 def named_attempts(fields: dict[str, Any]) -> list[Attempt]:
     """Return the attempts for an instrument named by the user with keys of the rig file.
 
-    The complete conversation is used, as in rigd. Raises pydantic's ValidationError for invalid keys.
+    They use the complete conversation, as in rigd. Raises ValidationError of pydantic for invalid keys.
     """
     placed = {"offset_mm": 0.0, **fields}
     lines = USUAL_LINES if "line" not in fields else ()
@@ -95,14 +95,14 @@ def named_attempts(fields: dict[str, Any]) -> list[Attempt]:
 
 
 def missing_keys(interface: str) -> list[str]:
-    """Return the keys of an interface known only to the owner: without default, and not detectable."""
+    """Return the keys of an interface known only to the owner. They have no default and cannot be detected."""
     (model,) = (candidate for candidate in models(Gauge) if name_of(candidate) == interface)
     discovered = {"interface", "port", "offset_mm", "line"}
     return [key for key, field in model.model_fields.items() if field.is_required() and key not in discovered]
 
 
 def _candidates(port: str, modbus_units: Sequence[int]) -> Iterator[tuple[Gauge, ...]]:
-    """Yield the possible gauges, those sharing an instrument together."""
+    """Yield the possible gauges. Gauges of the same instrument are yielded together."""
     for model in models(Gauge):
         assert issubclass(model, Probe)  # noqa: S101 - every gauge is one
         if model.origin.standing != "confirmed":
@@ -137,14 +137,14 @@ def _streams(members: tuple[Gauge, ...]) -> bool:
 
 
 def _has_line(members: tuple[Gauge, ...]) -> bool:
-    """Return whether the maker's line settings are known."""
+    """Return whether the line settings of the maker are known."""
     return members[0].interface == "modbus_map" or isinstance(type(members[0]).model_fields["line"].default, Line)
 
 
 def _choices(model: type[BaseModel]) -> list[dict[str, str]]:
-    """Return the possible configurations of an instrument: its enumerated keys.
+    """Return the possible configurations of an instrument: the combinations of enumerated keys.
 
-    The usual cable of the maker is assumed, because others are polled by a modem line, which may affect other devices.
+    The usual cable of the maker is assumed. Other cables poll with a modem line, which may affect other devices.
     """
     placing = {"interface", "units", "cable"}
     settings = [key for key in model.model_fields if key in model.__annotations__ and key not in placing]
@@ -154,14 +154,14 @@ def _choices(model: type[BaseModel]) -> list[dict[str, str]]:
 
 
 _MOST_FAULTS = 3
-"""Faults before the first reading that end an attempt; one is normal when joining a stream."""
+"""Number of faults before the first reading that end an attempt. A single fault is normal when joining a stream."""
 
 
 class Probing:
     """Host side of a conversation on trial.
 
-    Opening messages sent before any data arrives configure the instrument (`OUT0`, `OUTPUT RS422`): if only requests
-    are permitted, they are suppressed.
+    Messages sent before any data arrives configure the instrument (`OUT0`, `OUTPUT RS422`). They are suppressed if only
+    requests are permitted.
     """
 
     def __init__(self, host: Host, sends: Sends, silences: int = 1) -> None:
@@ -203,14 +203,14 @@ class Probing:
 
 
 ENOUGH = 3
-"""Readings in a row that are hardly accidental: one in 64 random triples is a valid Micro-Epsilon value."""
+"""Number of consecutive readings that rules out chance: 1 in 64 random triples is a valid Micro-Epsilon value."""
 OF_THE_INSTRUMENT = {FaultKind.MISSING, FaultKind.DEVICE_ERROR}
-"""Faults reported by the instrument itself, which prove its protocol."""
+"""Faults reported by the instrument itself. They prove the protocol."""
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """Fit of the data to a protocol: readings, longest series of readings, and invalid data."""
+    """Agreement of data with a protocol: number of readings, longest series of readings, and invalid data."""
 
     readings: int
     in_a_row: int
@@ -218,12 +218,12 @@ class Evidence:
 
     @property
     def enough(self) -> bool:
-        """Whether an accident is unlikely."""
+        """True if chance is unlikely."""
         return self.in_a_row >= ENOUGH
 
     @property
     def rank(self) -> tuple[bool, float, int]:
-        """Sort key of candidates; the best is highest."""
+        """Sort key of candidates. The best candidate has the highest key."""
         return self.enough, self.readings / max(1, self.readings + self.not_understood), self.readings
 
 
@@ -241,7 +241,7 @@ def evidence_of(items: Iterable[Item]) -> Evidence:
 
 @dataclass(frozen=True)
 class FoundGauge:
-    """Responding gauge: rig file keys, last reading, rate, and permitted data.
+    """A responding gauge: keys of the rig file, last reading, rate and permitted data.
 
     also: other matching interfaces.
     """
@@ -254,12 +254,12 @@ class FoundGauge:
 
     @property
     def place(self) -> str:
-        """Port, with the channel if the instrument has several."""
+        """Port of the gauge, with the channel if the instrument has several."""
         return f"{self.gauge.port}#{self.gauge.channel}" if self.gauge.shares else self.gauge.port
 
     @property
     def lacks(self) -> tuple[str, ...]:
-        """Keys still required from the owner; until then readings are percentages of the range."""
+        """Keys still required from the owner. Until they are known, readings are percentages of the range."""
         if self.sends == "all":  # named by the user with all keys
             return ()
         return tuple(key for key in missing_keys(self.gauge.interface) if key in STAND_IN)
@@ -281,7 +281,7 @@ class FoundGauge:
 
 @dataclass(frozen=True)
 class PortReport:
-    """Search result of a port: gauges, or the reason for none with a remedy."""
+    """Search result of a port: gauges, or the reason for finding none with a remedy."""
 
     port: str
     description: str = ""
@@ -296,9 +296,9 @@ class PortReport:
 
 @dataclass(frozen=True)
 class RobotReport:
-    """Search result of a robot address: interface and joint angles, or the reason for none.
+    """Search result of a robot address: interface and joint angles, or the reason for finding none.
 
-    units_sure: False if bare numbers could be degrees or radians. reported: last warning of the controller.
+    units_sure: False if the numbers could be degrees or radians. reported: last warning of the controller.
     """
 
     address: str

@@ -1,4 +1,4 @@
-"""Findings, and the checks of a robot's condition before a recording: stops, paused programs, motors, speed."""
+"""Findings about a cell, and checks of the robot before a recording: stops, paused programs, motors, speed."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ class Verdict(StrEnum):
 
     OK = "ok"
     DOUBTFUL = "doubtful"
-    """It may work, but possibly not well."""
+    """The cell may work, but possibly not well."""
     WRONG = "wrong"
-    """It will not work."""
+    """The cell will not work."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """Finding about a gauge, the robot, the disk, …
+    """A finding about a gauge, the robot, the disk, …
 
-    about: subject. what: observation. remedy: empty if all is well.
+    about: subject. what: observation. remedy: action; empty if all is well.
     """
 
     about: str
@@ -34,7 +34,7 @@ class Finding:
 
 
 def ok(about: str, observation: str) -> Finding:
-    """Return a finding without a problem."""
+    """Return a finding that all is well."""
     return Finding(about, Verdict.OK, observation)
 
 
@@ -55,7 +55,7 @@ STOPS = {
     SafetyState.RECOVERY: ("recovery mode", "move the robot back inside its limits"),
     SafetyState.FAULT: ("a fault", "read its message on the pendant; clear it, or restart the controller"),
 }
-"""States that prevent programs from running, with their remedy."""
+"""Safety states that prevent programs from running, each with a remedy."""
 
 
 def condition_in(columns: Sequence[str], sample: Sample) -> dict[str, float]:
@@ -64,12 +64,12 @@ def condition_in(columns: Sequence[str], sample: Sample) -> dict[str, float]:
 
 
 def stopped_by(shown: Mapping[str, float]) -> str:
-    """Return the reason that programs cannot run, with the remedy; empty if unknown or none."""
+    """Return the reason and remedy for a robot that cannot run programs; empty if it can or if unknown."""
     return "; ".join(STOPS.get(shown.get(SAFETY), ()))  # type: ignore[call-overload] # nan is no state
 
 
 def of_condition(about: str, shown: Mapping[str, float]) -> Iterator[Finding]:
-    """Yield problems to solve before a recording. shown: columns of the condition; missing ones are not checked."""
+    """Yield problems to solve before a recording. shown: columns of the condition; missing columns are not checked."""
     if shown.get(SAFETY) in STOPS:
         state, remedy = STOPS[SafetyState(int(shown[SAFETY]))]
         yield wrong(about, f"is in {state}", remedy)
@@ -79,7 +79,7 @@ def of_condition(about: str, shown: Mapping[str, float]) -> Iterator[Finding]:
         yield doubtful(
             about, "its program is paused", "resume it, or stop it and start it after the recording has begun"
         )
-    # A controller without a running program may show a speed of zero regardless of its setting.
+    # A controller may show a speed of zero while no program is running, regardless of the setting.
     if 0 < shown.get(SPEED, 0.0) < FULL_PERCENT:
         observation = f"its speed is set to {shown[SPEED]:.0f} %"
         yield doubtful(

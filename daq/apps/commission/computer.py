@@ -1,8 +1,8 @@
-"""Check the daemon's computer: disk, clock, service manager, and serial ports before use (presence, permanent name,
-permissions, other processes, latency).
+"""Checks of the computer of the daemon: disk, clock, service manager and serial ports.
 
-Each finding is a function of plain values; the functions that read them from the system follow below. `root` is the
-root of the system's tree, so that a test can build one. No port is opened.
+A serial port is checked before use for presence, permanent name, permissions, other processes and latency. Each check
+is a function of plain values. The functions that read these values from the system follow below. `root` is the root of
+the system tree, which a test can build. No port is opened.
 """
 
 from __future__ import annotations
@@ -26,17 +26,20 @@ from daq.wire.serial_port import port_names
 _GB = 1e9
 _LITTLE_GB, _TOO_LITTLE_GB = 5.0, 0.5
 _SLOW_S, _TOO_SLOW_S = 0.1, 5.0
-"""Limits of a sync: the daemon syncs every half second and buffers in the meantime; its watchdog waits for 15 s."""
+"""Limits for the duration of a sync.
+
+The daemon syncs every 0.5 s and buffers meanwhile; the watchdog waits for 15 s.
+"""
 _SYNCS = 5
 _BLOCK = bytes(1 << 16)
 _ANSWERS_S = 10.0
 _TIME_ERROR = 5
-"""adjtimex(2): the clock is not synchronised."""
+"""Result of adjtimex(2): the clock is not synchronised."""
 _UNIT_PROPERTIES = "LoadState,ActiveState,SubState,Result,NRestarts,UnitFileState"
 
 
 def examine_computer(runs: Path, unit: str | None) -> Iterator[Finding]:
-    """Check the computer; `unit` is the service of the rig, if any."""
+    """Check the computer. unit: service of the rig, if any."""
     try:
         place = next(path for path in (runs, *runs.parents) if path.is_dir())
         yield room(runs, shutil.disk_usage(place).free / _GB)
@@ -73,7 +76,7 @@ def sync_time(runs: Path, slowest_s: float) -> Finding:
 
 
 def wall_clock(state: int) -> Finding:
-    """Check that NTP controls the clock; `state` is the result of adjtimex."""
+    """Check that NTP controls the clock. state: result of adjtimex."""
     if state != _TIME_ERROR:
         return ok("clock", "synchronised by NTP")
     observation = (
@@ -83,7 +86,7 @@ def wall_clock(state: int) -> Finding:
 
 
 def service(unit: str, properties: Mapping[str, str]) -> Finding:
-    """Check the state of the unit, from `systemctl show`."""
+    """Check the state of the unit according to `systemctl show`."""
     if properties.get("LoadState") != "loaded":
         return doubtful(unit, "not installed", "run: sudo scripts/install")
     active, sub = properties.get("ActiveState", ""), properties.get("SubState", "")
@@ -116,13 +119,13 @@ def slowest_sync_s(folder: Path) -> float:
 
 
 def clock_state() -> int:
-    """Return the clock state of adjtimex(2) without changing anything."""
-    timex = ctypes.create_string_buffer(256)  # larger than struct timex, whose first member requests no change
+    """Return the clock state of adjtimex(2). Nothing is changed."""
+    timex = ctypes.create_string_buffer(256)  # larger than struct timex; a zero in the first member requests no change
     return int(ctypes.CDLL(None).adjtimex(timex))
 
 
 def unit_properties(unit: str) -> dict[str, str]:
-    """Return systemd's properties of a unit; empty if systemd does not run or respond."""
+    """Return the systemd properties of a unit; empty if systemd is not running or does not respond."""
     if not Path("/run/systemd/system").is_dir() or not shutil.which("systemctl"):
         return {}
     command = ["systemctl", "show", f"--property={_UNIT_PROPERTIES}", unit]
@@ -143,7 +146,7 @@ _LONG_MS = 2
 
 
 def examine_port(about: str, port: str, root: Path, *, served: bool) -> Iterator[Finding]:
-    """Yield findings about a serial port up to the first defect; rigd may have the port open."""
+    """Yield findings about a serial port up to the first defect. served: rigd may have opened the port."""
     checks = (present, lasting, quick) if served else (present, lasting, allowed, free, quick)
     for check in checks:
         if finding := check(about, port, root):
@@ -163,7 +166,7 @@ def present(about: str, port: str, root: Path) -> Finding:
 
 
 def lasting(about: str, port: str, root: Path) -> Finding | None:
-    """Check that the port name belongs to the adapter permanently; None for a built-in port."""
+    """Check that the name of a port belongs permanently to the adapter; None for a built-in port."""
     if not _BY_PLUGGING_ORDER.fullmatch(port):
         return None
     names = [
@@ -174,7 +177,7 @@ def lasting(about: str, port: str, root: Path) -> Finding | None:
 
 
 def allowed(about: str, port: str, root: Path) -> Finding | None:
-    """Check that this user, and the user of the service, may read and write the port."""
+    """Check that this user and the user of the service may read and write the port."""
     device = _at(port, root)
     status = device.stat()
     try:
@@ -193,11 +196,11 @@ def allowed(about: str, port: str, root: Path) -> Finding | None:
 
 
 def free(about: str, port: str, root: Path) -> Finding | None:
-    """Check for other processes using the port, as far as this user can inspect them; None if there are none.
+    """Check for other processes using the port; None if no process is found.
 
-    A pty is used by the process that created it.
+    Only processes visible to this user are found. A pty is used by the process that created it.
     """
-    # `ttyUSB0` or `pts/3`, whatever name the rig file uses
+    # `ttyUSB0` or `pts/3`, for any name in the rig file
     real = _at(port, root).resolve()
     dev = (root / "dev").resolve()
     below = str(real.relative_to(dev)) if real.is_relative_to(dev) else real.name

@@ -1,4 +1,4 @@
-"""Check a complete cell: computer, daemon if running, and each instrument."""
+"""Check of a complete cell: computer, daemon if running, and each instrument."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ _FRESH_S = 3.0
 def examine(
     rig: Rig, runs: Path, unit: str | None = None, root: Path = Path("/"), *, example: bool = False
 ) -> Iterator[Finding]:
-    """Yield findings as they are made.
+    """Yield findings one by one.
 
-    unit: service of the rig. root: parent of /dev, /proc and /sys. example: whether the rig file is a shipped example,
-    whose ports are not touched because they may belong to other machines in this network.
+    unit: service of the rig. root: parent of /dev, /proc and /sys. example: the rig file is a shipped example. The
+    ports are then not opened, because the addresses may belong to other machines in this network.
     """
     yield from examine_computer(runs, unit)
     try:
@@ -54,8 +54,10 @@ def examine(
 
 
 def ask(rig: str) -> dict[str, Any] | None:
-    """Return the status of the daemon of this rig; None if none runs. Raises CellError if the daemon does not
-    answer."""
+    """Return the status of the daemon of this rig; None if it is not running.
+
+    Raises CellError if the daemon does not respond.
+    """
     try:
         path = find_socket(rig)
     except CellError:
@@ -70,7 +72,7 @@ def ask(rig: str) -> dict[str, Any] | None:
 
 
 def of_daemon(status: dict[str, Any], streams: Sequence[Stream]) -> Iterator[Finding]:
-    """Yield findings from the status of a daemon, which has the ports open. streams: of the rig file."""
+    """Yield findings from the status of a daemon that has opened the ports. streams: streams of the rig file."""
     recording = f"records {status['recording']}" if status["recording"] else "records nothing"
     yield ok("rigd", f"serves {status['rig']} and {recording}; queried instead of the ports")
     served = {name: stream.get("port") for name, stream in status["streams"].items()}

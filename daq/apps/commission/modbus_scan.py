@@ -1,12 +1,12 @@
-"""Find the correct unit, registers and byte orders of a Modbus gauge whose rig file is wrong.
+"""Search for the unit, registers and byte order of a Modbus gauge with a wrong rig file.
 
-Only read functions (3 and 4) are used, while the user moves the probe. First every unit number is polled. Then the
+Only the read functions 3 and 4 are used, while the user moves the probe. First every unit number is polled. Then the
 registers around the configured address, and around the address in manual notation (30203, 40203), are read repeatedly
-and judged.
+and evaluated.
 
-Registers can be decoded as numbers in many ways. A wrong decoding jumps over the whole range of its type or does not
-move. A value moving steadily within a gauge's range while the probe is moved by hand is the reading, or the higher part
-of one. Among several candidates those requiring the fewest changes to the rig file are chosen.
+Registers can be decoded as numbers in several ways. A wrong decoding jumps over the full range of the type or does not
+move. While the probe is moved by hand, a value that moves steadily within the range of a gauge is the reading, or the
+upper part of it. Among several candidates those with the fewest changes to the rig file are chosen.
 """
 
 from __future__ import annotations
@@ -41,24 +41,25 @@ _RANDOM = 0.5
 """Limit of the mean square step over twice the variance (von Neumann): 1 for random numbers, 0.2 for a motion to and
 fro observed ten times."""
 _CUT = 2**-4
-"""The first register contains four bits of the fraction in double precision, seven in single precision."""
+"""The first register contains four bits of the fraction in double precision, and seven in single precision."""
 _LEVELS = np.linspace(0, 1, 9)
 _SELDOM = {"value.type": 3}
-"""How much less often this key is wrong in a rig file than other keys."""
+"""Weight of a change of a key in the rig file: such a key is wrong less often than other keys."""
 
 Place = tuple[int, int]
 """Unit and function."""
 Piece = tuple[int, int]
-"""First register and number of registers of one read; a number must not span two reads."""
+"""First register and number of registers of a read. A number must not span two reads."""
 Seen = Mapping[int, Sequence[int]]
-"""Register contents by address, one per pass."""
+"""Register contents by address, for each pass."""
 
 
 @dataclass(frozen=True)
 class Way:
-    """Decoding of the value. changed: keys that differ from the rig file. readings_mm: (n,).
+    """A decoding of the value.
 
-    moving: registers that changed, with unit and function.
+    changed: keys that differ from the rig file. readings_mm (n,): decoded readings. moving: registers that changed,
+    with unit and function.
     """
 
     changed: dict[str, Any]
@@ -67,13 +68,13 @@ class Way:
 
     @property
     def effort(self) -> int:
-        """Number of errors in the rig file that this decoding implies."""
+        """Number of errors in the rig file implied by this decoding."""
         return sum(_SELDOM.get(key, 1) for key in self.changed)
 
     def is_part_of(self, way: Way) -> bool:
-        """Return whether this is the higher part of a different number: the same motion, truncated.
+        """Return whether this decoding is the upper part of a different number: the same motion, truncated.
 
-        They may have been read in sequence, so only the distributions are equal.
+        The registers may have been read one after the other, so only the distributions are compared.
         """
         apart_mm = np.abs(np.quantile(self.readings_mm, _LEVELS) - np.quantile(way.readings_mm, _LEVELS)).mean()
         return self.moving < way.moving and bool(apart_mm <= _CUT * np.abs(way.readings_mm).max())
@@ -83,7 +84,7 @@ class Way:
 
 
 def ways(gauge: ModbusMap, seen: Mapping[tuple[Place, Piece], Seen]) -> list[Way]:
-    """Return the decodings with moving readings; the likeliest first."""
+    """Return the decodings with moving readings, ordered by decreasing likelihood."""
     of_pieces = [way for (place, _), registers in seen.items() for way in _of_piece(gauge, *place, registers)]
     moving = {str(way): way for way in of_pieces}.values()
     whole = [way for way in moving if not any(way.is_part_of(wider) for wider in moving)]
@@ -91,7 +92,7 @@ def ways(gauge: ModbusMap, seen: Mapping[tuple[Place, Piece], Seen]) -> list[Way
 
 
 def _of_piece(gauge: ModbusMap, unit: int, function: int, seen: Seen) -> Iterator[Way]:
-    """Yield the decodings in one piece of a unit."""
+    """Yield the decodings of the registers read from a unit."""
     orders = product(get_args(Order), repeat=2)
     for address, kind, (word_order, byte_order) in product(seen, get_args(Number), list(orders)):
         register = Register(address=address, type=kind)
@@ -110,7 +111,7 @@ def _of_piece(gauge: ModbusMap, unit: int, function: int, seen: Seen) -> Iterato
         layout = gauge.model_copy(update={"address": address, "word_order": word_order, "byte_order": byte_order})
         passes = zip(*(seen[address + k] for k in range(register.count)), strict=True)
         raw = np.array([unpack(words, register, layout) for words in passes], dtype=float)
-        with np.errstate(over="ignore", invalid="ignore"):  # a wrong order may give infinity or nan
+        with np.errstate(over="ignore", invalid="ignore"):  # a wrong byte order may give infinity or nan
             readings_mm = (raw * gauge.value.scale + gauge.value.offset) * MM_PER_UNIT[gauge.units]
         if is_motion(readings_mm, gauge):
             changed = {key: read for key, (read, written) in settings.items() if read != written}
@@ -119,7 +120,7 @@ def _of_piece(gauge: ModbusMap, unit: int, function: int, seen: Seen) -> Iterato
 
 
 def is_motion(readings_mm: NDArray[np.float64], gauge: ModbusMap) -> bool:
-    """Return whether readings (n,) are those of this gauge while the probe is moved to and fro."""
+    """Return whether readings (n,) in mm are plausible for this gauge while the probe is moved to and fro."""
     lowest_mm, highest_mm = gauge.limits_mm or (-LIKELY_MM, LIKELY_MM)
     if not all(map(is_length, readings_mm.tolist())):
         return False
@@ -130,26 +131,28 @@ def is_motion(readings_mm: NDArray[np.float64], gauge: ModbusMap) -> bool:
 
 UNITS = range(1, 248)
 _FIRST_UNITS = range(1, 17)
-"""Common delivery settings, tried with other line settings."""
+"""Common unit numbers at delivery, tried with other line settings."""
 SWEEP_S, _LONGEST_SWEEP_S = 0.1, 60.0
-"""Time per unit: answers come within 0.1 s, or are received during the next request; a gateway may refuse more
-slowly."""
+"""Time for each unit, and limit for all units.
+
+Responses arrive within 0.1 s. A gateway that refuses more slowly is heard during the next request.
+"""
 _AROUND = 8
-"""Registers before and after the configured one."""
+"""Number of registers read before and after the configured register."""
 _LONGEST = 4
-"""Registers of the longest number."""
+"""Number of registers of the longest number."""
 _BASES = (0, 30_001, 40_001, 300_001, 400_001)
-"""Offsets added by manuals to the transmitted address, to denote the register kind."""
+"""Offsets added to the transmitted address in manuals to denote the kind of register."""
 _PASSES, PASS_S = 40, 0.1
 _NO_PATH = (10, 11)
-"""Exceptions of a gateway for an absent unit."""
+"""Exceptions with which a gateway reports an absent unit."""
 _SILENCE_S = 0.004
 """Twice the silence between frames at 19 200 baud."""
 
 
 @dataclass
 class Asker:
-    """Sends requests in sequence over a link. heard: units that responded, even with a refusal."""
+    """Sends requests over a link in sequence. heard: units that responded, even with a refusal."""
 
     link: Link
     wire: Wire
@@ -192,7 +195,7 @@ def scan_modbus(rig: Rig, say: Callable[[str], None]) -> Iterator[Finding]:
 
 
 def scan_gauge(name: str, gauge: ModbusMap, stream: Stream, say: Callable[[str], None]) -> Finding:
-    """Find one gauge, with the line settings of the rig file or others."""
+    """Search for a gauge, with the line settings of the rig file or others."""
     say(f"{name}: every unit number is asked on {stream.port}, for up to half a minute")
     lines = [stream.line]
     if stream.port.startswith("/"):
@@ -204,7 +207,7 @@ def scan_gauge(name: str, gauge: ModbusMap, stream: Stream, say: Callable[[str],
             return wrong(name, f"{stream.port}: {error.what}", error.remedy)
         with closing(link), suppress(LinkLost):
             asker = Asker(link, Wire(stream.port, gauge.framing, serving=False))
-            # Poll every unit; the responding ones are recorded.
+            # Poll every unit and store the units that respond.
             units = UNITS if line == stream.line else _FIRST_UNITS
             until = clock.now_s() + _LONGEST_SWEEP_S
             for unit in (gauge.unit, *units):
@@ -218,7 +221,7 @@ def scan_gauge(name: str, gauge: ModbusMap, stream: Stream, say: Callable[[str],
 
 
 def _watch(asker: Asker, gauge: ModbusMap) -> dict[tuple[Place, Piece], dict[int, list[int]]]:
-    """Return the contents of the registers around the configured one, per pass."""
+    """Return the contents of the registers around the configured register for each pass."""
     pieces = [(place, piece) for unit in sorted(asker.heard) for place, piece in _readable(asker, gauge, unit)]
     seen: dict[tuple[Place, Piece], list[tuple[int, ...]]] = {piece: [] for piece in pieces}
     for _ in range(_PASSES):
@@ -234,7 +237,7 @@ def _watch(asker: Asker, gauge: ModbusMap) -> dict[tuple[Place, Piece], dict[int
 
 
 def _readable(asker: Asker, gauge: ModbusMap, unit: int) -> Iterator[tuple[Place, Piece]]:
-    """Yield the readable pieces of this unit: whole windows, or single values if refused."""
+    """Yield the readable blocks of this unit: complete windows, or single values if a window is refused."""
     for function in (3, 4):
         place = (unit, function)
         for middle in (gauge.value.address - base for base in _BASES if gauge.value.address >= base):

@@ -1,7 +1,8 @@
-"""Search ports in parallel, each opened exclusively and left with its original settings.
+"""Parallel search of ports. Each port is opened exclusively and left with the original settings.
 
-An attempt without data ends after the instrument's time-out, an attempt with data after `_PATIENCE_S`. The first line
-settings with a matching protocol end the search of a port, after all interfaces were tried with them.
+An attempt that receives no data ends after the time-out of the instrument, otherwise after `_PATIENCE_S`. The first
+line settings with a matching protocol end the search of a port, after all interfaces have been tried with these
+settings.
 """
 
 from __future__ import annotations
@@ -33,20 +34,23 @@ from rigs.schema.gauges import Gauge
 from rigs.schema.links import Line, Port
 
 _ANSWER_S = 0.3
-"""Answer time during a search: 9 characters at 4800 baud take 21 ms, an FTDI adapter adds 16 ms, and a Heidenhain ND
-281 B takes up to 50 ms."""
+"""Time limit for a response during a search.
+
+9 characters at 4800 baud take 21 ms, an FTDI adapter adds 16 ms, and a Heidenhain ND 281 B takes up to 50 ms.
+"""
 _STOOD_STILL_NS = 250_000_000
-"""After a longer stall of the program or computer an answer may have been missed, so the attempt is repeated."""
+"""Stall of the program or computer after which the attempt is repeated: a response may have been missed."""
 _MOST_REPEATS = 3
 _PATIENCE_S = 2.0
 _SILENT_S = 20.0
-"""Limit for a built-in port, which exists with nothing plugged in: only the makers' line settings and the two commonest
-are tried. Pluggable ports are tried with all settings."""
+"""Time limit for a built-in port, which exists even if no instrument is connected. Only the line settings of the makers
+and the two most common are tried. Pluggable ports are tried with all settings.
+"""
 _CONFIRM_S = 0.5
 """Time for further readings after a match."""
 LISTEN_S = 1.0
 _FORGIVING = ("sylvac_opto_rs", "mahr_c1202", "mitutoyo_qm_height", "mitutoyo_usb")
-"""Interfaces whose messages end in a carriage return only."""
+"""Interfaces with messages that end in a single carriage return."""
 _ROOT = Path("/")
 
 _PORT: TypeAdapter[str] = TypeAdapter(Port)
@@ -55,10 +59,10 @@ Progress = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Wanted:
-    """Search options. ports: serial devices and TCP addresses named by the user; no other port is opened.
+    """Search options. ports: serial devices and TCP addresses named by the user. Other ports are not opened.
 
-    named: attempts for a port with a known instrument, instead of all. listen_s: listening time per setting.
-    modbus_units: units to poll.
+    named: attempts for ports with a known instrument. listen_s: listening time for each setting. modbus_units: units to
+    poll.
     """
 
     ports: tuple[str, ...]
@@ -68,7 +72,7 @@ class Wanted:
 
 
 def ports_here() -> dict[str, str]:
-    """Return the serial ports of this computer with their system description; none is opened."""
+    """Return the serial ports of this computer with the description of the system. No port is opened."""
     descriptions = {
         Path(port.device).resolve(): port.description for port in list_ports.comports() if port.description != "n/a"
     }
@@ -76,7 +80,7 @@ def ports_here() -> dict[str, str]:
 
 
 def search(options: Wanted, progress: Progress) -> list[PortReport]:
-    """Search all ports in parallel. On Ctrl-C all attempts end, and ports regain their settings."""
+    """Search all ports in parallel. Ctrl-C ends all attempts and restores the settings of the ports."""
     descriptions, reports, stop = ports_here(), dict[str, PortReport](), clock.Event()
 
     def search_one(port: str) -> None:
@@ -96,7 +100,7 @@ def search(options: Wanted, progress: Progress) -> list[PortReport]:
 
 
 def join_started(threads: Sequence[threading.Thread]) -> None:
-    """Wait for all started threads; a thread still starting stops immediately."""
+    """Wait for all started threads. A thread that is still starting will stop immediately."""
     for thread in threads:
         if thread.is_alive():
             thread.join()
@@ -152,7 +156,7 @@ def _tried(
         if stop.is_set() or (answered and attempt.line != answered[0].line):
             break
         asked = attempt.request, attempt.line
-        if asked in unanswered:  # another interface with the same request
+        if asked in unanswered:  # a different interface with the same request
             continue
         progress(f"{number} of {len(tried)}: {attempt.interface} at {attempt.line} on {report.port}")
         trial = trial_of(attempt)
@@ -181,17 +185,17 @@ def _tried(
 
 
 def _rank(candidate: tuple[Attempt, Trial]) -> tuple[bool, float, bool, int]:
-    """Return the sort key of a matching attempt, the best highest.
+    """Return the sort key of a matching attempt. The best attempt has the highest key.
 
-    An interface with messages ending in a carriage return also accepts a following line feed, so it matches instruments
-    of other interfaces that always send both.
+    An interface with messages that end in a carriage return also accepts an additional line feed. It therefore matches
+    instruments of other interfaces that always send both.
     """
     enough, understood, readings = evidence_of(candidate[1].items).rank
     return enough, understood, candidate[0].interface not in _FORGIVING, readings
 
 
 def _trial(port: str, stalls: StallWatch, listen_s: float, attempt: Attempt) -> Trial:
-    """Make an attempt, repeated if the computer stalled and no reading arrived."""
+    """Make an attempt. Repeat it if the computer stalled before the first reading."""
     host = partial(host_of, attempt.gauges, attempt.sends, listen_s)
     stream = Stream(port, (), port, attempt.line, host, modem=attempt.gauges[0].modem)
     stalls.take()
@@ -234,7 +238,10 @@ def _failed(report: PortReport, problem: str, remedy: str) -> PortReport:
 
 @contextlib.contextmanager
 def _as_it_was(port: str) -> Iterator[None]:
-    """Hold a serial port open to keep its control lines unchanged between attempts; restore its settings at the end."""
+    """Keep a serial port open to leave the control lines unchanged between attempts.
+
+    Restore the settings at the end.
+    """
     if not port.startswith("/"):
         yield
         return

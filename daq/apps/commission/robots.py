@@ -1,13 +1,13 @@
-"""Detect a robot: RTDE at its port, a port printing lines, or a local port contacted by a controller.
+"""Detection of a robot by RTDE, by lines printed to a port, or by a controller that contacts a local port.
 
 The address alone determines the data sent: RTDE read requests to port 30004, FANUC Stream Motion status requests to
-port 60015, OPC UA browse and read requests to port 4840. Other ports are only listened to: unexpected bytes can stop
-the serving program, and Universal Robots' script ports execute them. If the user names the interface, the complete
+port 60015, OPC UA browse and read requests to port 4840. At other ports rig only listens: unexpected bytes can stop the
+serving program, and the script ports of Universal Robots execute them. If the user names the interface, the complete
 conversation is used as in rigd.
 
-For printed lines the separator, the clock and six angles are guessed from the numbers alone: a column growing at the
-pace of the host's clock is the clock. Degrees and radians can only be distinguished if an angle exceeds a turn in
-radians; otherwise the user is asked.
+In printed lines the separator, the clock and six angles are guessed from the numbers. A column that grows at the pace
+of the host clock is the clock. Degrees can only be distinguished from radians if an angle is larger than a full turn in
+radians. Otherwise the user is asked.
 """
 
 from __future__ import annotations
@@ -38,12 +38,12 @@ _SEPARATORS = (",", ";", " ")
 _FEWEST_LINES = 5
 _CLOCKS = {"t_s": 1.0, "t_ms": 1e3, "t_us": 1e6}
 _PACE = 0.25
-"""Permitted relative difference between a clock and the host's clock over half a second of lines."""
+"""Allowed relative difference between a clock and the host clock over half a second of lines."""
 
 
 @dataclass(frozen=True)
 class Layout:
-    """Line layout: `fields` and `separator` as in the rig file. sure: whether the unit is certain."""
+    """Layout of lines. fields, separator: as in the rig file. sure: the unit is certain."""
 
     fields: tuple[str, ...]
     separator: str
@@ -51,7 +51,7 @@ class Layout:
 
 
 def layout_of(arrivals: Sequence[Arrival]) -> Layout | None:
-    """Return the layout of the received lines; None for lines with fewer than six numbers."""
+    """Return the layout of received lines; None for lines with fewer than six numbers."""
     frames = Lines(b"\n", joined_midway=True)
     lines = [
         (message.data.decode("ascii", "replace").strip(), message.last_byte_ns / 1e9)
@@ -87,7 +87,7 @@ def layout_of(arrivals: Sequence[Arrival]) -> Layout | None:
 
 
 def _clock(column: list[float | None], at_s: list[float]) -> str | None:
-    """Return the name of the clock in a column, based on its pace."""
+    """Return the name of the clock in a column according to the pace of the numbers."""
     lasted_s = at_s[-1] - at_s[0]
     values = [value for value in column if value is not None]
     rises = len(values) == len(column) and all(b >= a for a, b in pairwise(values))
@@ -102,22 +102,22 @@ Robot: its host name or IP address (Universal Robots);
   tcp://HOST:PORT, or a serial port, of a program that prints its joints;
   udp://HOST:60015 of FANUC's Stream Motion;
   udp://ADDRESS:PORT of this computer, which KUKA RSI or ABB EGM calls"""
-"""Forms of an address and their interfaces, as help for the user."""
+"""Help text: forms of an address and the interface of each."""
 _LISTEN_S = 1.5
 _SILENCES = 3
-"""Time-outs per attempt: a request datagram can be lost."""
+"""Number of time-outs in each attempt: a request datagram may be lost."""
 _CONFIRM_S = 0.5
 _PATIENCE_S = 3.0
 _RTDE, _STREAM_MOTION, _OPC_UA = 30004, 60015, 4840
-"""Ports of Universal Robots' RTDE, FANUC's Stream Motion and OPC UA."""
+"""Ports of RTDE (Universal Robots), Stream Motion (FANUC) and OPC UA."""
 _RATES_HZ = (500.0, 125.0)
-"""RTDE rates of e-Series and CB3."""
+"""RTDE rates of the e-Series and the CB3."""
 _CYCLES_MS: tuple[Literal[4, 12], ...] = (4, 12)
 
 
 @dataclass(frozen=True)
 class _Tried:
-    """Result for an interface. sure: whether the angle unit is certain."""
+    """Result for an interface. sure: the angle unit is certain."""
 
     feedback: Feedback
     trial: Trial
@@ -125,9 +125,10 @@ class _Tried:
 
 
 def search_robot(address: str, named: Feedback | None = None) -> RobotReport:
-    """Detect a robot at a host, at a `tcp://host:port` or serial port printing lines, or at a `udp://address:port`.
+    """Search for a robot at a host, at a `tcp://host:port` or serial port that prints lines, or at a
+    `udp://address:port`.
 
-    A local UDP address waits for the controller. named: interface given by the user, instead of a search.
+    At a local UDP address the search waits for the controller. named: interface given by the user; no other is tried.
     """
     failed: list[str] = []
     answers = False
@@ -159,7 +160,7 @@ def search_robot(address: str, named: Feedback | None = None) -> RobotReport:
 
 
 def joints_of(robot: Feedback) -> tuple[float, ...]:
-    """Return the present joint angles in degrees. Raises CellError if the robot does not report them."""
+    """Return the current joint angles in degrees. Raises CellError if the robot does not report them."""
     trial = _try(robot).trial
     if trial.error:
         raise trial.error
@@ -189,7 +190,7 @@ def _tries(address: str) -> Iterator[_Tried]:
 
 
 def _line_feed(address: str) -> _Tried:
-    """Listen to a line feed once, because some programs end with their connection, and guess the layout."""
+    """Listen to lines and guess the layout. A single connection is used, because some programs end with it."""
     plain = LineFeed(interface="line_feed", port=address)
     try:
         link = open_link(ROBOT, address, plain.line)
@@ -214,8 +215,8 @@ def _line_feed(address: str) -> _Tried:
 
 
 def _try(robot: Feedback) -> _Tried:
-    """Run the conversation briefly; a controller that contacts us is only listened to."""
-    # RSI without expected answers receives none.
+    """Run a conversation briefly. A controller that contacts this computer is only listened to."""
+    # Without expected responses, RSI receives none.
     limits = {"timeout_s": _LISTEN_S / _SILENCES} | ({"onlysend": True} if robot.interface == "kuka_rsi" else {})
     tried = robot.model_copy(update=limits)
     sends: Sends = "nothing" if robot.listens else "all"
@@ -230,13 +231,13 @@ def _own_report(trial: Trial) -> str:
 
 
 def _accepts(tried: _Tried) -> bool:
-    """Return whether something accepted the connection and kept it."""
+    """Return whether the connection was accepted and stayed open."""
     is_lost = any(fault.kind == FaultKind.DISCONNECTED for fault in faults_of(tried.trial.items))
     return bool(tcp_address(tried.feedback.port)) and not tried.trial.error and not is_lost
 
 
 def _remedy(address: str, named: Feedback | None, *, answers: bool) -> str:
-    """Return what to do about a robot that reports no joints. answers: whether something accepts its connection."""
+    """Return the remedy for a robot that reports no joint angles. answers: the connection is accepted."""
     tcp, udp = tcp_address(address), udp_address(address)
     if named is not None and named.interface != "line_feed":
         return f"check that {named.interface} is served at this address and allowed in the controller's settings"

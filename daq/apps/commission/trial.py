@@ -1,7 +1,7 @@
-"""A short conversation with an instrument, as in the daemon, and findings from the result.
+"""Short conversation with an instrument, as in the daemon, and the resulting findings.
 
-Only the regular conversation is used, which never configures the instrument. If there is no answer with the line
-settings of the rig file, common settings are tried in sequence.
+Only the regular conversation is used, which never configures the instrument. If the instrument does not respond with
+the line settings of the rig file, common settings are tried in sequence.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ from rigs.signedness import unsigned_readings
 
 _LISTEN_S = 2.0
 _TALK_S, _LONGEST_WAIT_S = 1.0, 5.0
-"""Time for the first readings, after the drain at the start of a conversation."""
+"""Time for the first readings after discarding old data, and the longest wait."""
 _ENOUGH = 3
-"""Readings in a row that are hardly accidental with wrong line settings."""
+"""Number of consecutive readings that rules out chance with wrong line settings."""
 _FEW, _POOR_SHARE = 2, 0.05
-"""Permitted faults, absolute and per reading; more deserve attention."""
+"""Tolerable number of faults, absolute and per reading. More faults need attention."""
 _SLOW = 0.5
 _POOR_PPM = 1000.0
 USUAL_LINES = tuple(
@@ -52,7 +52,7 @@ USUAL_LINES = tuple(
         "921600 8N1",
     )
 )
-"""Delivery settings of gauge makers, the commonest first."""
+"""Settings of gauges at delivery, the most common first."""
 
 
 @dataclass(frozen=True)
@@ -72,14 +72,14 @@ class Trial:
 
     @property
     def rate_hz(self) -> float:
-        """Readings per second; 0 if all arrived together, as before a lost link."""
+        """Readings per second; 0 if all arrived at the same time, as before the loss of a link."""
         stamps_ns = samples_of(self.items).last_byte_ns
         lasted_ns = int(stamps_ns[-1] - stamps_ns[0]) if len(stamps_ns) else 0
         return (len(stamps_ns) - 1) * 1e9 / lasted_ns if lasted_ns else 0.0
 
     @property
     def understood(self) -> bool:
-        """Whether the protocol works: mostly readings, or errors of the instrument itself."""
+        """True if the protocol works: mostly readings, or errors reported by the instrument."""
         kinds = Counter[FaultKind]()
         for fault in faults_of(self.items):
             kinds[fault.kind] += fault.count
@@ -88,7 +88,7 @@ class Trial:
 
     @property
     def last_fault(self) -> str:
-        """Text of the last fault; empty without faults."""
+        """Text of the last fault; empty if there was none."""
         return next((item.detail for item in reversed(self.items) if isinstance(item, Fault)), "")
 
 
@@ -117,7 +117,7 @@ Attempt = Callable[[Stream, Line, float, float], Trial]
 
 
 def try_line(stream: Stream, line: Line, patience_s: float, listen_s: float) -> Trial:
-    """Run a conversation with these line settings until it works, and then for `listen_s`."""
+    """Run a conversation with these line settings until it works, and then for another `listen_s`."""
     try:
         link = replace(stream, line=line).open()
     except CellError as error:
@@ -147,9 +147,9 @@ def try_line(stream: Stream, line: Line, patience_s: float, listen_s: float) -> 
 
 
 def examine_conversation(stream: Stream, timeout_s: float, attempt: Attempt = try_line) -> Iterator[Finding]:
-    """Check the answers, rate and clock of an instrument, and the condition of a robot.
+    """Check the responses, rate and clock of an instrument, and the condition of a robot.
 
-    timeout_s: of the instrument.
+    timeout_s: time-out of the instrument.
     """
     wait_s = min(_LONGEST_WAIT_S, 2 * timeout_s)
     serial = stream.port.startswith("/")
@@ -167,7 +167,7 @@ def examine_conversation(stream: Stream, timeout_s: float, attempt: Attempt = tr
 
 
 def of_signs(stream: Stream, trial: Trial) -> Iterator[Finding]:
-    """Check whether gauges of a link show negative values as large positive ones."""
+    """Check whether gauges of a link report negative values as large positive values."""
     values = samples_of(trial.items).values
     for name, column in zip(stream.columns, values.T, strict=True):
         shown = unsigned_readings(column) if name.endswith("_mm") else None
@@ -176,7 +176,7 @@ def of_signs(stream: Stream, trial: Trial) -> Iterator[Finding]:
 
 
 def answers(stream: Stream, trial: Trial, search: Callable[[], Line | None]) -> Finding:
-    """Check that the protocol works; `search` finds working line settings."""
+    """Check that the protocol works. search: finds the correct line settings."""
     if trial.error is not None:
         return wrong(stream.name, f"{stream.port}: {trial.error.what}", trial.error.remedy)
     how = f"{stream.port} at {stream.line}" if stream.port.startswith("/") else stream.port
@@ -198,7 +198,7 @@ def answers(stream: Stream, trial: Trial, search: Callable[[], Line | None]) -> 
 
 
 def _of_readings(stream: Stream, trial: Trial, how: str) -> Finding:
-    """Check the readings: whether all gauges of the link delivered some, and the number of faults."""
+    """Check the readings: all gauges of the link must deliver some, with few faults."""
     readings = samples_of(trial.items)
     observation = f"{how}: {len(readings)} readings in {trial.seconds:.0f} s"
     silent = [stream.columns[k] for k in np.flatnonzero(np.isnan(readings.values).all(axis=0))]
@@ -230,7 +230,7 @@ def pace(stream: Stream, trial: Trial) -> Finding | None:
 
 
 def pace_of_clock(about: str, samples: Sequence[Sample]) -> Finding | None:
-    """Compare the rate of the instrument's clock with that of this computer; None without a clock.
+    """Compare the rate of the instrument clock with the clock of this computer; None if the instrument has no clock.
 
     The earliest arrivals of the first and last quarter are closest to the truth, because delays are always positive.
     """
@@ -238,7 +238,7 @@ def pace_of_clock(about: str, samples: Sequence[Sample]) -> Finding | None:
     if quarter < _ENOUGH or math.isnan(samples[0].device_time_s):
         return None
     begin_ns, end_ns = samples[0].last_byte_ns, samples[-1].last_byte_ns
-    if begin_ns == end_ns:  # all arrived together, as before a lost link
+    if begin_ns == end_ns:  # all arrived at the same time, as before the loss of a link
         return None
     late_ns = [sample.last_byte_ns - begin_ns - sample.device_time_s * 1e9 for sample in samples]
     slope = (min(late_ns[-quarter:]) - min(late_ns[:quarter])) / (0.75 * (end_ns - begin_ns))

@@ -1,4 +1,4 @@
-"""Identify a gauge: all gauges are read until the user pushes one of them."""
+"""Identification of a gauge: all gauges are read until the user pushes one of them."""
 
 from __future__ import annotations
 
@@ -19,23 +19,22 @@ from daq.wire.links import LinkLost
 from rigs.errors import CellError
 
 PUSH_MM = 0.2
-"""Motion that counts as a push: a finger moves a plunger by more; a resting ball link and gauge noise are far
-smaller."""
+"""Motion that counts as a push. A finger moves a plunger further; a ball link at rest and gauge noise move it less."""
 _MORE = 3.0
-"""Required ratio of the push to the motion of every other gauge, and to the rest scatter of the gauge itself."""
+"""Minimum ratio of the push to the motion of every other gauge, and to the scatter of the same gauge at rest."""
 _AT_REST = 5
-"""Readings that define the rest position."""
+"""Number of readings that define the rest position."""
 _KEPT = 200
 _SILENCES = 10
-"""Time-outs before the first reading after which a gauge counts as lost, although it responded earlier."""
+"""Number of time-outs before the first reading after which a gauge counts as lost, although it responded earlier."""
 _SETTLE_S = 5.0
-"""Time for the rest position; the slowest gauges read a few times a second."""
+"""Time for measuring the rest positions. The slowest gauges deliver a few readings per second."""
 
 
 def pushed(rest_mm: Mapping[str, Sequence[float]], now_mm: Mapping[str, float]) -> str | None:
-    """Return the place of the only moved gauge; None if it is not unique.
+    """Return the place of the only gauge that moved; None if it is not unique.
 
-    rest_mm: rest readings by place. now_mm: present reading by place.
+    rest_mm: readings at rest by place. now_mm: current reading by place.
     """
     resting = {place: readings for place, readings in rest_mm.items() if len(readings) >= _AT_REST and place in now_mm}
     moved = {place: abs(now_mm[place] - sorted(readings)[len(readings) // 2]) for place, readings in resting.items()}
@@ -48,7 +47,7 @@ def pushed(rest_mm: Mapping[str, Sequence[float]], now_mm: Mapping[str, float]) 
 
 
 class Watch:
-    """Reads gauges in separate threads; used in a `with` statement."""
+    """Reads gauges in separate threads. Use it in a `with` statement."""
 
     def __init__(self, gauges: Sequence[FoundGauge]) -> None:
         self._gauges = gauges
@@ -69,7 +68,7 @@ class Watch:
         try:
             for thread in self._threads:
                 thread.start()
-        except BaseException:  # Ctrl-C between two of them
+        except BaseException:  # Ctrl-C between two threads
             self._end()
             raise
         return self
@@ -85,7 +84,7 @@ class Watch:
             return {place: values[-1] for place, values in self._latest.items() if values}
 
     def rest(self) -> None:
-        """Measure the rest positions. Raises CellError if a gauge sends nothing."""
+        """Measure the rest positions. Raises CellError if a gauge is silent."""
         with self._changed:
             for values in self._latest.values():
                 values.clear()
@@ -95,7 +94,7 @@ class Watch:
         self.readings_mm()
 
     def pushed(self, places: Sequence[str]) -> str | None:
-        """Return the gauge among these that has moved since `rest`; None while there is none."""
+        """Return the gauge among these that has moved since `rest`; None if none has."""
         now_mm = self.readings_mm()
         return pushed({place: self._rest[place] for place in places}, now_mm)
 

@@ -1,6 +1,6 @@
 """Emulated cell: every instrument of a rig file on a pty or a local port.
 
-The devices may be instruments measuring a motion, or players of a capture.
+The devices are instruments that measure a motion, or players of a capture.
 """
 
 from __future__ import annotations
@@ -29,26 +29,26 @@ _NOTICE_S = 0.05
 
 
 class Server(Protocol):
-    """Local port with an emulated instrument."""
+    """Local port of an emulated instrument."""
 
     port: str
-    """Port name for a rig file."""
+    """Name of the port for a rig file."""
     plugged: clock.Event
-    """Cleared while the cable is unplugged."""
+    """Event that is cleared while the cable is unplugged."""
 
     def serve(self, stop: clock.Event) -> None:
         """Serve until `stop` is set."""
 
     def hang_up(self) -> None:
-        """End the present conversation and start a new one."""
+        """End the current conversation and start a new one."""
 
 
 @dataclass(frozen=True)
 class Adversity:
     """Timing disturbances.
 
-    latency_ms: latency of an FTDI adapter on each serial line. jitter_ms: mean delay of the robot's packets. drift_ppm:
-    rate error of the controller's clock. unsteady: irregular cycles of the gauges.
+    latency_ms: latency of an FTDI adapter on each serial line. jitter_ms: mean delay of the packets of the robot.
+    drift_ppm: rate error of the controller clock. unsteady: irregularity of the gauge cycles.
     """
 
     latency_ms: float = 0.0
@@ -61,10 +61,10 @@ NONE = Adversity()
 
 
 class Cell:
-    """All instruments of a rig, each with a thread, until `stop`.
+    """All instruments of a rig, each with a thread that runs until `stop`.
 
     devices: creates the instrument for each connection, by stream name: `g1`, `g1_g2` for a shared port, `robot`.
-    names: directory for permanent serial port names, like those of udev.
+    names: directory for permanent names of serial ports, like those of udev.
     """
 
     @classmethod
@@ -77,7 +77,7 @@ class Cell:
         *,
         paced: bool = True,
     ) -> Cell:
-        """Open the ports of a cell without starting it. paced: see `PtyLine.open`."""
+        """Open the ports of a cell. The instruments are not started. paced: see `PtyLine.open`."""
         cell = cls()
         for stream in streams_of(rig):
             cell._open_port(stream, devices[stream.name], adversity, names and names / stream.name, paced)
@@ -92,7 +92,7 @@ class Cell:
         self._plugged: dict[str, clock.Event] = {}
         self._silenced: set[str] = set()
         self.ports: dict[str, str] = {}
-        """Ports by their names in the rig file: `g1`, `g2`, `feedback`."""
+        """Ports by section of the rig file: `g1`, `g2`, `feedback`."""
 
     def start(self) -> None:
         """Start all instruments."""
@@ -100,7 +100,7 @@ class Cell:
             thread.start()
 
     def stop(self) -> dict[str, int]:
-        """Stop all instruments; return the number of readings sent by each."""
+        """Stop all instruments and return the number of readings sent by each."""
         if self._stop.is_set():
             return self.sent()
         self._stop.set()
@@ -115,15 +115,15 @@ class Cell:
         self._silenced.add(name)
 
     def hang_up(self, name: str) -> None:
-        """Make the instrument on a network port end its conversation and start a new one."""
+        """Make the instrument on a network port end the conversation and start a new one."""
         self._servers[name].hang_up()
 
     def unplug(self, name: str) -> None:
-        """Unplug an instrument: tty and name disappear, or the address refuses connections."""
+        """Unplug an instrument: the tty and its name disappear, or the address refuses connections."""
         self._plugged[name].clear()
 
     def plug(self, name: str) -> None:
-        """Plug in again: a new tty with the same name, or the same address."""
+        """Plug an instrument in: a new tty with the same name, or the same address."""
         self._plugged[name].set()
 
     def sent(self) -> dict[str, int]:
@@ -131,7 +131,7 @@ class Cell:
         return {name: sum(device.sent for device in devices) for name, devices in self._devices.items()}
 
     def rig_text(self, text: str, *, emulated: bool = False) -> str:
-        """Return the text of a rig file with the ports of this cell; emulated: mark it as having no real robot."""
+        """Return the text of a rig file with the ports of this cell. emulated: mark the robot as emulated."""
         data = data_of(as_emulated(text) if emulated else text)
         for name, port in self.ports.items():
             (data["feedback"] if name == "feedback" else data["gauges"][name])["port"] = port
@@ -190,7 +190,7 @@ class Cell:
 
 
 def as_emulated(text: str) -> str:
-    """Return the text of a rig file marked as having no real robot; runs made with it are marked too."""
+    """Return the text of a rig file with the robot marked as emulated. Runs recorded with this file are also marked."""
     return _text_of(data_of(text) | {"emulated": True})
 
 

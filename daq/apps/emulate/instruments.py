@@ -1,6 +1,7 @@
 """Instruments that measure a motion: the device side of each protocol, connected to a `Motion`.
 
-This package needs no kinematics. Instruments on a shared line receive everything and answer their own requests.
+This package needs no kinematics. Instruments on a shared line receive all requests and respond to those addressed to
+them.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from rigs.schema.modbus import ModbusMap, SolartronOrbit
 
 
 class OneLine:
-    """Device side of all instruments on a line."""
+    """Device side of all instruments on a shared line."""
 
     def __init__(self, devices: Sequence[Device]) -> None:
         self._devices = devices
@@ -54,7 +55,7 @@ class Motion(Protocol):
     """Source of the measured values at any time of the host's monotonic clock."""
 
     def gauge_mm(self, name: str, now_ns: int) -> float:
-        """Return the reading of a gauge by name; nan if the head is off."""
+        """Return the reading of a gauge by name; nan if the head is disconnected."""
 
     def joints_deg(self, now_ns: int) -> Sequence[float]:
         """Return the six joint angles reported by the controller."""
@@ -70,8 +71,8 @@ def emulated(
 ) -> Cell:
     """Return a cell of instruments measuring a motion.
 
-    signal: program number of the robot at a time, if the feedback transmits it. condition: deviations from the normal
-    condition of the robot at a time. Other arguments: see `Cell`.
+    signal: program number of the robot at a time, if the feedback transmits it. condition: values that deviate from the
+    normal condition of the robot at a time. For the other arguments see `Cell`.
     """
     return Cell.open(rig, instruments_of(rig, motion, signal, adversity, condition), adversity, names)
 
@@ -83,7 +84,7 @@ def instruments_of(
     adversity: Adversity = NONE,
     condition: Callable[[int], Mapping[str, float]] = lambda _: {},
 ) -> dict[str, Callable[[], Device]]:
-    """Return the factory of each instrument, called for each connection, by stream name."""
+    """Return a factory for each instrument by stream name. It is called for each connection."""
     further_columns = columns_beside_joints(rig.feedback)
 
     def shown(now_ns: int) -> Sequence[float]:
@@ -98,9 +99,9 @@ def instruments_of(
 
 
 def gauge_device(rig: Rig, motion: Motion, group: Sequence[str], unsteady: Unsteady = STEADY) -> Callable[[], Device]:
-    """Return a factory for a device with these gauges, called for each connection.
+    """Return a factory for a device with these gauges. It is called for each connection.
 
-    Latching follows `timing` in the rig file; the phase of the internal cycle depends on the name only.
+    Latching follows `timing` in the rig file. The phase of the internal cycle depends only on the name.
     """
     members = {name: gauge for name, gauge in rig.gauges.recorded.items() if name in group}
 

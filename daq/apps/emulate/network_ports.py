@@ -1,11 +1,11 @@
 """Instrument side of network ports: TCP server, TCP client and UDP.
 
-An unplugged TCP port refuses connections and later returns at the same port; each connection has a new conversation.
+An unplugged TCP port refuses connections and later returns at the same port. Each connection has a new conversation.
 
-A controller that contacts us by UDP (RSI, EGM) sends unprompted to the local port of the rig file; a passive one
-(Stream Motion) waits at its port for the first datagram. Both have one peer. When the system reports that the peer's
-port has no process, the controller's program ends and is restarted, as by an operator: with a new conversation and, if
-active, a new port.
+A controller that contacts the host by UDP (RSI, EGM) sends unprompted to the local port of the rig file. A passive
+controller (Stream Motion) waits at a port for the first datagram. Both have a single peer. If the system reports that
+no process listens at the port of the peer, the controller program ends. It is restarted, as by an operator, with a new
+conversation and, for an active controller, a new port.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _HOST = "127.0.0.1"
 
 
 class _Port:
-    """One conversation at a time, each with a new device. `port` is the name for the rig file."""
+    """Port with a single conversation at a time, each with a new device. port: name for the rig file."""
 
     def __init__(self, port: str, device: Callable[[], Conversation], jitter_ms: float) -> None:
         self.port = port
@@ -39,11 +39,11 @@ class _Port:
         self.plugged.set()
 
     def hang_up(self) -> None:
-        """End the present conversation; the next one starts soon."""
+        """End the current conversation. The next starts soon."""
         self._hang_up.set()
 
     def _converse(self, sock: socket.socket, stop: clock.Event) -> None:
-        """Converse until `stop` or until the peer is gone (no process at its UDP port), and close the socket."""
+        """Converse until `stop` or until the UDP port of the peer has no process, and close the socket."""
 
         def ended() -> bool:
             return stop.is_set() or self._hang_up.is_set() or not self.plugged.is_set()
@@ -57,7 +57,7 @@ class _Port:
 
 
 class TcpPort(_Port):
-    """TCP server at a free loopback port, one client after the other."""
+    """TCP server at a free loopback port. It serves a single client at a time."""
 
     @classmethod
     def open(cls, device: Callable[[], Conversation], jitter_ms: float = 0.0) -> TcpPort:
@@ -70,7 +70,7 @@ class TcpPort(_Port):
         super().__init__(f"tcp://{_HOST}:{self._address[1]}", device, jitter_ms)
 
     def serve(self, stop: clock.Event) -> None:
-        """Serve until `stop` is set; after a connection ends, the next one is accepted."""
+        """Serve until `stop` is set. After the end of a connection, accept the next."""
         self._accept(stop)
         while not stop.is_set():
             if not self.plugged.wait(_ACCEPT_S):
@@ -94,7 +94,7 @@ class TcpPort(_Port):
 
 
 class TcpCaller(_Port):
-    """TCP client for a local port. `port` is the name for the rig file: a formerly free port."""
+    """TCP client of a local port. port: name for the rig file, initially a free port."""
 
     @classmethod
     def open(cls, device: Callable[[], Conversation], jitter_ms: float = 0.0) -> TcpCaller:
@@ -107,7 +107,7 @@ class TcpCaller(_Port):
         super().__init__(f"tcp://{_HOST}:{number}", device, jitter_ms)
 
     def serve(self, stop: clock.Event) -> None:
-        """Serve until `stop` is set; reconnect after the end or refusal of a connection."""
+        """Serve until `stop` is set. Reconnect after the end or refusal of a connection."""
         while not stop.is_set():
             if self.plugged.wait(_AGAIN_S):
                 self._hang_up.clear()
@@ -117,7 +117,7 @@ class TcpCaller(_Port):
 
 
 class UdpPort(_Port):
-    """UDP port on loopback. `port` is the name for the rig file: a free host port if the controller is active."""
+    """UDP port on loopback. port: name for the rig file; a free port of the host if the controller is active."""
 
     @classmethod
     def open(cls, device: Callable[[], Conversation], *, calls: bool, jitter_ms: float = 0.0) -> UdpPort:
@@ -131,7 +131,7 @@ class UdpPort(_Port):
         super().__init__(f"udp://{_HOST}:{number}", device, jitter_ms)
 
     def serve(self, stop: clock.Event) -> None:
-        """Serve until `stop` is set, one conversation after the other."""
+        """Serve until `stop` is set, with a single conversation at a time."""
         while not stop.is_set():
             if not self.plugged.wait(_AGAIN_S):
                 continue

@@ -1,7 +1,7 @@
-"""Device side of a captured connection on the timebase of its replay: streaming and answering players.
+"""Device side of a captured connection on the timebase of a replay: streaming and answering players.
 
-Host and capture stay in step as long as the host requests at the captured rate, which happens automatically: an answer
-never comes early, and the next request follows the answer.
+Host and capture stay synchronised as long as the host sends requests at the captured rate. This happens automatically:
+a response is never early, and the next request follows the response.
 """
 
 from __future__ import annotations
@@ -20,18 +20,19 @@ from daq.wire.capture import Mark, Piece
 _LOOK_NS = 20_000_000
 """Interval for checking whether the replay has started."""
 _PATIENCE_NS = 1_000_000_000
-"""Waiting time for captured data of the host; afterwards the instrument continues without it."""
+"""Time to wait for captured data of the host. Afterwards the instrument continues regardless."""
 _AROUND = 8
-"""Exchanges searched before and after a request: an instrument receives few kinds of requests in turn."""
+"""Number of exchanges searched before and after a request. An instrument receives few kinds of requests in turn."""
 
 
 class StreamingPlayer:
-    """Streaming instrument: each piece at its time, and after the corresponding data of the host."""
+    """Streaming instrument that sends each piece on time, and after the corresponding data of the host."""
 
     def __init__(self, pieces: Sequence[Piece], time: Timebase, steps: Steps, *, hangs_up: bool, calls: bool) -> None:
         """Create a player.
 
-        hangs_up: at the end, as over TCP. calls: sends to a port of the host, and notices whether the port is open.
+        hangs_up: close the link at the end, as over TCP. calls: send to a port of the host and detect whether it is
+        open.
         """
         self.sent = 0
         self._pieces = pieces
@@ -41,12 +42,12 @@ class StreamingPlayer:
 
     @property
     def done(self) -> bool:
-        """Whether everything has been sent."""
+        """True if all pieces have been sent."""
         return not self._left
 
     @property
     def begun(self) -> bool:
-        """Whether anything has been sent or received."""
+        """True if any data has been sent or received."""
         return self._time.shift_ns is not None and len(self._left) < self._whole
 
     def connected(self, now_ns: int) -> Step:
@@ -68,14 +69,14 @@ class StreamingPlayer:
         self._turn = self._time.turn
         spoken = [piece for piece in self._pieces if piece.mark in (Mark.SENT, Mark.CAME)]
         while spoken and spoken[-1].mark is Mark.SENT:
-            spoken.pop()  # no data followed it
+            spoken.pop()  # not followed by any data
         self._left, self._whole = deque(spoken), len(spoken)
         self._end_ns = self._pieces[-1].at_ns if self._pieces else 0
         self._replayed = bytearray()
         self._knocked_ns: int | None = None
 
     def _play(self, now_ns: int) -> Step:
-        """Return at most one received chunk: over UDP each is a datagram."""
+        """Return at most one received chunk. Over UDP each chunk is a datagram."""
         if self._turn != self._time.turn:
             self._begin()
         shift_ns = self._time.shift_ns
@@ -103,7 +104,7 @@ class StreamingPlayer:
         return Step(hang_up=True) if now_ns >= over_ns else Step(wake_ns=over_ns)
 
     def _knock(self, now_ns: int) -> Step:
-        """Send the first piece; if the port has no process the link is lost, otherwise the timebase starts."""
+        """Send the first piece. If no process listens at the port, the link is lost; otherwise the timebase starts."""
         if self._knocked_ns is None:
             self._knocked_ns = now_ns
             self.sent += 1
@@ -114,14 +115,14 @@ class StreamingPlayer:
 
 @dataclass(frozen=True, slots=True)
 class Exchange:
-    """Request of the host and the data until the next one, with capture times."""
+    """A request of the host and the data until the next request, with capture times."""
 
     asked_ns: int
     question: bytes
     answers: tuple[Piece, ...]
 
     def answers_to(self, question: bytes) -> tuple[Piece, ...] | None:
-        """Return the answers to this request; None for a different request.
+        """Return the answers to this request; None if the request differs.
 
         A number repeated in the answer (Modbus TCP) may differ.
         """
@@ -141,9 +142,9 @@ class Exchange:
 
 @dataclass(frozen=True, slots=True)
 class Exchanges:
-    """Exchanges of a connection by request time asked_ns; end_ns: end of the connection.
+    """Exchanges of a connection by request time asked_ns. end_ns: end of the connection.
 
-    period_ns: usual interval. longest: bytes of the longest request.
+    period_ns: typical interval. longest: length of the longest request in bytes.
     """
 
     all: Sequence[Exchange]
@@ -155,7 +156,7 @@ class Exchanges:
 
     @classmethod
     def of(cls, pieces: Sequence[Piece]) -> Exchanges:
-        """Return the exchanges in the pieces; data before the first request is not an answer."""
+        """Return the exchanges in the pieces. Data before the first request does not count as an answer."""
         questions = [number for number, piece in enumerate(pieces) if piece.mark is Mark.SENT]
         exchanges = [
             Exchange(
@@ -172,7 +173,7 @@ class Exchanges:
 
 
 class AnsweringPlayer:
-    """Answering instrument: each request receives the answer to the nearest captured one."""
+    """Answering instrument: each request receives the answer to the nearest captured request."""
 
     def __init__(self, exchanges: Exchanges, time: Timebase, steps: Steps, *, hangs_up: bool) -> None:
         self.sent = 0
@@ -183,7 +184,7 @@ class AnsweringPlayer:
 
     @property
     def begun(self) -> bool:
-        """Whether a request was received."""
+        """True if a request was received."""
         return self._last >= 0
 
     def connected(self, now_ns: int) -> Step:
@@ -205,11 +206,11 @@ class AnsweringPlayer:
         self.done = not self._exchanges.all
         self._replayed = bytearray()
         self._last = -1
-        """Last exchange played."""
+        """Index of the last exchange played."""
         self._saying: deque[Piece] = deque()
         """Pieces to send, with capture times."""
         self._middle_ns: float | None = None
-        """Time shift of the present exchange, until its answer begins."""
+        """Time shift of the current exchange, until the answer begins."""
         self._question_ns = 0
 
     def _play(self, now_ns: int, *, asked: bool = False) -> Step:
@@ -240,7 +241,7 @@ class AnsweringPlayer:
         return Step(wake_ns=next_ns + shift_ns)
 
     def _hear(self, at_ns: int) -> None:
-        """Select the answer once a request is complete."""
+        """Select the answer when a request is complete."""
         if at_ns >= self._exchanges.end_ns:
             return
         exchange = self._nearest(at_ns, bytes(self._replayed))
@@ -265,11 +266,11 @@ class AnsweringPlayer:
         self._steps.skipped += sum(bool(exchange.answers) for exchange in self._exchanges.all[self._last + 1 : number])
 
     def _nearest(self, at_ns: int, question: bytes) -> tuple[int, tuple[Piece, ...]] | None:
-        """Return number and answers of the nearest exchange with this request.
+        """Return the index and the answers of the nearest exchange with this request.
 
-        An early request waits, and the answer was measured in the meantime: half the error of an equally late request.
-        The same holds for a late request whose answer is still due, which keeps the host in step; it is answered if the
-        figures tolerate the error.
+        An early request has to wait, and the answer was measured in the meantime. Its error is half of that of an
+        equally late request. The same is true of a late request with an answer that is not due yet, which keeps the
+        host synchronised. Such a request is answered if the figures tolerate the error.
         """
         after = bisect_right(self._exchanges.asked_ns, at_ns)
         before = self._first_with(question, range(after - 1, max(after - 1 - _AROUND, -1), -1))

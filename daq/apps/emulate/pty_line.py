@@ -1,21 +1,20 @@
 """Instrument side of a serial line on a pty.
 
-A pty passes bytes immediately at any baud rate. A real line needs one character time each, which determines the stamps,
-so the delay is added here per character on an absolute schedule. The latency timer of an FTDI adapter is emulated too,
-0 for none. A pty stores the baud rate of the far end, but not data bits and parity: at a wrong baud rate both ends
-receive garbage.
+A pty transfers bytes immediately at any baud rate. A real line needs the duration of a character for each, which
+affects the timestamps. This delay is added here for each character on an absolute schedule. The latency timer of an
+FTDI adapter is also emulated (0 for none). A pty stores the baud rate of the opposite end, but not data bits and
+parity. At a wrong baud rate both ends receive garbage.
 
-An unplugged adapter loses its tty and returns with a new one; its name in `/dev/serial/by-id` stays. A line can have
-such
-a name: a symbolic link that follows the tty.
+An unplugged adapter loses the tty and returns with a new tty, while the name in `/dev/serial/by-id` stays the same. A
+line can have such a name: a symbolic link that follows the tty.
 
 Characters sent at a wrong baud rate are converted as by a UART, so wrong line settings look realistic.
 
 Bytes wait in an FTDI adapter until the latency timer expires or a USB packet is full. The chip sends every `latency_ms`
-(16 by default), counted from the last packet; without data it sends a status packet, so the timer continues. A packet
-carries 62 bytes and two status bytes, and is sent immediately when full (FTDI application note AN232B-04).
+(16 by default), counted from the last packet. If there is no data it sends a status packet, so the timer continues. A
+packet carries 62 bytes and two status bytes, and is sent immediately when full (FTDI application note AN232B-04).
 
-On a slow network each piece is delayed randomly, without reordering.
+On a slow network each piece is delayed randomly. The order does not change.
 """
 
 from __future__ import annotations
@@ -35,26 +34,26 @@ from daq.wire.links import LinkLost
 from rigs.schema.links import Line
 
 _LOOKS = 16
-"""Samples per bit time for the start edge of a character in a UART."""
+"""Samples per bit for detecting the start edge of a character in a UART."""
 
 
 def heard(data: bytes, sent: Line, at: Line) -> bytes:
-    """Convert characters sent with one line's settings to those received with different settings.
+    """Convert characters sent with certain line settings to those received with different settings.
 
-    Parity is not checked, and a character without a stop bit is passed on, as in most drivers.
+    Parity is not checked, and a character with a missing stop bit is passed on, as in most drivers.
     """
     return b"".join(bytes(_characters(character, sent, at)) for character in data)
 
 
 def _characters(character: int, line: Line, at: Line) -> Iterator[int]:
-    """Yield the characters found by a receiver sampling each bit in its middle; the wire is idle afterwards."""
-    # Wire levels of the sent character per bit: start, data with the lowest bit first, parity, stop
+    """Yield the characters found by a receiver that samples each bit in the middle. Afterwards the wire is idle."""
+    # Levels of the sent character per bit: start, data with the lowest bit first, parity, stop
     data = [character >> n & 1 for n in range(line.bits)]
     parity = {"N": [], "E": [sum(data) % 2], "O": [1 - sum(data) % 2]}[line.parity]
     levels = [0, *data, *parity, *[1] * line.stop]
 
     def level(bits: float) -> int:
-        """Return the line level at a time in the receiver's bit times."""
+        """Return the line level at a time, in bit times of the receiver."""
         sent = int(bits * line.baud / at.baud)
         return levels[sent] if sent < len(levels) else 1
 
@@ -65,7 +64,7 @@ def _characters(character: int, line: Line, at: Line) -> Iterator[int]:
             continue
         yield sum(level(now + 1.5 + n) << n for n in range(at.bits))
         now += at.bits + 1.5
-        while now < end and not level(now):  # no stop bit: a new character cannot begin before the wire is idle
+        while now < end and not level(now):  # stop bit missing: a new character cannot begin before the wire is idle
             now += 1 / _LOOKS
 
 
@@ -73,7 +72,7 @@ _PACKET = 62
 
 
 class LatencyTimer:
-    """Latency timer of an FTDI adapter; times in ns of any clock. A latency of 0 delays nothing."""
+    """Latency timer of an FTDI adapter. Times are in ns of any clock. With a latency of 0 it delays nothing."""
 
     def __init__(self, latency_ms: float, now_ns: int) -> None:
         self._latency_ns = round(latency_ms * 1e6)
@@ -83,7 +82,7 @@ class LatencyTimer:
 
     @property
     def due_ns(self) -> int | None:
-        """Time at which the bytes are due; None if empty."""
+        """Time at which the bytes are due; None if there are none."""
         return self._due_ns if self._held else None
 
     def add(self, data: bytes, now_ns: int) -> None:
@@ -98,7 +97,7 @@ class LatencyTimer:
             self._due_ns = now_ns
 
     def take(self, now_ns: int) -> bytes:
-        """Return the due bytes; empty before that time."""
+        """Return the bytes that are due; empty if there are none."""
         if not self._held or now_ns < self._due_ns:
             return b""
         data = bytes(self._held)
@@ -108,7 +107,7 @@ class LatencyTimer:
 
 
 class LateLink:
-    """Link with exponentially distributed delays, `jitter_ms` on average."""
+    """Link with exponentially distributed delays with a mean of `jitter_ms`."""
 
     def __init__(self, link: ByteLink, jitter_ms: float, seed: int = 0) -> None:
         self._link = link
@@ -118,7 +117,7 @@ class LateLink:
         self._last_ns = 0
 
     def read(self, timeout_s: float) -> bytes:
-        """Read from the link, sending due data in the meantime. Raises LinkLost."""
+        """Read from the link, and send due data in the meantime. Raises LinkLost."""
         until_ns = clock.now_ns() + round(timeout_s * 1e9)
         while True:
             self._send_due()
@@ -148,17 +147,20 @@ _ISPEED, _OSPEED = 4, 5
 
 
 class PtyLine:
-    """Pty whose far end, `port`, is opened as a serial port, possibly by its `name`."""
+    """A pty. The host opens the opposite end as a serial port, by `port` or by `name`."""
 
     @classmethod
     def open(cls, line: Line, latency_ms: float = 0.0, name: Path | None = None, *, paced: bool = True) -> PtyLine:
-        """Create the pty, plugged in. paced: false if the data already has the pace of the line, as from a capture."""
+        """Create a pty that is plugged in.
+
+        paced: False if the data already has the pace of the line, as from a capture.
+        """
         made = cls(os.openpty(), line, latency_ms, name, paced)
         made.plug()
         return made
 
     def __init__(self, ends: tuple[int, int], line: Line, latency_ms: float, name: Path | None, paced: bool) -> None:
-        """Create a line. ends: descriptors of the near and far end."""
+        """Create a line. ends: descriptors of the near and the opposite end."""
         self._master, self._slave = ends
         self.port = str(name or os.ttyname(self._slave))
         self._line = line
@@ -172,7 +174,8 @@ class PtyLine:
     def plug(self) -> None:
         """Create the pty and its name."""
         tty.setraw(self._slave)
-        # For programs opening the far end without settings; a baud rate without a constant stays unset.
+        # For programs that open the opposite end with default settings. A baud rate not defined by the system is not
+        # set.
         speed = next((speed for speed, baud in _SPEEDS.items() if baud == self._line.baud), None)
         if speed is not None:
             settings = termios.tcgetattr(self._slave)
@@ -184,13 +187,13 @@ class PtyLine:
             self._name.symlink_to(os.ttyname(self._slave))
 
     def unplug(self) -> None:
-        """Remove the tty and its name until `plug` creates a new tty."""
-        following = os.openpty()  # before closing the old one, whose number would be reused
+        """Remove the tty and the name until `plug` creates a new tty."""
+        following = os.openpty()  # before closing the old tty, to avoid reusing the number
         self.close()
         self._master, self._slave = following
 
     def read(self, timeout_s: float) -> bytes:
-        """Return bytes of the host after their transmission time."""
+        """Return the bytes of the host after their transmission time."""
         until_ns = clock.now_ns() + round(timeout_s * 1e9)
         while not select.select([self._master], [], [], self._pause_s(until_ns))[0]:
             self._release()
@@ -211,7 +214,7 @@ class PtyLine:
         self._set_out_ns = at_ns
 
     def write(self, data: bytes) -> None:
-        """Send character by character; return when the line is free. Unread data is lost."""
+        """Send character by character and return when the line is free. Unread data is lost."""
         if far := self._far_line():
             data = heard(data, self._line, far)
         begin_ns, self._set_out_ns = self._set_out_ns, None
@@ -233,10 +236,10 @@ class PtyLine:
             sent += due
 
     def set_dtr(self, on: bool) -> None:
-        """Do nothing: a pty has no modem lines."""
+        """Ignored: a pty has no modem lines."""
 
     def _far_line(self) -> Line | None:
-        """Return the settings of the far end if its baud rate differs."""
+        """Return the settings of the opposite end if the baud rates differ."""
         baud = _SPEEDS.get(termios.tcgetattr(self._slave)[_OSPEED])
         matches = baud in (None, self._line.baud) or self._line.baud not in _SPEEDS.values()
         return None if matches else Line.model_validate(f"{baud} 8N1")
@@ -249,7 +252,7 @@ class PtyLine:
         os.close(self._slave)
 
     def _wait_until(self, at_ns: int) -> None:
-        """Wait; the adapter continues to send."""
+        """Wait until a time. The adapter continues to send."""
         while clock.now_ns() < at_ns:
             clock.sleep(self._pause_s(at_ns))
             self._release()

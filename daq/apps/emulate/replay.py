@@ -1,10 +1,8 @@
-"""Replay of a captured cell: every instrument on a pty or local port, for the real daemon.
+"""Replay of a captured cell for the real daemon: every instrument on a pty or local port.
 
-All instruments share one timebase (`daq.apps.emulate.timebase`), so gauges and robot keep their relative timing.
-Deviations
-are counted and written for rigd into a file named in the rig file: the run is marked. After its last piece an
-instrument
-falls silent (serial) or hangs up (TCP).
+All instruments share a timebase (`daq.apps.emulate.timebase`), so gauges and robot keep the relative timing. Deviations
+are counted and written for rigd to a file named in the rig file, which marks the run. After the last piece an
+instrument becomes silent (serial) or hangs up (TCP).
 """
 
 from __future__ import annotations
@@ -32,13 +30,13 @@ from rigs.schema.links import tcp_address, udp_address
 from rigs.yaml_text import data_of
 
 _OVER_NS = 5_000_000_000
-"""Time after the end of the capture when the replay ends regardless of unfetched data."""
+"""Time after the end of the capture at which the replay ends, even if data has not been fetched."""
 
 Player = StreamingPlayer | AnsweringPlayer
 
 
 class Replay:
-    """Captured instruments of a rig, in a `cell` to start and stop."""
+    """Captured instruments of a rig. Start and stop them with `cell`."""
 
     @classmethod
     def open(
@@ -47,7 +45,7 @@ class Replay:
         """Open the ports of a capture.
 
         marks: file for timing deviations, or None. opening: function with the arguments of `Cell.open` that opens the
-        cell. Raises FileError if the capture lacks a stream of the rig, OSError if the file cannot be created.
+        cell. Raises FileError if the capture lacks a stream of the rig, and OSError if the file cannot be created.
         """
         streams, timebase = streams_of(rig), Timebase()
         heard = {stream.name: capture.of(stream.name) for stream in streams}
@@ -68,9 +66,8 @@ class Replay:
         replayed = {
             stream.name: _replayed(stream, heard[stream.name], timebase, steps[stream.name]) for stream in streams
         }
-        # A long capture has a million permanent objects: collecting garbage among them would occasionally stop every
-        # instrument for
-        # a tenth of a second.
+        # A long capture consists of a million permanent objects. Garbage collection among them would occasionally stop
+        # all instruments for 0.1 s.
         gc.collect()
         gc.freeze()
         end_ns = max((piece.at_ns for piece in capture.pieces), default=0)
@@ -91,23 +88,23 @@ class Replay:
 
     @property
     def unmarked(self) -> str:
-        """Reason for a mark that could not be written: the replay then ends."""
+        """Reason for failing to write a mark, which ends the replay; empty if there was no failure."""
         return self._marks.failure
 
     @property
     def done(self) -> bool:
-        """Whether everything has been played."""
+        """True if all streams have been played."""
         over = self._time.is_past(clock.now_ns(), self._end_ns + _OVER_NS)
         return over or bool(self.unmarked) or all(heard.done for heard in self._replayed.values())
 
     @property
     def restarts(self) -> int:
-        """Number of restarts because the host closed a connection early."""
+        """Number of restarts caused by the host closing a connection early."""
         return self._time.turn
 
     @property
     def otherwise(self) -> int:
-        """Number of pieces that the host sent differently from the capture."""
+        """Number of pieces from the host that differ from the capture."""
         return sum(steps.otherwise for steps in self.steps.values())
 
     def rig_text(self, text: str) -> str:
@@ -119,7 +116,7 @@ class Replay:
 
 @dataclass
 class Marks:
-    """File of timing deviations, if requested; `failure` is the reason for a mark that could not be written."""
+    """File of timing deviations, if requested. failure: reason for failing to write a mark."""
 
     path: Path | None
     failure: str = ""
@@ -130,7 +127,7 @@ class Marks:
             self.path.write_text("", encoding="utf-8")
 
     def add(self, stream: str, off_ns: float) -> None:
-        """Record the timing deviation of a stream in one second."""
+        """Store the timing deviation of a stream in a second."""
         if self.path is None:
             return
         try:
@@ -141,13 +138,13 @@ class Marks:
 
 
 class ReplayedStream:
-    """Connections of one stream in the capture; called to obtain the player of the next connection.
+    """Connections of a stream in the capture. Call it to obtain the player of the next connection.
 
-    If the host closes a connection early, all streams restart, because this one would be out of step.
+    If the host closes a connection early, all streams restart; otherwise this stream would lose the synchronisation.
     """
 
     def __init__(self, connections: Sequence[Callable[[], Player]], over: Callable[[], Player], time: Timebase) -> None:
-        """Create a stream from the player factories of all connections, and of connections after the end."""
+        """Create a stream from player factories for all connections, and for connections after the end."""
         self._connections, self._over, self._time = connections, over, time
         self._turn = -1
         self._number = 0
@@ -155,11 +152,11 @@ class ReplayedStream:
 
     @property
     def done(self) -> bool:
-        """Whether the last connection has been played."""
+        """True if the last connection has been played."""
         return self._turn == self._time.turn and self._playing.done and self._number >= len(self._connections) - 1
 
     def __call__(self) -> Player:
-        """Return the player of the next connection; a player closed by the host before sending is reused."""
+        """Return the player of the next connection. A player closed by the host before sending is reused."""
         if self._turn == self._time.turn:
             if self._playing.done:
                 self._number += 1
@@ -190,7 +187,7 @@ def _is_asked(stream: Stream) -> bool:
 
 
 def _u_ns(stream: Stream, pieces: Sequence[Piece]) -> float:
-    """Return the standard uncertainty of a captured stream's times, as in the analysis."""
+    """Return the standard uncertainty of the times of a captured stream, as in the analysis."""
     if _is_asked(stream):
         return u_asked_ns(pieces)
     if stream.name == ROBOT or not stream.port.startswith("/"):
@@ -199,7 +196,7 @@ def _u_ns(stream: Stream, pieces: Sequence[Piece]) -> float:
 
 
 def _connections(stream: Stream, pieces: Sequence[Piece]) -> Iterable[Sequence[Piece]]:
-    """Yield the pieces of each connection with data; only TCP connections can be distinguished."""
+    """Yield the pieces of each connection that contains data. Only TCP connections can be distinguished."""
     if not tcp_address(stream.port):
         return [pieces]
     connections: list[list[Piece]] = []

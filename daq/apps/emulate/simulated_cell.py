@@ -27,11 +27,10 @@ _ROUND_S = 0.2
 class SimulatedLine:
     """Cable from an instrument to the daemon.
 
-    character_ns: character time of a serial line, 0 over a network. datagrams: whether a read returns exactly one
-    datagram.
-    change: alters the data of the instrument and returns an additional delay in ns. sent: called with each piece before
-    and
-    after the change, its arrival time and delay; the returned function is called when the daemon reads the piece.
+    character_ns: duration of a character on a serial line; 0 for a network. datagrams: a read returns exactly one
+    datagram. change: modifies the data of the instrument and returns an additional delay in ns. sent: called with each
+    piece before and after the change, its arrival time and its delay. The returned function is called when the daemon
+    reads the piece.
     """
 
     def __init__(self, name: str, character_ns: int, *, datagrams: bool = False) -> None:
@@ -40,11 +39,11 @@ class SimulatedLine:
         self.sent: Callable[[bytes, bytes, int, int], Callable[[], None]] = lambda *_: _nothing
         self.connections = 0
         self.ends: tuple[_End, _End] | None = None
-        """Ends of the daemon and the instrument while the link is open."""
+        """Ends of the daemon and of the instrument while the link is open."""
         self._character_ns = character_ns
 
     def open(self) -> _End:
-        """Return the daemon's end of a new connection. Raises CellError while unplugged."""
+        """Open a connection and return the end of the daemon. Raises CellError while unplugged."""
         if not self.plugged:
             raise CellError(self.name, "does not exist", "plug it in")
         ours, theirs = _End(self, self._character_ns), _End(self, self._character_ns)
@@ -54,23 +53,23 @@ class SimulatedLine:
         return ours
 
     def serve(self, make: Callable[[], Device]) -> None:
-        """Serve devices created by `make` for each connection, in a thread."""
+        """Serve devices in a thread. make: creates a device for each connection."""
         clock.Thread(target=_serving(self, make, []), name=f"emulated {self.name}", daemon=True).start()
 
     def unplug(self) -> None:
-        """Unplug the cable: data in transit is lost."""
+        """Unplug the cable. Data in transit is lost."""
         self.plugged = False
         self.reset()
 
     def reset(self) -> None:
-        """End the present connection."""
+        """End the current connection."""
         for end in self.ends or ():
             end.lost = True
         self.ends = None
 
 
 class _End:
-    """One end of a line, in place of `daq.wire.links.Link`."""
+    """An end of a line, used in place of `daq.wire.links.Link`."""
 
     def __init__(self, line: SimulatedLine, character_ns: int) -> None:
         self.name, self.lost, self.sends_changed = line.name, False, False
@@ -113,7 +112,7 @@ class _End:
         note_read = self._line.sent(data, changed, at_ns, later_ns) if self.sends_changed else _nothing
         if changed:
             self.other.coming.append((at_ns, changed, note_read))
-        if self.sends_changed:  # an instrument waits for its line; a computer's port has a buffer
+        if self.sends_changed:  # an instrument waits for the line; the port of a computer has a buffer
             clock.sleep(max(0, self._free_ns - clock.now_ns()) / 1e9)
 
     def set_dtr(self, on: bool) -> None:
@@ -130,7 +129,7 @@ class _End:
 
 
 class SimulatedCell:
-    """Instruments of a rig measuring a motion, each on a line; `daemon` starts a daemon for them."""
+    """Instruments of a rig measuring a motion, each on a line. `daemon` starts a daemon for them."""
 
     @classmethod
     def switched_on(
@@ -146,7 +145,7 @@ class SimulatedCell:
     ) -> SimulatedCell:
         """Start the instruments of a rig.
 
-        devices: factories by stream in place of the default instruments. paced: false if the data already has the pace
+        devices: factories by stream in place of the default instruments. paced: False if the data already has the pace
         of the line, as from a capture.
         """
         cell = cls(time, folder, text)
@@ -162,7 +161,7 @@ class SimulatedCell:
         return cell
 
     def __init__(self, time: SimulatedClock, folder: Path, text: str) -> None:
-        """Create a cell. text: of the rig file; runs are in `runs` of the folder."""
+        """Create a cell. text: text of the rig file. The runs are in the subdirectory `runs` of the folder."""
         self.time, self.folder, self.text = time, folder, text
         self.rig = parse(text, "simulated")
         self.lines: dict[str, SimulatedLine] = {}
@@ -170,7 +169,7 @@ class SimulatedCell:
         self.daemons = 0
 
     def daemon(self, **options: Any) -> Daemon:
-        """Start a daemon. options: of its constructor."""
+        """Start a daemon. options: arguments of the constructor."""
         self.daemons += 1
         socket = self.folder / "rigd" / f"{self.rig.name}.sock"
         socket.parent.mkdir(exist_ok=True)
@@ -180,7 +179,7 @@ class SimulatedCell:
         return opened
 
     def kill(self, daemon: Daemon) -> None:
-        """Kill a daemon: its threads end immediately, and the system closes its files and lines."""
+        """Kill a daemon. All threads end immediately, and the files and lines are closed."""
         self.time.kill(f"rigd {self.daemons}")
         daemon._control.close()  # private _control: what a kill closes
         for line in self.lines.values():
@@ -204,7 +203,10 @@ def _serving(line: SimulatedLine, make: Callable[[], Device], made: list[Device]
 
 
 def _converse(line: SimulatedLine, end: _End, device: Device) -> None:
-    """Like `run_conversation`, but an idle instrument does not wake up: quiet hours are cheap."""
+    """Run a conversation like `run_conversation`.
+
+    An idle instrument does not wake up, which makes quiet hours cheap.
+    """
     with contextlib.suppress(LinkLost):
         step = device.connected(clock.now_ns())
         while True:

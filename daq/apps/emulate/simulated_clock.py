@@ -1,7 +1,8 @@
-"""Clock for the daemon's threads in one process: one runs at a time, and time passes only while all of them wait.
+"""Simulated clock for threads of a single process. Only one thread runs at a time, and time passes only while all
+threads wait.
 
-A seed determines the next thread among several candidates, and the short time taken by each. So a run is reproducible,
-independent of the computer, and a failure can be reproduced by its seed.
+A seed determines the next thread among several candidates and the short duration of each turn. A run is therefore
+reproducible on any computer, and a failure can be repeated by the seed.
 """
 
 from __future__ import annotations
@@ -22,13 +23,13 @@ _BEGIN_NS = 1000 * S
 _WALL_NS = 1_767_225_600 * S
 """2026-01-01 UTC."""
 _STEP_NS = (1_000, 20_000)
-"""Time taken by a thread between two waits."""
+"""Range of the time that a thread takes between two waits."""
 _HANGS_S = 60.0
-"""Real time after which a thread without a wait is assumed to wait for something outside the clock."""
+"""Real time after which a thread that does not wait is assumed to hang outside of the clock."""
 
 
 class Deadlock(Exception):
-    """All threads wait without a time-out."""
+    """All threads wait indefinitely."""
 
 
 class Killed(BaseException):
@@ -43,7 +44,7 @@ class _Task:
     due_ns: int | None = None
     killed: bool = False
     go: threading.Lock = field(default_factory=threading.Lock)
-    """Locked except during the turn of this thread."""
+    """Lock that is free only during the turn of this thread."""
 
     def __post_init__(self) -> None:
         self.go.acquire()
@@ -55,14 +56,14 @@ class SimulatedClock:
     def __init__(self, seed: int, hangs_s: float = _HANGS_S, began_wall_ns: int = _WALL_NS + _BEGIN_NS) -> None:
         """Create a clock.
 
-        hangs_s: real time after which a thread without a wait counts as hanging. began_wall_ns: initial wall time, ns
-        since 1970 UTC.
+        hangs_s: real time after which a thread counts as hanging. began_wall_ns: initial wall time in ns since 1970
+        UTC.
         """
         self.seed, self._hangs_s, self._began_wall_ns = seed, hangs_s, began_wall_ns
         self.errors: list[BaseException] = []
         """Exceptions that ended threads."""
         self.slept_ns = self.set_ns = 0
-        """Total suspend time, and total change of the wall clock."""
+        """Total time suspended, and total change of the wall clock."""
         self._dice = random.Random(seed)
         self._ns = _BEGIN_NS
         self._tasks: dict[threading.Thread, _Task] = {}
@@ -74,7 +75,7 @@ class SimulatedClock:
 
     @contextmanager
     def running(self) -> Iterator[SimulatedClock]:
-        """Replace the host's clock; remaining threads are killed at the end. Errors name the seed."""
+        """Replace the clock of the host. Remaining threads are killed at the end. Errors include the seed."""
         main = threading.current_thread()
         self._tasks[main] = self._driver = self._running = _Task(main, "")
         try:
@@ -142,7 +143,7 @@ class SimulatedClock:
 
     @contextmanager
     def process(self, name: str) -> Iterator[None]:
-        """Assign threads started in this block, and those started by them, to a named process."""
+        """Assign the threads started in this block, and all their descendants, to a named process."""
         me = self._tasks[threading.current_thread()]
         before, me.group = me.group, name
         try:
@@ -165,13 +166,13 @@ class SimulatedClock:
             self._hand_over(me)
 
     def interrupt(self) -> None:
-        """Raise KeyboardInterrupt in the driving thread, the caller, at its next turn."""
+        """Raise KeyboardInterrupt in the calling thread, which drives the clock, at its next turn."""
         if self._running is self._driver:
             raise KeyboardInterrupt
         self._interrupted = True
 
     def _hand_over(self, me: _Task | None) -> None:
-        """Let the next thread run, and return at the turn of this one; None for a thread that ends."""
+        """Let the next thread run and return at the next turn of this thread. me: None for a thread that ends."""
         chosen = self._next()
         self._ns += self._dice.randrange(*_STEP_NS)
         self._turns += 1

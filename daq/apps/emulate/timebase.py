@@ -1,7 +1,7 @@
 """Common timebase of a replay, and the timing accuracy of each instrument.
 
-Data sent t seconds after the start of the capture is replayed t seconds after the start of the replay. Instruments
-waiting for the host individually would drift relative to each other, which would spoil all figures.
+Data sent t seconds after the start of the capture is replayed t seconds after the start of the replay. Instruments that
+wait for the host individually would drift relative to each other, which would spoil all figures.
 """
 
 from __future__ import annotations
@@ -15,22 +15,25 @@ from itertools import pairwise
 from daq.wire.capture import Mark, Piece
 
 _HEAD_START_NS = 100_000_000
-"""Delay of the replay relative to the capture. The host's threads start about 10 ms after the ports open, later on a
-busy computer. An early request waits; a late request costs a reading."""
+"""Delay of the replay relative to the capture. The threads of the host start about 10 ms after the ports open, or later
+on a busy computer. An early request waits; a late request costs a reading.
+"""
 _SHARE = 0.5
-"""Share of the standard uncertainty of the relative time between gauges and robot: such an error moves a figure by less
-than its u."""
+"""Share of the standard uncertainty of the relative time between gauges and robot.
+
+Such an error moves a figure by less than the uncertainty u of the figure.
+"""
 _HOST_NS = 200_000
-"""Punctuality of any program; all instruments of a replay are late alike."""
+"""Timing accuracy of any program. All instruments of a replay have the same delay."""
 _PUNCTUAL = 10
 _SECOND_NS = 1_000_000_000
 
 
 class Timebase:
-    """Host time of each instant of a capture; thread-safe.
+    """Host time of each instant of a capture. Thread-safe.
 
-    It starts with the first data of the host on any link. If the host leaves before the end, it is reset and everything
-    restarts with the next data: `turn` counts the restarts.
+    It starts with the first data of the host on any link. If the host leaves before the end, the timebase is reset and
+    restarts with the next data. turn: number of restarts.
     """
 
     def __init__(self) -> None:
@@ -40,7 +43,7 @@ class Timebase:
         """Host time minus capture time; None before the start."""
 
     def begin(self, now_ns: int, at_ns: int) -> None:
-        """Record that the host now does the action captured at `at_ns`; only the first call counts."""
+        """Store that the host now performs the action captured at `at_ns`. Only the first call has an effect."""
         with self._lock:
             if self.shift_ns is None:
                 self.shift_ns = now_ns - at_ns + _HEAD_START_NS
@@ -50,7 +53,7 @@ class Timebase:
         return self.shift_ns is not None and now_ns > self.shift_ns + at_ns
 
     def restart(self, turn: int) -> None:
-        """Restart, because the host left during this turn."""
+        """Restart because the host left during this turn."""
         with self._lock:
             if turn == self.turn:
                 self.turn += 1
@@ -58,9 +61,9 @@ class Timebase:
 
 
 class Steps:
-    """Timing deviation of one stream per second.
+    """Timing deviation of a stream per second.
 
-    Answers are judged by their median. Unprompted data is judged by the most punctual tenth, as in the analysis: a
+    Answers are evaluated by the median. Unprompted data is evaluated by the most punctual tenth, as in the analysis: a
     piece delayed by the computer is late as in any recording.
     """
 
@@ -77,21 +80,21 @@ class Steps:
         """Deviation of each second."""
         self.seconds_out = 0
         self.otherwise = 0
-        """Pieces sent by the host differently from the capture, or not at all."""
+        """Number of pieces from the host that differ from the capture or are missing."""
         self.skipped = 0
-        """Captured answers not requested in time."""
+        """Number of captured answers not requested in time."""
         self.repeated = 0
-        """Answers repeated because the host sent more requests than captured."""
+        """Number of repeated answers, because the host sent more requests than captured."""
 
     def said(self, at_ns: int, off_ns: float) -> None:
-        """Record the delay of a piece of this instant, negative if early."""
+        """Add the delay of a piece of this instant; negative if early."""
         if at_ns // _SECOND_NS != self._second:
             self.judge()
             self._second = at_ns // _SECOND_NS
         self._offs_ns.append(off_ns)
 
     def judge(self) -> None:
-        """Judge the past second."""
+        """Evaluate the last second."""
         if not self._offs_ns:
             return
         self._offs_ns.sort()
@@ -110,7 +113,7 @@ class Steps:
 
 
 def u_asked_ns(pieces: Sequence[Piece]) -> float:
-    """Return the standard uncertainty of an answer's time: measured anywhere between request and answer.
+    """Return the standard uncertainty of the time of an answer, measured anywhere between request and answer.
 
     This function and the next agree with `analysis.runs.clocks`.
     """
@@ -123,11 +126,11 @@ def u_asked_ns(pieces: Sequence[Piece]) -> float:
 
 
 def u_cycle_ns(pieces: Sequence[Piece]) -> float:
-    """Return the standard uncertainty of a streamed position's time: latched anywhere in its cycle."""
+    """Return the standard uncertainty of the time of a streamed position, latched anywhere in the cycle."""
     came_ns = [piece.at_ns for piece in pieces if piece.mark is Mark.CAME]
     return statistics.median([after - before for before, after in pairwise(came_ns)] or [0]) / math.sqrt(3)
 
 
 def bearable_ns(u_gauges_ns: Sequence[float], u_robot_ns: float) -> float:
-    """Return the permitted deviation of a replay."""
+    """Return the largest tolerable deviation of a replay."""
     return max(_SHARE * math.hypot(max(u_gauges_ns), u_robot_ns), _HOST_NS)

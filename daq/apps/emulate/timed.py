@@ -1,12 +1,12 @@
 """Instruments with the latching, filtering, delay and rate of `timing` in a rig file, each with a separate clock.
 
-Such a clock has its own rate: all actions and stamps of the instrument drift relative to the host's clock. An
-instrument with an internal cycle answers with the latest value. Real cycles are imperfect: the crystal is off and
-drifts, and a busy processor delays or skips ticks.
+The clock has a rate error: all actions and stamps of the instrument drift relative to the host clock. An instrument
+with an internal cycle answers with the latest value. Real cycles are imperfect: the crystal has an offset and drifts,
+and a busy processor delays or skips ticks.
 
-A real serial gauge sending whenever its line is free keeps the pace of its UART, however late a computer wakes. An
-emulated gauge that continued from its wake-up would wait after every message, depending on the load, without a steady
-pace.
+A real serial gauge that sends whenever the line is free keeps the pace of the UART, no matter how late a computer wakes
+up. An emulated gauge that continued from the wake-up would wait after every message, depending on the load, and lose
+the steady pace.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ Read = Callable[[int], Sequence[float]]
 
 
 class OwnClock:
-    """Device side with a clock `ppm` faster than the caller's clock, starting at 0."""
+    """Device side with a clock `ppm` faster than the clock of the caller, starting at 0."""
 
     def __init__(self, make: Callable[[Read], Device], read: Read, ppm: float) -> None:
-        """Create the clock. make: creates the device from a read function. read: called with host time."""
+        """Create the clock. make: creates the device from a read function. read: called with the host time."""
         self._fast = ppm * 1e-6
         self._device = make(lambda own_ns: read(self._host(own_ns)))
 
@@ -52,12 +52,12 @@ class OwnClock:
         return own_ns - round(own_ns * self._fast / (1 + self._fast))
 
     def _step(self, step: Step) -> Step:
-        # One ns late, so that rounding never wakes the device early.
+        # A delay of 1 ns prevents rounding from waking the device early.
         return step if step.wake_ns is None else replace(step, wake_ns=self._host(step.wake_ns) + 1)
 
 
 _DRIFT_S = 40.0
-"""Period of the slow rate variation: as long as a lap, so that it does not average out."""
+"""Period of the slow rate variation: as long as a lap, so it does not average out."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class Unsteady:
     """Irregularity of a cycle.
 
     ppm: limit of the rate error, with a variation of half of it. jitter: limit per tick, as a share of a cycle. missed:
-    share of ticks without a new value. pace: limit per interval, accumulating.
+    share of ticks that do not update the value. pace: limit per interval, accumulating.
     """
 
     ppm: float = 0.0
@@ -78,7 +78,7 @@ STEADY = Unsteady()
 
 
 class OwnCycle:
-    """Instrument with an internal cycle: reads at every tick and shows the mean of `length` readings."""
+    """Instrument with an internal cycle. It reads at every tick and shows the mean of `length` readings."""
 
     def __init__(self, read: Read, cycle_ns: float, length: int, unsteady: Unsteady, chance: random.Random) -> None:
         self._read = read
@@ -128,14 +128,14 @@ def timed_read(read: Read, timing: Timing, unsteady: Unsteady, chance: random.Ra
 
 
 def timed_device(device: Device, timing: Timing, unsteady: Unsteady, chance: random.Random) -> Device:
-    """Return the device side with a delay or at a fixed rate."""
+    """Return the device side with a delay or a fixed rate."""
     if timing.latch == "streamed" and timing.cycle_ms is not None:
         return _Paced(device, timing.cycle_ms * 1e6, unsteady.pace, chance)
     return _Late(device, round(timing.answer_delay_ms * 1e6)) if timing.answer_delay_ms else device
 
 
 class _Late:
-    """Instrument that latches on request and answers `delay_ns` later."""
+    """Instrument that latches on request and answers after `delay_ns`."""
 
     def __init__(self, device: Device, delay_ns: int) -> None:
         self._device = device
@@ -169,7 +169,7 @@ class _Late:
 
 
 class _Paced:
-    """Streaming instrument limited to a rate."""
+    """Streaming instrument with a limited rate."""
 
     def __init__(self, device: Device, pace_ns: float, uneven: float, chance: random.Random) -> None:
         self._device = device
@@ -211,7 +211,7 @@ class Scheduled(Protocol):
 
 
 class Punctual:
-    """Instrument acting at the requested wake-up time, or when its line became free if later."""
+    """Instrument that acts at the requested wake-up time, or when the line becomes free if that is later."""
 
     def __init__(self, device: Device, line: Scheduled) -> None:
         self._device = device

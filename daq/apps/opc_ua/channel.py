@@ -1,13 +1,13 @@
-"""OPC UA over TCP without encryption: chunked messages, for both sides (OPC 10000-6, 6.7, 7.1).
+"""OPC UA over TCP without encryption: chunked messages for both sides (OPC 10000-6, 6.7, 7.1).
 
 A chunk starts with three letters, a flag for further chunks and the size. The numbers of channel, token, chunk and
-request follow, then the message or a part of it. asyncua encodes the messages; they are decoded here, as objects of
-asyncua's types (OPC 10000-6, 5.2).
+request follow, then the message or a part of it. Messages are encoded by asyncua. They are decoded here, into objects
+of the types of asyncua (OPC 10000-6, 5.2).
 
-asyncua's decoder trusts the lengths in a message: an array of 2^31 nulls, a matrix of a million elements or texts of
-negative length, each in some twenty bytes, fill the memory. Here each length is compared with the remaining bytes
-before anything is allocated. The fields of structures and the readers of numbers, texts, times and node ids are those
-of asyncua.
+The decoder of asyncua trusts the lengths in a message. An array of 2^31 nulls, a matrix of a million elements or texts
+of negative length, each in some twenty bytes, exhaust the memory. Here each length is compared with the number of
+remaining bytes before anything is allocated. The fields of structures and the readers of numbers, texts, times and node
+ids are those of asyncua.
 """
 
 from __future__ import annotations
@@ -33,10 +33,11 @@ from asyncua.ua.uatypes import type_from_optional, type_is_list, type_is_optiona
 from daq.protocol.framing import Sized
 
 ELEMENTS = 65_536
-"""Limit of array elements per message: six times the references that fit into a message. An element may take one byte
-in the message and 200 bytes in memory (a DataValue without a value)."""
+"""Maximum number of array elements per message: six times the references that fit into a message. An element may take a
+single byte in the message and 200 bytes in memory (an empty DataValue).
+"""
 _IS_ARRAY, _HAS_DIMENSIONS, _TYPE = 0x80, 0x40, 0x3F
-"""Bits of a variant's first byte (OPC 10000-6, 5.2.2.16)."""
+"""Bits in the first byte of a variant (OPC 10000-6, 5.2.2.16)."""
 _BINARY_BODY, _UNKNOWN_SIZE = 1, -1
 _UNREADABLE = (
     ua.UaError,
@@ -48,7 +49,7 @@ _UNREADABLE = (
     ArithmeticError,
     RecursionError,
 )
-"""Exceptions of asyncua's types and readers for invalid bytes."""
+"""Exceptions of the types and readers of asyncua for invalid bytes."""
 _EXTENSIONS = {
     ua.typeid_by_extension_objects[kind]: kind
     for kind in (
@@ -58,7 +59,7 @@ _EXTENSIONS = {
         ua.AnonymousIdentityToken,
     )
 }
-"""Structures to decode in places of variable type; others stay bytes."""
+"""Structures decoded in fields of variable type. All others stay bytes."""
 
 
 class Unreadable(Exception):
@@ -66,7 +67,7 @@ class Unreadable(Exception):
 
 
 class Bounded:
-    """Bytes with a read position, also usable by asyncua; every length is checked against the remainder."""
+    """Bytes with a read position, also usable by asyncua. Every length is checked against the remaining bytes."""
 
     def __init__(self, data: bytes) -> None:
         self._data = data
@@ -84,7 +85,7 @@ class Bounded:
         return self._data[begin : self._at]
 
     def elements(self) -> int:
-        """Read the number of array elements, 0 for a null array. Every element except null takes at least one byte."""
+        """Read the number of array elements; 0 for a null array. Every element except null takes at least one byte."""
         claimed: int = Primitives.Int32.unpack(self)
         if claimed > min(len(self), self._elements):
             raise ValueError(f"an array of {claimed} elements in {len(self)} bytes")
@@ -97,12 +98,12 @@ Reader = Callable[[Bounded], Any]
 
 
 def decoded(kind: type[Any], body: bytes) -> Any:
-    """Decode a message into an object of asyncua's types. Raises Unreadable."""
+    """Decode a message into an object of the types of asyncua. Raises Unreadable."""
     return structure(kind, Bounded(body))
 
 
 def structure(kind: Any, data: Bounded) -> Any:
-    """Decode a structure of asyncua's types. Raises Unreadable."""
+    """Decode a structure of the types of asyncua. Raises Unreadable."""
     size = len(data)
     try:
         return _reader(kind)(data)
@@ -111,7 +112,7 @@ def structure(kind: Any, data: Bounded) -> Any:
 
 
 def type_of(body: bytes) -> Any:
-    """Return the type number of a message, as `TypeId.Identifier` of asyncua's types. Raises Unreadable."""
+    """Return the type number of a message, as `TypeId.Identifier` in asyncua. Raises Unreadable."""
     try:
         return nodeid_from_binary(Bounded(body)).Identifier
     except _UNREADABLE as error:
@@ -135,7 +136,7 @@ def _array_reader(element: Reader) -> Reader:
 
 
 def _structure_reader(kind: type[Any]) -> Reader:
-    """Return a reader for all fields in order; optional fields have a bit each in the field `Encoding`."""
+    """Return a reader for all fields in order. Optional fields have a bit each in the field `Encoding`."""
     hints = get_safe_type_hints(kind, {"ua": ua})
     parts, next_bit = list[tuple[str, int, Reader]](), 1
     for field in fields(kind):
@@ -157,7 +158,7 @@ def _structure_reader(kind: type[Any]) -> Reader:
 
 
 def _variant(data: Bounded) -> Any:
-    """Read a value with its type. A matrix is flattened, because none of the values used here is a matrix."""
+    """Read a value with a type. A matrix is flattened, because none of the values used here is a matrix."""
     encoding = data.read(1)[0]
     kind = ua.VariantType(encoding & _TYPE)
     is_array = bool(encoding & _IS_ARRAY)
@@ -169,7 +170,7 @@ def _variant(data: Bounded) -> Any:
 
 
 def _extension_object(data: Bounded) -> Any:
-    """Read a structure of the type stated in the data."""
+    """Read a structure of the type given in the data."""
     type_id, encoding = nodeid_from_binary(data), data.read(1)[0]
     kind = _EXTENSIONS.get(type_id)
     if not encoding:
@@ -190,31 +191,31 @@ _OTHERS: dict[Any, Reader] = {
     ua.Variant: _variant,
     ua.ExtensionObject: _extension_object,
 }
-"""Readers of types that do not follow from their fields."""
+"""Readers of types that are not defined by fields."""
 
 
 HELLO, ACKNOWLEDGE, ERROR, OPEN, MESSAGE, CLOSE = b"HEL", b"ACK", b"ERR", b"OPN", b"MSG", b"CLO"
 _PLAIN = (HELLO, ACKNOWLEDGE, ERROR)
 """Messages outside of channels."""
 CHUNK = 65_536
-"""Stated chunk size in bytes; larger chunks are refused."""
+"""Announced chunk size in bytes. Larger chunks are refused."""
 LIMIT = 1 << 20
-"""Limit of a message in bytes: the references of about ten thousand nodes."""
+"""Maximum size of a message in bytes: the references of about ten thousand nodes."""
 _SMALLEST_CHUNK = 8192
 """Minimum chunk size that every side must accept (OPC 10000-6, 7.1.2.3)."""
 CHUNKS = LIMIT // _SMALLEST_CHUNK
-"""Limit of chunks per message. LIMIT, CHUNK and CHUNKS are announced to the peer and enforced."""
+"""Maximum number of chunks per message. LIMIT, CHUNK and CHUNKS are announced to the peer and enforced."""
 _INTERMEDIATE, _FINAL, _ABORT = b"C", b"F", b"A"
 NO_SECURITY = "http://opcfoundation.org/UA/SecurityPolicy#None"
 NO_STAMP = datetime(1601, 1, 1, tzinfo=UTC)
-"""Null time in OPC UA notation. The time of a request or answer is only for logs and unknown here."""
+"""Null time in the notation of OPC UA. The time of a request or answer is only for logs and not known here."""
 _HEADER = struct.Struct("<3scI")
 _NUMBERS = struct.Struct("<II")
 
 
 @dataclass(frozen=True, slots=True)
 class Received:
-    """Complete message: three letters, request number and content."""
+    """A complete message: three letters, request number and content."""
 
     kind: bytes
     request: int
@@ -233,7 +234,7 @@ def chunks() -> Sized:
 
 
 class Channel:
-    """One side of a secure channel without security. number, token: assigned by the server."""
+    """A side of an unsecured secure channel. number, token: assigned by the server."""
 
     def __init__(self) -> None:
         self.number = self.token = 0
@@ -249,7 +250,7 @@ class Channel:
         self._longest = min(CHUNK, size)
 
     def packed(self, kind: bytes, message: Any, request: int = 0) -> bytes:
-        """Return the chunks of a message of asyncua's types."""
+        """Return the chunks of a message of the types of asyncua."""
         body: bytes = struct_to_binary(message)
         if kind in _PLAIN:
             return _HEADER.pack(kind, _FINAL, _HEADER.size + len(body)) + body

@@ -1,17 +1,20 @@
-"""Find a robot in the address space of an OPC UA server by the browse names of OPC 40010-1.
+"""Search for a robot in the address space of an OPC UA server by the browse names of OPC 40010-1.
 
 The condition of the robot is mapped to the columns and codes of `rigs.schema.condition`.
 
-Objects / DeviceSet / <system> / MotionDevices / <robot> / Axes / <axis> / ParameterSet / ActualPosition / ParameterSet
-/ SpeedOverride, InControl / FlangeLoad / Mass / PowerTrains / <train> / <motor> / SafetyStates / <state> / ParameterSet
-/ EmergencyStop, ProtectiveStop ... / Controllers / <controller> / TaskControls / <task> / TaskControlOperation
+    Objects / DeviceSet / <system> / MotionDevices / <robot> / Axes / <axis> / ParameterSet / ActualPosition
+                                                             / ParameterSet / SpeedOverride, InControl
+                                                             / FlangeLoad / Mass
+                                                             / PowerTrains / <train> / <motor>
+                                   / SafetyStates / <state> / ParameterSet / EmergencyStop, ProtectiveStop ...
+                                   / Controllers / <controller> / TaskControls / <task> / TaskControlOperation
 
-Names in angle brackets are chosen by the maker and therefore browsed. The functions here are generators: they yield
-requests of asyncua's types and receive the responses. Sessions and subscriptions are also such generators.
+Names in angle brackets are chosen by the maker and therefore browsed. The functions here are generators that yield
+requests of the types of asyncua and receive the responses. Sessions and subscriptions are also such generators.
 
 The session is anonymous and read-only. The server samples each axis at the requested interval and queues the values of
-up to a second, each with a stamp, so the transmission time does not matter. A value is sent whenever its stamp has
-changed, even if the axis did not move.
+up to a second, each with a timestamp, so the transmission time does not matter. A value is sent whenever the timestamp
+has changed, even if the axis did not move.
 """
 
 from __future__ import annotations
@@ -37,7 +40,7 @@ FRONT = (MODE, EMERGENCY, PROTECTIVE, DRIVES, OVERRIDE)
 _MANUAL_REDUCED = 1
 """OperationalModeEnumeration: MANUAL_REDUCED_SPEED."""
 _STATES = {"Executing": ProgramState.RUNNING, "Ready": ProgramState.STOPPED, "Idle": ProgramState.STOPPED}
-"""States of the TaskControlStateMachineType. Names translated by a server are unknown."""
+"""States of the TaskControlStateMachineType. Names translated by a server are not recognised."""
 _SUSPENDED = "Suspended"
 """State of the ReadySubstateMachineType for an interrupted program."""
 
@@ -94,16 +97,16 @@ _HIERARCHICAL = ua.NodeId(33)
 _ALL_RESULTS = 63
 _MOST_PAGES = 100
 _MOST_NODES = 10_000
-"""Limit of child nodes: the most in one message, and far more than robots have."""
+"""Maximum number of child nodes: more than any robot has, and limited by the size of a message."""
 DEGREE, _RADIAN, CELSIUS, KILOGRAM = 17476, 4405297, 4408652, 4933453
-"""Units by their numbers in OPC 10000-8: the letters of their UNECE codes (DD, C81, CEL, KGM) as bytes."""
+"""Units by number in OPC 10000-8: the letters of the UNECE codes (DD, C81, CEL, KGM) as bytes."""
 _DEG_PER = {DEGREE: 1.0, _RADIAN: math.degrees(1)}
 _DEG_PER_NAME = {"°": 1.0, "deg": 1.0, "degree": 1.0, "degrees": 1.0, "rad": math.degrees(1), "radian": math.degrees(1)}
 _NUMBERED = re.compile(r"\D*(\d+)\D*")
 
 
 class Unfit(Exception):
-    """The server does not offer the data required by the rig file; the text includes the remedy."""
+    """The server does not offer the data required by the rig file. The text includes the remedy."""
 
 
 @dataclass(frozen=True)
@@ -120,7 +123,7 @@ class RobotNodes:
 
     @property
     def all(self) -> list[Any]:
-        """All nodes, the axes first."""
+        """All nodes, starting with the axes."""
         return [*self.axes, *self.condition.values()]
 
 
@@ -142,7 +145,7 @@ def robot_nodes(feedback: OPCUARobotics) -> Talk[RobotNodes]:
 
 
 def _system_and_robot(feedback: OPCUARobotics) -> Talk[tuple[Children, Children]]:
-    """Return the children of the motion device system, and those of the robot."""
+    """Return the children of the motion device system and those of the robot."""
     objects = yield from _below(OBJECTS)
     devices = yield from children(list((yield from _below(objects.get("DeviceSet"))).values()))
     systems = [below for below in devices if "MotionDevices" in below]
@@ -161,7 +164,7 @@ def _system_and_robot(feedback: OPCUARobotics) -> Talk[tuple[Children, Children]
 
 
 def _in_order(axes: Children, feedback: OPCUARobotics) -> Children:
-    """Return the axes q1 … q6, by the names in the rig file or by their numbers."""
+    """Return the axes q1 … q6, by the names in the rig file or by number."""
     names = ", ".join(axes)[:300] or "none"
     if feedback.axes:
         if missing := [axis for axis in feedback.axes if axis not in axes]:
@@ -174,7 +177,7 @@ def _in_order(axes: Children, feedback: OPCUARobotics) -> Children:
 
 
 def _deg_per_unit(names: Sequence[str], positions: Sequence[Any], feedback: OPCUARobotics) -> Talk[tuple[float, ...]]:
-    """Return degrees per unit of each position; the server has precedence over the rig file."""
+    """Return the degrees per unit of each position. The server has precedence over the rig file."""
     units = yield from engineering_units(positions)
     stated = [
         None if unit is None else _DEG_PER.get(unit.UnitId) or _DEG_PER_NAME.get(_name(unit).lower()) for unit in units
@@ -210,7 +213,7 @@ def _shown(system: Children, robot: Children, axes: Sequence[Any]) -> Talk[Mappi
 
 
 def _motors(robot: Children, axes: Sequence[Any]) -> Talk[dict[str, Any]]:
-    """Return the motor temperature nodes by column; a power train lists its motors and the axis it drives."""
+    """Return the motor temperature nodes by column. A power train lists the motors and the driven axis."""
     trains = yield from children(list((yield from _below(robot.get("PowerTrains"))).values()))
     temperatures: dict[str, Any] = {}
     for train in trains:
@@ -223,7 +226,7 @@ def _motors(robot: Children, axes: Sequence[Any]) -> Talk[dict[str, Any]]:
 
 
 def _task(system: Children) -> Talk[dict[str, Any]]:
-    """Return the state nodes of the only task, and of its ready substate."""
+    """Return the state nodes of the only task and of the ready substate."""
     controllers = yield from children(list((yield from _below(system.get("Controllers"))).values()))
     folders = yield from children([below["TaskControls"] for below in controllers if "TaskControls" in below])
     tasks = [task for folder in folders for task in folder.values()]
@@ -315,16 +318,16 @@ def _named(references: Sequence[Any] | None) -> dict[str, Any]:
 CHANNEL_MS = 3_600_000
 """Requested lifetime of a channel before renewal."""
 _SHORTEST_SESSION_S = 10.0
-"""Short session time-out, because servers have few sessions and an abandoned one should expire soon."""
+"""Session time-out. It is short because servers have few sessions, and an abandoned session should expire soon."""
 _NONCE = bytes(32)
-"""Some servers require 32 bytes even without encryption."""
+"""Some servers require 32 bytes even if encryption is off."""
 _QUEUED_S = 1.0
 _LIFETIME = 10
-"""Publishing intervals without a message after which the server deletes the subscription."""
+"""Publishing intervals with no message after which the server deletes the subscription."""
 
 
 class Refused(Exception):
-    """The server refused a request; the text is the name of the status code."""
+    """The server refused a request. The text is the name of the status code."""
 
 
 def hello(feedback: OPCUARobotics) -> Any:
@@ -339,7 +342,7 @@ def endpoint(feedback: OPCUARobotics) -> str:
 
 
 def channel_request(*, renew: bool) -> Any:
-    """Return a request for a channel without security, or for the next token of the open channel."""
+    """Return a request for an unsecured channel, or for the next token of the open channel."""
     request = ua.OpenSecureChannelRequest()
     kind = ua.SecurityTokenRequestType
     request.Parameters.RequestType = kind.Renew if renew else kind.Issue
@@ -370,7 +373,7 @@ def session(feedback: OPCUARobotics) -> Talk[None]:
 
 
 def subscribed(nodes: RobotNodes, feedback: OPCUARobotics) -> Talk[None]:
-    """Subscribe to all nodes, with their indices as handles. Raises Refused if the server has no subscriptions."""
+    """Subscribe to all nodes, with the indices as handles. Raises Refused if the server has no subscriptions."""
     interval_ms = 1e3 / feedback.rate_hz
     request = ua.CreateSubscriptionRequest()
     asked = request.Parameters
@@ -388,7 +391,7 @@ def subscribed(nodes: RobotNodes, feedback: OPCUARobotics) -> Talk[None]:
         yield change
     items = ua.CreateMonitoredItemsRequest()
     items.Parameters.SubscriptionId = made.SubscriptionId
-    # the server's timestamp if there is no source timestamp
+    # the timestamp of the server if there is no source timestamp
     items.Parameters.TimestampsToReturn = ua.TimestampsToReturn.Both
     items.Parameters.ItemsToCreate = []
     for place, node in enumerate(nodes.all):

@@ -1,9 +1,9 @@
 """OPC UA for Robotics (OPC 40010-1; open questions are listed in the origin): axes and condition of a robot, read only.
 
-The host opens an anonymous session without encryption, browses for the robot, and subscribes to the positions of the
-six axes, whose stamps (SourceTimestamp) become the controller clock. If the server refuses, or the stamps stand still
-with the robot, the values are read `rate_hz` times a second; the time is then between request and answer. Values marked
-bad are faults; uncertain values are kept with their code.
+The host opens an anonymous, unencrypted session, browses for the robot, and subscribes to the positions of the six
+axes. Their stamps (SourceTimestamp) become the controller clock. If the server refuses, or the stamps do not change
+while the robot is at rest, the values are read `rate_hz` times a second. The time is then between request and answer.
+Values marked bad are faults; uncertain values are stored with their code.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ from daq.protocol.streamed import Reaction, Streamed
 from rigs.schema.feedback import OPCUARobotics
 
 _PUBLISH = 3
-"""Simultaneous publish requests: one for each answer in transit."""
+"""Number of simultaneous publish requests: one for each answer in transit."""
 _RENEW = 0.75
 """Share of the token lifetime before renewal (OPC 10000-4, 5.6.2)."""
 _SHORTEST_MS = 1000
@@ -87,7 +87,7 @@ class _Host(Streamed):
 
 
 class _Client:
-    """Client logic: requests and the meaning of answers. due_ns: time of the next poll, None without polling."""
+    """Client logic: requests and interpretation of the answers. due_ns: time of the next poll; None if not polling."""
 
     def __init__(self, feedback: OPCUARobotics) -> None:
         self.frames = chunks()
@@ -201,7 +201,7 @@ class _Client:
 
 
 def _prepared(feedback: OPCUARobotics) -> Talk[tuple[RobotNodes, bool]]:
-    """Open a session, find the robot and subscribe; return whether the subscription succeeded."""
+    """Open a session, find the robot and subscribe. Return whether the subscription succeeded."""
     try:
         yield from session(feedback)
     except Refused as error:

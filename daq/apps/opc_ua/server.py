@@ -1,7 +1,7 @@
-"""Controller side of OPC UA for Robotics: a server with one robot in its address space, for one client.
+"""Controller side of OPC UA for Robotics: a server with a single robot in the address space, for a single client.
 
-It contains the parts of OPC 40010-1 required for a robot, answers the services needed for reading, and sends all values
-of a subscription at each interval, on time.
+It contains the parts of OPC 40010-1 required for a robot, implements the services needed for reading, and sends all
+values of a subscription on time at each interval.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ from rigs.schema.condition import TEMPERATURES, UNDISTURBED
 from rigs.schema.feedback import OPCUARobotics, are_nodes, condition_columns
 
 _OURS = 4
-"""Namespace index of this server's nodes."""
+"""Namespace index of the nodes of this server."""
 _UNIT_NAMES = {DEGREE: "°", CELSIUS: "°C", KILOGRAM: "kg"}
 
 
@@ -62,7 +62,7 @@ class Space:
     """Address space.
 
     below: children of each node as (browse name, node). variables: names of the values of variables. units: units by
-    the node that states them.
+    the node that contains them.
     """
 
     below: dict[Any, list[tuple[str, Any]]] = field(default_factory=dict)
@@ -70,7 +70,7 @@ class Space:
     units: dict[Any, int] = field(default_factory=dict)
 
     def add(self, path: str, shows: str | None = None, unit: int | None = None, node: Any | None = None) -> Any:
-        """Add a node and missing parents by its path below Objects; return the node."""
+        """Add a node and missing parents by the path below Objects. Return the node."""
         above, _, name = path.rpartition("/")
         parent = self.add(above) if above else OBJECTS
         node = node or ua.NodeId(path, _OURS)
@@ -92,7 +92,7 @@ class Space:
         return ua.BrowseResult(References=references)
 
     def shows(self, node: Any) -> str | None:
-        """Return the name of a variable's value; None for other nodes."""
+        """Return the name of the value of a variable; None for other nodes."""
         return self.variables.get(node)
 
     def is_position(self, node: Any) -> bool:
@@ -100,7 +100,7 @@ class Space:
         return (self.variables.get(node) or "").startswith("q")
 
     def constant(self, node: Any) -> Any:
-        """Return the value of a unit node; other nodes have none."""
+        """Return the value of a unit node; other nodes have no constant value."""
         if node not in self.units:
             return ua.DataValue(StatusCode=ua.StatusCode(ua.StatusCodes.BadAttributeIdInvalid))
         unit = self.units[node]
@@ -110,11 +110,11 @@ class Space:
 def robot_space(feedback: OPCUARobotics) -> Space:
     """Return the address space of a robot with the axes of a rig file.
 
-    The server omits the angle unit if the rig file states it.
+    If the rig file states the angle unit, the server omits it.
     """
     space, unit = Space(), None if feedback.units else DEGREE
     system, robot = "DeviceSet/System", f"DeviceSet/System/MotionDevices/{feedback.device or 'Robot'}"
-    # Names of q1 … q6, or the nodes of their positions if the rig file contains them
+    # Names of q1 … q6, or the position nodes listed in the rig file
     axes: Sequence[str] = feedback.axes or [f"Axis_{number}" for number in range(1, 7)]
     by_nodes = bool(feedback.axes) and are_nodes(axes)
     for number, declared in enumerate(axes, 1):
@@ -154,14 +154,14 @@ _LONGEST_TOKEN_MS = 3_600_000
 
 
 class RobotServer:
-    """The server.
+    """OPC UA server of a robot.
 
-    read: returns the axis angles and the columns of `condition_columns` at a time. subscriptions: whether they are
-    supported; otherwise the client must poll. space: an address space in place of the default robot of `feedback`.
+    read: returns the axis angles and the columns of `condition_columns` at a time. subscriptions: True if they are
+    supported; otherwise the client must poll. space: address space in place of the default robot of `feedback`.
     """
 
     EPOCH = datetime(2023, 11, 14, 22, 13, 20, tzinfo=UTC)
-    """Initial time of the server's clock."""
+    """Initial time of the server clock."""
 
     def __init__(
         self,
@@ -200,7 +200,7 @@ class RobotServer:
         return self._step(answers)
 
     def tick(self, now_ns: int) -> Step:
-        """Send all subscribed values of one instant; after a late tick the next one follows immediately."""
+        """Send all subscribed values of an instant. After a late tick the next follows immediately."""
         if self._pace is None or not self._waiting:
             return Step()
         instant_ns = self._pace.step(now_ns)

@@ -1,7 +1,7 @@
-"""Convert node values of a robot into samples of all axes, and faults.
+"""Conversion of the node values of a robot into samples of all axes and faults.
 
-A server samples each axis separately, and a message may contain several samples of an axis or only some of the axes.
-Samples with adjacent stamps form one position; an axis without a new sample has not moved.
+A server samples each axis separately, and a message may contain several samples of an axis, or only some of the axes.
+Samples with adjacent stamps form a position. An axis with no new sample has not moved.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ _AXES = 6
 class AxisValue:
     """Value of an axis 0 … 5.
 
-    angle_deg: nan if the server marks it bad. clock_s: time since 1970, nan without a stamp. status: 0 for good,
-    otherwise the server's code.
+    angle_deg: nan if the server marks it bad. clock_s: time since 1970; nan if there is no stamp. status: 0 for good,
+    otherwise the code of the server.
     """
 
     axis: int
@@ -48,7 +48,7 @@ class ArmPosition:
 
 
 class Together:
-    """Groups values into positions. together_s: largest spread of the stamps of one position."""
+    """Groups values into positions. together_s: largest spread of the stamps of a position."""
 
     def __init__(self, together_s: float) -> None:
         self._together_s = together_s
@@ -56,10 +56,10 @@ class Together:
         self._open: dict[int, AxisValue] = {}
 
     def take(self, values: Iterable[AxisValue]) -> Iterator[ArmPosition]:
-        """Yield the positions completed by these values, directly or by a later value."""
+        """Yield the positions completed by these values, immediately or by a later value."""
         ordered = sorted(values, key=lambda value: value.clock_s)
         if any(math.isnan(value.clock_s) for value in ordered):
-            # it is unknown which ones belong together
+            # it is unknown which values belong together
             ordered = list({value.axis: value for value in ordered}.values())
         for value in ordered:
             since_s = value.clock_s - min((begun.clock_s for begun in self._open.values()), default=value.clock_s)
@@ -84,17 +84,17 @@ class Together:
 
 
 _TOGETHER = 0.5
-"""Spread of the stamps of one sample, as a share of the interval."""
+"""Spread of the stamps of a sample as a share of the interval."""
 _APART_S = 1e-3
-"""Spread of stamps above which a fault is reported: at 50 deg/s the axes are then 0.05 deg off."""
+"""Spread of stamps above which a fault is reported: at 50 deg/s the axes are then off by 0.05 deg."""
 _UNCERTAIN, _SEVERITY, _CODE = 1, 30, 0xFFFF0000
-"""Status codes: two bits of severity, 0 good and 1 uncertain, and the code in the upper half (OPC 10000-4, 7.39)."""
+"""Status codes: two bits of severity (0 good, 1 uncertain) and the code in the upper half (OPC 10000-4, 7.39)."""
 _OVERFLOW = 0x480
-"""Status bits of a data value after an overflow of the server's queue."""
+"""Status bits of a data value after an overflow of the server queue."""
 
 
 class RobotValues:
-    """Converts values, identified by their index in `RobotNodes.all`, into samples."""
+    """Converts values into samples. Values are identified by the index in `RobotNodes.all`."""
 
     def __init__(self, feedback: OPCUARobotics, nodes: RobotNodes) -> None:
         self._nodes = nodes
@@ -110,7 +110,7 @@ class RobotValues:
         return read_request(self._nodes.all)
 
     def stand_still(self, note: Any) -> bool:
-        """Return whether a subscription message shows stalled stamps: after the first position no new data arrives."""
+        """Return whether a subscription message shows stalled stamps: no new data arrives after the first position."""
         return bool(self._notes) and self._positions < 2 and not note.NotificationData
 
     def published(self, note: Any, message: Message) -> Iterator[Item]:
@@ -119,7 +119,7 @@ class RobotValues:
         if not note.NotificationData:
             yield from self._samples(self._together.end(), NO_TIME, message)
             return
-        # A message with data has the next sequence number; a keep-alive repeats the number of the following message.
+        # A message with data has the next sequence number. A keep-alive repeats the number of the following message.
         missing, self._last_number = note.SequenceNumber - self._last_number - 1, note.SequenceNumber
         if missing > 0 and self._notes:
             yield Fault(FaultKind.SKIPPED, at_ns, "messages of the subscription are missing", missing)
@@ -132,7 +132,10 @@ class RobotValues:
         yield from self._samples(self._together.take(values), NO_TIME, message)
 
     def polled(self, results: Sequence[Any], asked_ns: int, message: Message) -> Iterator[Item]:
-        """Yield the items of an answer to `request`; they have no stamp, because the server's stamps may be old."""
+        """Yield the items of an answer to `request`.
+
+        They have no stamp, because the stamps of the server may be old.
+        """
         values = list[AxisValue]()
         for place, value in enumerate(results):
             yield from self._take(place, value, values, message.last_byte_ns)
@@ -141,7 +144,7 @@ class RobotValues:
         yield from self._samples(together.take(unstamped), asked_ns, message)
 
     def _take(self, place: int, value: Any, values: list[AxisValue], at_ns: int) -> Iterator[Fault]:
-        """Store an axis value or a condition value; yield faults."""
+        """Store an axis value or a condition value, and yield faults."""
         code = value.StatusCode.value if value.StatusCode else 0
         severity, plain = code >> _SEVERITY, None if value.Value is None else value.Value.Value
         axes = len(self._nodes.axes)
