@@ -84,7 +84,7 @@ def shown_parts(diagnosis: Diagnosis) -> tuple[list[BudgetPart], list[BudgetPart
     return [part for part in diagnosis.budget if part not in small], small
 
 
-def _has_model(diagnosis: Diagnosis) -> bool:
+def has_model(diagnosis: Diagnosis) -> bool:
     """Whether the rig file holds effects or a calibration, which the robot drives without."""
     return diagnosis.rig.calibrated is not None or bool(diagnosis.rig.effects)
 
@@ -94,7 +94,7 @@ def is_complete(diagnosis: Diagnosis) -> bool:
     a tenth of what is left, from which a part has an act."""
     scatter = sum(part.share for part in diagnosis.budget if part.kind == "scatter")
     no_fault = diagnosis.condition in ("uncalibrated", "nothing_unusual")
-    return _has_model(diagnosis) and no_fault and scatter > 1 - LEAST_SHARE
+    return has_model(diagnosis) and no_fault and scatter > 1 - LEAST_SHARE
 
 
 def fields_of(effect: Effect) -> dict[str, Any]:
@@ -137,7 +137,7 @@ class AnswerWords:
     def accuracy(self) -> str:
         """The error now, and what the calibration leaves of it where it had no part, or on the runs used."""
         accuracy = self.diagnosis.accuracy
-        model = "error_corrected" if _has_model(self.diagnosis) else "error_now"
+        model = "error_corrected" if has_model(self.diagnosis) else "error_now"
         now = self.texts(model, now=micrometres(accuracy.now_um), largest=micrometres(accuracy.now_largest_um))
         values = {"left": micrometres(accuracy.calibrated_um), "before": micrometres(accuracy.before_there_um)}
         if is_complete(self.diagnosis) and accuracy.place == "used":
@@ -158,7 +158,7 @@ class AnswerWords:
         if accuracy.standing is None or accuracy.limit is None:
             return self.texts("accuracy_not_judged")
         by = self.texts(f"limit_{accuracy.limit}")
-        which = "accuracy_uncorrected" if _has_model(self.diagnosis) else "accuracy_judged"
+        which = "accuracy_uncorrected" if has_model(self.diagnosis) else "accuracy_judged"
         return self.texts(which, standing=self.texts(f"standing_{accuracy.standing}"), by=by)
 
     def part_name(self, part: BudgetPart) -> str:
@@ -208,13 +208,30 @@ class AnswerWords:
 
     def _condition(self) -> str:
         """What these runs do not show, or that nothing was found; empty where faults say it all."""
-        diagnosis, texts = self.diagnosis, self.texts
-        values = {"um": micrometres(diagnosis.remainder.um), "share": percent(diagnosis.remainder.share)}
-        if diagnosis.condition in ("named", "ambiguous"):
+        if self.diagnosis.condition in ("named", "ambiguous"):
             return ""
+        if usual_or_fault := self._usual_or_faults():
+            return usual_or_fault
+        # What the rig file names already, so that nothing found means nothing more; empty where it names nothing
+        nouns = list(dict.fromkeys(map(self.noun, self.diagnosis.rig.effects)))
+        already_held = self.texts("already_held", effects=self._listed(nouns)) if nouns else ""
+        return " ".join(filter(None, [self.condition_sentence, self.follows, already_held]))
+
+    def _usual_or_faults(self) -> str:
+        """Return the effects of usual size that may be faults; empty if the number of runs decides instead."""
+        diagnosis = self.diagnosis
         open_ones = [named for named in diagnosis.effects if fault_rivals(named)]
-        if diagnosis.condition == "undecided" and open_ones and diagnosis.runs_to_decide is None:
-            return " ".join(map(self._usual_or_fault, open_ones[:_MOST_NAMED]))
+        if diagnosis.condition != "undecided" or diagnosis.runs_to_decide is not None:
+            return ""
+        return " ".join(map(self._usual_or_fault, open_ones[:_MOST_NAMED]))
+
+    @property
+    def condition_sentence(self) -> str:
+        """The condition of the arm in a sentence; not for named effects."""
+        diagnosis = self.diagnosis
+        if diagnosis.condition == "out_of_range":
+            return self._out_of_range()
+        values = {"um": micrometres(diagnosis.remainder.um), "share": percent(diagnosis.remainder.share)}
         single = any(part.index is not None for part in large_parts(diagnosis))
         which: str = "nothing_unusual" if diagnosis.condition == "uncalibrated" and single else diagnosis.condition
         if is_complete(diagnosis):
@@ -224,12 +241,10 @@ class AnswerWords:
             which = repeated if diagnosis.repeated and len(diagnosis.runs) > 1 else "nothing_shows"
         if diagnosis.unexplained and (scatter_um := diagnosis.unexplained.scatter_um):
             which, values = "scatter", {"um": _length(scatter_um)}
-        # What the rig file names already, so that nothing found means nothing more; empty where it names nothing
-        nouns = list(dict.fromkeys(map(self.noun, self.diagnosis.rig.effects)))
-        already_held = self.texts("already_held", effects=self._listed(nouns)) if nouns else ""
-        return " ".join(filter(None, [texts(f"says_{which}", **values), self._follows(), already_held]))
+        return self.texts(f"says_{which}", **values)
 
-    def _follows(self) -> str:
+    @property
+    def follows(self) -> str:
         """What the unexplained part follows, if it was looked for and there is an unknown cause."""
         unexplained = self.diagnosis.unexplained
         if unexplained is None or not unexplained.follows or self.diagnosis.condition != "outside_library":
@@ -263,7 +278,7 @@ class AnswerWords:
         certain = [named for named in self.diagnosis.standing if named.posterior >= CERTAIN_ODDS]
         open_ones = [named for named in self.diagnosis.standing if named not in certain]
         which = "says_open" if certain else "says_ambiguous"
-        alternatives = [", ".join([self._with_rivals(named), *self._share(named)]) for named in open_ones]
+        alternatives = [", ".join([self.with_rivals(named), *self._share(named)]) for named in open_ones]
         ambiguous = [self.texts(which, faults=self._listed(alternatives))] if open_ones else []
         if not certain:
             return ambiguous, []
@@ -275,7 +290,7 @@ class AnswerWords:
     def _large_part(self, part: BudgetPart) -> str:
         share = percent(min(part.share, 1.0))
         if part.index is not None and likely_rivals(named := self.diagnosis.effects[part.index]):
-            return self.texts("large_part", share=share, part=self._with_cancelled(part, self._with_rivals(named)))
+            return self.texts("large_part", share=share, part=self._with_cancelled(part, self.with_rivals(named)))
         likely = [member for member in part.members if member.odds >= LEAST_ODDS]
         if not likely:
             which = "large_part_almost" if part.index is not None and part.share >= _ALMOST_ALL else "large_part"
@@ -298,7 +313,7 @@ class AnswerWords:
         ending = [self.texts("and_more", count=len(phrases) - _MOST_NAMED)] if len(phrases) > _MOST_NAMED else []
         return "; ".join([*phrases[:_MOST_NAMED], *ending])
 
-    def _with_rivals(self, named: Named) -> str:
+    def with_rivals(self, named: Named) -> str:
         """A fault and those of its rivals that cannot be dismissed."""
         effects = (named.effect, *(rival.effect for rival in likely_rivals(named)))
         return self.texts("or").join(map(self.noun, effects))
