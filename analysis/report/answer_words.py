@@ -124,12 +124,12 @@ class AnswerWords:
         first = any(part.share > share for part in large_parts(diagnosis))
         wrong = [*large, *faults] if first else [*faults, *large]
         sure_too = [self._measured(part) for part in sure_parts(diagnosis)]
-        measured = [self.texts("says_sure", parts=self._listed(sure_too))] if sure_too else []
+        measured = [self.texts("finding_sure", parts=self._listed(sure_too))] if sure_too else []
         clauses = "; ".join([*wrong, *open_too, *measured])
         sentence = f"{clauses[:1].upper()}{clauses[1:]}." if clauses else ""
         condition = self._condition()
         parts = (condition, sentence) if diagnosis.condition == "outside_library" else (sentence, condition)
-        commanded = self.texts("says_only_commanded") if diagnosis.only_commanded else ""
+        commanded = self.texts("finding_only_commanded") if diagnosis.only_commanded else ""
         moved = [movement_sentence(movement, self.texts) for movement in diagnosis.movements]
         return " ".join(filter(None, (*moved, *parts, commanded)))
 
@@ -156,9 +156,9 @@ class AnswerWords:
         """How the error stands against limits: of the arm as it drives, since no run was driven with corrections."""
         accuracy = self.diagnosis.accuracy
         if accuracy.standing is None or accuracy.limit is None:
-            return self.texts("accuracy_not_judged")
+            return self.texts("accuracy_open")
         by = self.texts(f"limit_{accuracy.limit}")
-        which = "accuracy_uncorrected" if has_model(self.diagnosis) else "accuracy_judged"
+        which = "accuracy_uncorrected" if has_model(self.diagnosis) else "accuracy_standing"
         return self.texts(which, standing=self.texts(f"standing_{accuracy.standing}"), by=by)
 
     def part_name(self, part: BudgetPart) -> str:
@@ -237,11 +237,11 @@ class AnswerWords:
         if is_complete(diagnosis):
             largest = max((place.rms_um for place in diagnosis.where), default=0.0)
             values |= {"count": str(len(diagnosis.where)), "largest": micrometres(largest)}
-            repeated = "nearly_complete" if diagnosis.where else "nothing_missing"
-            which = repeated if diagnosis.repeated and len(diagnosis.runs) > 1 else "nothing_shows"
+            repeated = "nearly_complete" if diagnosis.where else "model_complete"
+            which = repeated if diagnosis.repeated and len(diagnosis.runs) > 1 else "model_sufficient"
         if diagnosis.unexplained and (scatter_um := diagnosis.unexplained.scatter_um):
             which, values = "scatter", {"um": _length(scatter_um)}
-        return self.texts(f"says_{which}", **values)
+        return self.texts(f"finding_{which}", **values)
 
     @property
     def follows(self) -> str:
@@ -250,10 +250,10 @@ class AnswerWords:
         if unexplained is None or not unexplained.follows or self.diagnosis.condition != "outside_library":
             return ""
         if (followed := unexplained.likeliest) is None:
-            return self.texts("says_follows_nothing")
+            return self.texts("finding_follows_none")
         joint = self.texts.axis(self.diagnosis.rig.robot, followed.axis) if followed.axis else ""
         subject = self.texts(f"follows_{followed.what}", joint=joint)
-        return self.texts("says_follows", subject=subject, share=percent(followed.share))
+        return self.texts("finding_follows", subject=subject, share=percent(followed.share))
 
     def _out_of_range(self) -> str:
         """The parameter that is out of range, its estimate and the limit."""
@@ -262,7 +262,9 @@ class AnswerWords:
         limit = min((abs(limit) for limit in size_limits(effect) if limit), default=math.inf)
         unit = quantity_of(effect, size_field(effect), {}).sign
         nouns = self.texts("or").join(map(self.noun, (effect, *named.twins)))
-        return self.texts("says_out_of_range", parameter=nouns, size=size(named), limit=f"{limit:.4g} {unit}".rstrip())
+        return self.texts(
+            "finding_out_of_range", parameter=nouns, size=size(named), limit=f"{limit:.4g} {unit}".rstrip()
+        )
 
     def _usual_or_fault(self, named: Named) -> str:
         """An effect of usual size and the faults that may be meant instead, each with its odds."""
@@ -270,20 +272,20 @@ class AnswerWords:
             f"{self.noun(rival.effect)} ({sure(rival.posterior)})" for rival in fault_rivals(named)
         )
         return self.texts(
-            "says_usual_or_fault", usual=self.noun(named.effect), odds=sure(named.posterior), faults=faults
+            "finding_usual_or_fault", usual=self.noun(named.effect), odds=sure(named.posterior), faults=faults
         )
 
     def _faults(self) -> tuple[list[str], list[str]]:
         """The faults as a part of a sentence, and those that have rivals where others are sure as another."""
         certain = [named for named in self.diagnosis.standing if named.posterior >= CERTAIN_ODDS]
         open_ones = [named for named in self.diagnosis.standing if named not in certain]
-        which = "says_open" if certain else "says_ambiguous"
+        which = "finding_open" if certain else "finding_ambiguous"
         alternatives = [", ".join([self.with_rivals(named), *self._share(named)]) for named in open_ones]
         ambiguous = [self.texts(which, faults=self._listed(alternatives))] if open_ones else []
         if not certain:
             return ambiguous, []
         faults = [", ".join([self.noun(named.effect), size(named), *self._share(named)]) for named in certain]
-        which = "says_fault" if len(certain) == 1 else "says_faults"
+        which = "finding_fault" if len(certain) == 1 else "finding_faults"
         sentence = self.texts(which, faults=self._listed(faults), count=len(certain))
         return [sentence], ambiguous
 

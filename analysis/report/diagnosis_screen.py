@@ -84,10 +84,10 @@ def as_screen(diagnosis: Diagnosis) -> RenderableType:
         unexplained += map(Text, remains_lines(diagnosis.remains, texts_of("en")) if diagnosis.remains else ())
     sections = (
         ("Details", [Text(words.headline), Text(words.accuracy)]),
-        ("What makes the error", _budget(diagnosis)),
+        ("Error budget", _budget(diagnosis)),
         ("Fitted effects" if diagnosis.given else "Faults", _faults(diagnosis)),
         ("What to do", [Text(f"{k + 1}. {act}") for k, act in enumerate(acts_in_words(diagnosis, texts_of("en")))]),
-        ("How the gap shrinks", ([stairs_table(stairs)] if stairs else [])),
+        ("Reduction of the residual", ([stairs_table(stairs)] if stairs else [])),
         ("What the model leaves", _gaps(diagnosis)),
         ("Still unexplained", unexplained),
         ("What these tests cannot distinguish", _cannot(diagnosis)),

@@ -108,7 +108,7 @@ class _SummaryWords:
         if diagnosis.condition in _UNDECIDED and (sentence := self.answer.condition_sentence) != self.headline:
             sentences.append(sentence)
         sentences.append(self.answer.follows)
-        sentences.append(texts("says_only_commanded") if diagnosis.only_commanded else "")
+        sentences.append(texts("finding_only_commanded") if diagnosis.only_commanded else "")
         if act and (against := ActWords(diagnosis, texts).against(self._beyond_basis(act))):
             sentences.append(texts("uncertain", against=against))
         return list(filter(None, sentences))

@@ -64,11 +64,11 @@ def main() -> None:
             _part(chromium, page, _STEPS, 1000, given.output / "report-steps.png")
             _part(chromium, page, _YAW, 1000, given.output / "report-dark.png", dark=True)
             _part(chromium, page, _SPHERE, 560, given.output / "report-sphere.png")
-            _printed(chromium, page, given.output / "report-printed.png")
             readme_page = given.page or made_page(Path(scratch), "paper-fanuc", _README_HIDDEN, _README_RUNS)
             for name, (width, height) in _VERDICTS.items():
                 with _opened(chromium, readme_page, width):
                     _shot(chromium, given.output / f"verdict-{name}.png", 0, 0, width, height)
+            _printed(chromium, page, given.output / "report-printed.png")
 
 
 def made_page(

@@ -100,7 +100,7 @@ def test_the_headline_names_the_largest_cause_also_if_it_is_no_fault() -> None:
     ("changes", "expected"),
     [
         ({"condition": "undecided", "effects": (replace(PLAY, doubt="usual"),)}, "too few"),
-        ({"condition": "outside_library"}, "no known cause"),
+        ({"condition": "outside_library"}, "is unexplained"),
         ({"condition": "out_of_range"}, "out of range"),
         ({"condition": "not_testable_here"}, "cannot show"),
         ({"condition": "named", "only_commanded": True}, "Only commanded angles"),
@@ -167,7 +167,7 @@ def test_the_error_says_where_it_was_measured_or_that_it_is_unknown() -> None:
     used = replace(found, accuracy=replace(found.accuracy, place="used"))
     assert "elsewhere is unknown" in summarise(used).error.basis
     judged = summarise(used, judged_elsewhere=(93.0, 1.7)).error
-    assert (judged.now, judged.after) == ("93", "1.7") and "another place" in judged.basis
+    assert (judged.now, judged.after) == ("93", "1.7") and "a different place" in judged.basis
     assert summarise(diagnosis("not_testable_here")).error.after == ""
     driven = (Deviation(um=93.0, largest_um=200, u_um=1.0, runs=2), Deviation(um=4.0, largest_um=9, u_um=1.0, runs=2))
     assert summarise(found, driven=driven).error.words == "93.0 ± 1.0 → 4.0 ± 1.0 µm rms"

@@ -55,7 +55,7 @@ def test_the_demo_is_told_all_three_by_name_in_the_first_sentence_and_what_remov
     found = demo()
     sentence = AnswerWords(found).headline.partition(". ")[0]
     for words in (
-        "% of the error comes from zero of axis 3",
+        "% of the error is zero of axis 3",
         "gear error of axis 4 (gamma), 8 a turn",
         "play of axis 5",
     ):

@@ -85,7 +85,7 @@ def test_the_page_says_the_hidden_play_before_anything_else(page: str) -> None:
         "Main causes",
         "Do next",
         "Details",
-        "What makes the error",
+        "Error budget",
         "Figures against their limits",
         "Trace",
     )
@@ -152,8 +152,8 @@ def test_foreign_text_is_shown_as_text(report: Report) -> None:
 
 def test_runs_that_show_nothing_are_not_called_faultless(report: Report) -> None:
     text = _text(rendered(_small(report), texts_of("en")))
-    assert "Condition: ? NOT VISIBLE HERE These runs cannot show whether something is worn" in text
-    assert "What makes the error" not in text
+    assert "Condition: ? NOT VISIBLE HERE These runs cannot show a worn" in text
+    assert "Error budget" not in text
 
 
 def test_what_stays_has_a_row_for_each_thing_that_it_was_held_against(report: Report) -> None:
@@ -174,7 +174,7 @@ def test_what_stays_has_a_row_for_each_thing_that_it_was_held_against(report: Re
 def test_condition_and_accuracy_have_a_badge_each(report: Report, condition: Condition) -> None:
     text = _text(rendered(replace(report, results=report.results[-1:], found=diagnosis(condition)), texts_of("en")))
     assert f"{texts_of('en')(f'badge_{condition}')} · PASS" in text.partition("Verdict")[0]  # in the title
-    assert text.index("Do next") < text.index("What makes the error") if condition != "not_testable_here" else True
+    assert text.index("Do next") < text.index("Error budget") if condition != "not_testable_here" else True
     assert ("✓ NO" in text) == (condition in ("uncalibrated", "nothing_unusual"))
     assert "tolerance" not in text and "healthy" not in text and "that matter" not in text
 
