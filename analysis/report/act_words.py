@@ -159,7 +159,7 @@ class ActWords:
         share = percent(sum(self.diagnosis.budget[k].share for k in act.parts))
         if test.test == JOINED:
             return texts("act_joined", parts=self.parts(act), odds=sure(test.odds_then), share=share)
-        minutes = texts("minutes", count=f"{act.cost.minutes:.0f}") if act.cost.minutes else texts("no_minutes")
+        minutes = texts("minutes", count=f"{act.cost.minutes:.0f}") if act.cost.minutes else texts("zero_minutes")
         which = "act_rivals" if act.why == "rivals" else "act_group"
         return texts(
             which, test=test.test, minutes=minutes, parts=self.parts(act),

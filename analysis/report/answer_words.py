@@ -89,7 +89,7 @@ def shown_parts(diagnosis: Diagnosis) -> tuple[list[BudgetPart], list[BudgetPart
     return [part for part in diagnosis.budget if part not in small], small
 
 
-def _has_model(diagnosis: Diagnosis) -> bool:
+def has_model(diagnosis: Diagnosis) -> bool:
     """Return whether the rig file contains effects or a calibration. The robot drives without the model."""
     return diagnosis.rig.calibrated is not None or bool(diagnosis.rig.effects)
 
@@ -102,7 +102,7 @@ def is_complete(diagnosis: Diagnosis) -> bool:
     """
     scatter = sum(part.share for part in diagnosis.budget if part.kind == "scatter")
     no_fault = diagnosis.condition in ("uncalibrated", "nothing_unusual")
-    return _has_model(diagnosis) and no_fault and scatter > 1 - LEAST_SHARE
+    return has_model(diagnosis) and no_fault and scatter > 1 - LEAST_SHARE
 
 
 def fields_of(effect: Effect) -> dict[str, Any]:
@@ -135,22 +135,26 @@ class AnswerWords:
         first = any(part.share > share for part in large_parts(diagnosis))
         wrong = [*large, *faults] if first else [*faults, *large]
         sure_too = [self._measured(part) for part in sure_parts(diagnosis)]
-        measured = [self.texts("says_sure", parts=self._listed(sure_too))] if sure_too else []
+        measured = [self.texts("finding_sure", parts=self._listed(sure_too))] if sure_too else []
         clauses = "; ".join([*wrong, *open_too, *measured])
         sentence = f"{clauses[:1].upper()}{clauses[1:]}." if clauses else ""
         condition = self._condition()
         parts = (condition, sentence) if diagnosis.condition == "outside_library" else (sentence, condition)
-        commanded = self.texts("says_only_commanded") if diagnosis.only_commanded else ""
+        commanded = self.texts("finding_only_commanded") if diagnosis.only_commanded else ""
         moved = [movement_sentence(movement, self.texts) for movement in diagnosis.movements]
-        visits_um = diagnosis.unexplained.visits_um if diagnosis.unexplained else None
-        visits = self.texts("says_visits_differ", um=_length(visits_um)) if visits_um else ""
-        return " ".join(filter(None, (*moved, visits, *parts, commanded)))
+        return " ".join(filter(None, (*moved, self.visits, *parts, commanded)))
+
+    @property
+    def visits(self) -> str:
+        """The difference between visits of a target, if it exceeds the usual repeatability; otherwise empty."""
+        visits_um = self.diagnosis.unexplained.visits_um if self.diagnosis.unexplained else None
+        return self.texts("finding_visits_differ", um=_length(visits_um)) if visits_um else ""
 
     @property
     def accuracy(self) -> str:
         """The present error, and the error after calibration on unseen runs or, if there are none, on the runs used."""
         accuracy = self.diagnosis.accuracy
-        model = "error_corrected" if _has_model(self.diagnosis) else "error_now"
+        model = "error_corrected" if has_model(self.diagnosis) else "error_now"
         now = self.texts(model, now=micrometres(accuracy.now_um), largest=micrometres(accuracy.now_largest_um))
         values = {"left": micrometres(accuracy.calibrated_um), "before": micrometres(accuracy.before_there_um)}
         if is_complete(self.diagnosis) and accuracy.place == "used":
@@ -171,9 +175,9 @@ class AnswerWords:
         """
         accuracy = self.diagnosis.accuracy
         if accuracy.standing is None or accuracy.limit is None:
-            return self.texts("accuracy_not_judged")
+            return self.texts("accuracy_open")
         by = self.texts(f"limit_{accuracy.limit}")
-        which = "accuracy_uncorrected" if _has_model(self.diagnosis) else "accuracy_judged"
+        which = "accuracy_uncorrected" if has_model(self.diagnosis) else "accuracy_standing"
         return self.texts(which, standing=self.texts(f"standing_{accuracy.standing}"), by=by)
 
     def part_name(self, part: BudgetPart) -> str:
@@ -223,42 +227,54 @@ class AnswerWords:
 
     def _condition(self) -> str:
         """Return the limits of these runs, or that the search found nothing; empty if the faults say it all."""
-        diagnosis, texts = self.diagnosis, self.texts
-        values = {"um": micrometres(diagnosis.remainder.um), "share": percent(diagnosis.remainder.share)}
-        if diagnosis.condition in ("named", "ambiguous"):
+        if self.diagnosis.condition in ("named", "ambiguous"):
             return ""
+        if usual_or_fault := self._usual_or_faults():
+            return usual_or_fault
+        # Effects already in the rig file, since "nothing found" then means nothing further.
+        nouns = list(dict.fromkeys(map(self.noun, self.diagnosis.rig.effects)))
+        already_held = self.texts("already_held", effects=self._listed(nouns)) if nouns else ""
+        return " ".join(filter(None, [self.condition_sentence, self.follows, already_held]))
+
+    def _usual_or_faults(self) -> str:
+        """Return the effects of usual size that may be faults; empty if the number of runs decides instead."""
+        diagnosis = self.diagnosis
         open_ones = [named for named in diagnosis.effects if fault_rivals(named)]
-        if diagnosis.condition == "undecided" and open_ones and diagnosis.runs_to_decide is None:
-            return " ".join(map(self._usual_or_fault, open_ones[:_MOST_NAMED]))
+        if diagnosis.condition != "undecided" or diagnosis.runs_to_decide is not None:
+            return ""
+        return " ".join(map(self._usual_or_fault, open_ones[:_MOST_NAMED]))
+
+    @property
+    def condition_sentence(self) -> str:
+        """The condition of the arm as a sentence, except for named effects."""
+        diagnosis = self.diagnosis
+        if diagnosis.condition == "out_of_range":
+            return self._out_of_range()
+        values = {"um": micrometres(diagnosis.remainder.um), "share": percent(diagnosis.remainder.share)}
         single = any(part.index is not None for part in large_parts(diagnosis))
         which: str = "nothing_unusual" if diagnosis.condition == "uncalibrated" and single else diagnosis.condition
         if is_complete(diagnosis):
             largest = max((place.rms_um for place in diagnosis.where), default=0.0)
             values |= {"count": str(len(diagnosis.where)), "largest": micrometres(largest)}
-            repeated = "nearly_complete" if diagnosis.where else "nothing_missing"
-            which = repeated if diagnosis.repeated and len(diagnosis.runs) > 1 else "nothing_shows"
+            repeated = "nearly_complete" if diagnosis.where else "model_complete"
+            which = repeated if diagnosis.repeated and len(diagnosis.runs) > 1 else "model_sufficient"
         if diagnosis.unexplained and (scatter_um := diagnosis.unexplained.scatter_um):
             which, values = "scatter", {"um": _length(scatter_um)}
         if which == "outside_library" and diagnosis.remainder.at_new_places:
             which = "outside_library_there"
-        # Effects already in the rig file, since "nothing found" then means nothing further; empty if the rig file names
-        # none.
-        nouns = list(dict.fromkeys(map(self.noun, self.diagnosis.rig.effects)))
-        already_held = self.texts("already_held", effects=self._listed(nouns)) if nouns else ""
-        return " ".join(filter(None, [texts(f"says_{which}", **values), self._follows(), already_held]))
+        return self.texts(f"finding_{which}", **values)
 
-    def _follows(self) -> str:
-        """Return the quantity that the unexplained error follows; empty unless the cause is unknown and a search was
-        made.
-        """
+    @property
+    def follows(self) -> str:
+        """The quantity that the unexplained error follows; empty unless the cause is unknown and a search was made."""
         unexplained = self.diagnosis.unexplained
         if unexplained is None or not unexplained.follows or self.diagnosis.condition != "outside_library":
             return ""
         if (followed := unexplained.likeliest) is None:
-            return self.texts("says_follows_nothing")
+            return self.texts("finding_follows_none")
         joint = self.texts.axis(self.diagnosis.rig.robot, followed.axis) if followed.axis else ""
         subject = self.texts(f"follows_{followed.what}", joint=joint)
-        return self.texts("says_follows", subject=subject, share=percent(followed.share))
+        return self.texts("finding_follows", subject=subject, share=percent(followed.share))
 
     def _out_of_range(self) -> str:
         """Return the sentence about the parameter out of range, with estimate and limit."""
@@ -267,7 +283,9 @@ class AnswerWords:
         limit = min((abs(limit) for limit in size_limits(effect) if limit), default=math.inf)
         unit = quantity_of(effect, size_field(effect), {}).sign
         nouns = self.texts("or").join(map(self.noun, (effect, *named.twins)))
-        return self.texts("says_out_of_range", parameter=nouns, size=size(named), limit=f"{limit:.4g} {unit}".rstrip())
+        return self.texts(
+            "finding_out_of_range", parameter=nouns, size=size(named), limit=f"{limit:.4g} {unit}".rstrip()
+        )
 
     def _usual_or_fault(self, named: Named) -> str:
         """Return an effect of usual size and the faults that could replace it, each with the odds."""
@@ -275,27 +293,27 @@ class AnswerWords:
             f"{self.noun(rival.effect)} ({sure(rival.posterior)})" for rival in fault_rivals(named)
         )
         return self.texts(
-            "says_usual_or_fault", usual=self.noun(named.effect), odds=sure(named.posterior), faults=faults
+            "finding_usual_or_fault", usual=self.noun(named.effect), odds=sure(named.posterior), faults=faults
         )
 
     def _faults(self) -> tuple[list[str], list[str]]:
         """Return the sentences for certain faults, and separately those for open faults if certain ones exist."""
         certain = [named for named in self.diagnosis.standing if named.posterior >= CERTAIN_ODDS]
         open_ones = [named for named in self.diagnosis.standing if named not in certain]
-        which = "says_open" if certain else "says_ambiguous"
-        alternatives = [", ".join([self._with_rivals(named), *self._share(named)]) for named in open_ones]
+        which = "finding_open" if certain else "finding_ambiguous"
+        alternatives = [", ".join([self.with_rivals(named), *self._share(named)]) for named in open_ones]
         ambiguous = [self.texts(which, faults=self._listed(alternatives))] if open_ones else []
         if not certain:
             return ambiguous, []
         faults = [", ".join([self.noun(named.effect), size(named), *self._share(named)]) for named in certain]
-        which = "says_fault" if len(certain) == 1 else "says_faults"
+        which = "finding_fault" if len(certain) == 1 else "finding_faults"
         sentence = self.texts(which, faults=self._listed(faults), count=len(certain))
         return [sentence], ambiguous
 
     def _large_part(self, part: BudgetPart) -> str:
         share = percent(min(part.share, 1.0))
         if part.index is not None and likely_rivals(named := self.diagnosis.effects[part.index]):
-            return self.texts("large_part", share=share, part=self._with_cancelled(part, self._with_rivals(named)))
+            return self.texts("large_part", share=share, part=self._with_cancelled(part, self.with_rivals(named)))
         likely = [member for member in part.members if member.odds >= LEAST_ODDS]
         if not likely:
             which = "large_part_almost" if part.index is not None and part.share >= _ALMOST_ALL else "large_part"
@@ -318,7 +336,7 @@ class AnswerWords:
         ending = [self.texts("and_more", count=len(phrases) - _MOST_NAMED)] if len(phrases) > _MOST_NAMED else []
         return "; ".join([*phrases[:_MOST_NAMED], *ending])
 
-    def _with_rivals(self, named: Named) -> str:
+    def with_rivals(self, named: Named) -> str:
         """Return a fault and the rivals that cannot be dismissed, joined by "or"."""
         effects = (named.effect, *(rival.effect for rival in likely_rivals(named)))
         return self.texts("or").join(map(self.noun, effects))

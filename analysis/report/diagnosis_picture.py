@@ -13,13 +13,12 @@ from matplotlib.figure import Figure, SubFigure
 from analysis.diagnosis.judge.comparison import Disagreement
 from analysis.diagnosis.judge.residuals import Map
 from analysis.diagnosis.judge.result import Diagnosis
-from analysis.report.act_words import ActWords
-from analysis.report.answer_words import AnswerWords
 from analysis.report.chart import Chart
 from analysis.report.model_charts import MOST_MAPS, maps_of, strand_charts, target_chart
 from analysis.report.run_pictures import draw_hemisphere
 from analysis.report.stairs import Stairs, left_words, stairs_of, stairs_of_model
 from analysis.report.still_chart import Part, Sheet, part_of
+from analysis.report.summary_words import summarise
 from analysis.report.texts import texts_of
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.noise.readings import rms
@@ -42,16 +41,17 @@ def picture(diagnosis: Diagnosis, *, in_session: bool = False) -> Figure:
     states the expected error.
     """
     parts, quiet = _parts(diagnosis, stairs_of(diagnosis), diagnosis.train.noise_floor_um)
-    answer, acts = AnswerWords(diagnosis), ActWords(diagnosis)
-    is_next = acts.next and not (in_session and diagnosis.acts[0].kind == "load")
-    lines = [f"{answer.accuracy} {answer.judged}", *([f"Next: {acts.next}"] if is_next else [])]
+    summary = summarise(diagnosis)
+    error, is_next = summary.error, summary.next and not (in_session and diagnosis.acts[0].kind == "load")
+    lines = [*summary.unknowns, f"{error.title}: {error.words}. {error.basis} {error.standing}"]
+    lines += [f"Do next: {summary.next} {summary.command}".rstrip()] if is_next else []
     lines += [f"These tests cannot distinguish: {' or '.join(group)}" for group in diagnosis.groups[:_MOST_GROUPS]]
     others = len(diagnosis.groups) - _MOST_GROUPS
     lines += [f"and {others} more groups"] * (others > 0)
     lines += _not_shown(quiet)
     words = [line for paragraph in lines for line in textwrap.wrap(paragraph, _TEXT_COLUMNS)]
     parts.append((0.2 + 0.17 * len(words), lambda sheet: _draw_words(sheet, words)))
-    title = textwrap.wrap(AnswerWords(diagnosis).headline, _COLUMNS)
+    title = textwrap.wrap(f"{summary.badge}: {summary.headline}", _COLUMNS)
     return Sheet.of_parts([*title, diagnosis.rig.name], parts, _WIDTH)
 
 

@@ -14,7 +14,7 @@ from analysis.diagnosis.fit.selection_state import FAULT
 from analysis.diagnosis.judge.acts import Doubt
 from analysis.diagnosis.judge.residuals import Place
 from analysis.diagnosis.judge.result import Condition, Diagnosis
-from analysis.report.act_words import ActWords, acts_in_words
+from analysis.report.act_words import acts_in_words
 from analysis.report.answer_words import AnswerWords, shown_parts
 from analysis.report.diagnosis_words import (
     beside_size,
@@ -31,6 +31,8 @@ from analysis.report.diagnosis_words import (
 )
 from analysis.report.plain_console import bare_table, right
 from analysis.report.stairs import stairs_of, stairs_table
+from analysis.report.summary_screen import on_screen
+from analysis.report.summary_words import summarise
 from analysis.report.texts import texts_of
 from rigs.schema.effect import label_of, name_of
 from rigs.schema.vocabulary import CIRCLES
@@ -72,9 +74,7 @@ _MOST_NAMES = 40
 def as_screen(diagnosis: Diagnosis) -> RenderableType:
     """Return verdicts, budget, faults, gaps, acts, indistinguishable effects, places and remarks."""
     words = AnswerWords(diagnosis)
-    parts = [Text(words.headline, style=_COLOUR[diagnosis.condition])]
-    acts = ActWords(diagnosis)
-    parts += [Text(f"{words.accuracy} {words.judged}"), *([Text(f"Next: {acts.next}")] if acts.next else [])]
+    parts = on_screen(summarise(diagnosis), texts_of("en"), _COLOUR[diagnosis.condition])
     stairs = stairs_of(diagnosis)
     unexplained = []
     if diagnosis.is_testable:
@@ -83,10 +83,11 @@ def as_screen(diagnosis: Diagnosis) -> RenderableType:
         unexplained += [Text(f"{runs_of(band)}, {band.part}: {band.words}", style="dim") for band in diagnosis.left]
         unexplained += map(Text, remains_lines(diagnosis.remains, texts_of("en")) if diagnosis.remains else ())
     sections = (
-        ("What makes the error", _budget(diagnosis)),
+        ("Details", [Text(words.headline), Text(words.accuracy)]),
+        ("Error budget", _budget(diagnosis)),
         ("Fitted effects" if diagnosis.given else "Faults", _faults(diagnosis)),
         ("What to do", [Text(f"{k + 1}. {act}") for k, act in enumerate(acts_in_words(diagnosis, texts_of("en")))]),
-        ("How the gap shrinks", ([stairs_table(stairs)] if stairs else [])),
+        ("Reduction of the residual", ([stairs_table(stairs)] if stairs else [])),
         ("What the model leaves", _gaps(diagnosis)),
         ("Still unexplained", unexplained),
         ("What these tests cannot distinguish", _cannot(diagnosis)),

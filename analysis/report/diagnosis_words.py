@@ -150,6 +150,6 @@ def remains_rows(remains: Remains, texts: Texts) -> list[tuple[str, str]]:
     def words(share: float | None) -> str:
         if share is None:
             return texts("remains_unknown")
-        return percent(share) if share >= _FOUND else texts("remains_nothing")
+        return percent(share) if share >= _FOUND else texts("remains_undetected")
 
     return [(texts(f"remains_{looked.subject}"), words(looked.share)) for looked in remains.looked]

@@ -64,7 +64,7 @@ def write_html(html: str, file: Path) -> None:
 
 _PANGO = "install Pango, on Debian: apt install libpangoft2-1.0-0"
 _STYLE = """
-.pictures, .both, dl { display: block !important; }
+.pictures, .both, .tiles, dl { display: block !important; }
 figure.polar { display: inline-block; width: 49%; }
 .verdict { break-inside: auto !important; }
 """

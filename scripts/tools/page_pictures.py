@@ -12,7 +12,7 @@ import io
 import re
 import subprocess
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -24,11 +24,15 @@ from tests.support.command_line import ran
 _HIDDEN = "effects: [{effect: backlash, axis: 1, width_deg: 0.008}]\neccentricity_mm: [0.3, -0.2, 0.1]\n"
 _RUNS = (("yaw", 2, 0), ("repeatability", 1, 20), ("radial", 1, 30))
 """Test, how many (of each direction), and the seed of the noise."""
+_README_HIDDEN = "effects: [{effect: backlash, axis: 1, width_deg: 0.02}]\neccentricity_mm: [0.6, -0.4, 0.1]\n"
+_README_RUNS = (("yaw", 3, 0), ("roll", 3, 10), ("radial", 1, 20))
+_VERDICTS = {"phone": (390, 844), "desktop": (1280, 520)}
+"""Width and height in pixels of the pictures of the verdict of the case of the README."""
 _NUMBERED = (
-    (1, r"(<h3>)(Condition:)"),
-    (2, r"(<h3>)(Accuracy:)"),
-    (3, r'(<p class="next">)()'),
-    (4, r'(<div class="finding">\s*<h3>)(Then)'),
+    (1, r'(<p class="lead headline">)()'),
+    (2, r"(<h3>)(Error now)"),
+    (3, r"(<h3>)(Main causes)"),
+    (4, r"(<h3>)(Do next)"),
     (5, r'(<h2 id="budget">)()'),
     (6, r'(<th scope="col" class="word">)(class)'),
     (7, r'(<h2 id="steps">)()'),
@@ -60,14 +64,22 @@ def main() -> None:
             _part(chromium, page, _STEPS, 1000, given.output / "report-steps.png")
             _part(chromium, page, _YAW, 1000, given.output / "report-dark.png", dark=True)
             _part(chromium, page, _SPHERE, 560, given.output / "report-sphere.png")
+            readme_page = given.page or made_page(Path(scratch), "paper-fanuc", _README_HIDDEN, _README_RUNS)
+            for name, (width, height) in _VERDICTS.items():
+                with _opened(chromium, readme_page, width):
+                    _shot(chromium, given.output / f"verdict-{name}.png", 0, 0, width, height)
             _printed(chromium, page, given.output / "report-printed.png")
 
 
-def made_page(directory: Path) -> Path:
+def made_page(
+    directory: Path, rig: str = "ur10e", hidden: str = _HIDDEN, runs: Sequence[tuple[str, int, int]] = _RUNS
+) -> Path:
     """Simulate an arm with a play that its rig file does not know, and make the report of its runs."""
-    (directory / "hidden.yaml").write_text(_HIDDEN)
-    for test, times, seed in _RUNS:
-        _rig(directory, "simulate", "ur10e", "--test", test, "--times", str(times), "--seed", str(seed),
+    directory = directory / rig
+    directory.mkdir()
+    (directory / "hidden.yaml").write_text(hidden)
+    for test, times, seed in runs:
+        _rig(directory, "simulate", rig, "--test", test, "--times", str(times), "--seed", str(seed),
              "--effects", "hidden.yaml", "-o", "runs")  # fmt: skip
     _rig(
         directory, "report", *sorted(f"runs/{path.name}" for path in (directory / "runs").iterdir()), "-o", "page.html"

@@ -41,9 +41,10 @@ def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, director
     used: runs for the diagnosis. judges: runs at the other place, used only for the judgement. Raises RigError.
     """
     import analysis  # noqa: PLC0415 - slow to import, needed in the process of an inference only
-    from analysis.report.act_words import ActWords  # noqa: PLC0415
+    from analysis.report.act_words import ActWords, command  # noqa: PLC0415
     from analysis.report.answer_words import AnswerWords, part_of  # noqa: PLC0415
     from analysis.report.diagnosis_report import write  # noqa: PLC0415
+    from analysis.report.summary_words import step_of, summarise  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
 
     rig, text = load(rig_file)
@@ -78,7 +79,14 @@ def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, director
         parts=tuple(parts),
         remedies=tuple(acts.sentence(act) for act in named[1:]),
         acts=tuple(
-            Deed(kind=act.kind, why=act.why, words=acts.sentence(act), corrected=acts.sentence(act, corrected=True))
+            Deed(
+                kind=act.kind,
+                why=act.why,
+                words=acts.sentence(act),
+                corrected=acts.sentence(act, corrected=True),
+                step=step_of(act, acts.diagnosis, acts.texts),
+                command=command(act),
+            )
             for act in named
         ),
         next_test=_next_test(diagnosis),
@@ -92,6 +100,7 @@ def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, director
         seconds=round(diagnosis.seconds, 1),
         found=directory.name,
         model=model.name if model else "",
+        summary=summarise(acts.diagnosis),
     )
 
 

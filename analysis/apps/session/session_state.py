@@ -9,6 +9,7 @@ from __future__ import annotations
 import datetime as dt
 import hashlib
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -17,6 +18,8 @@ from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from analysis.correction.deviation import Count, Deviation, Expected, NotNegative, Side, Work
 from analysis.diagnosis.judge.acts import is_done
+from analysis.report.summary import Summary, driven_error
+from analysis.report.texts import texts_of
 from daq.store import durable
 from rigs.errors import CellError, FileError
 from rigs.files import of_newer_rig, read_text
@@ -129,6 +132,9 @@ class Deed(Part):
     why: str
     words: str
     corrected: str = ""
+    step: str = ""
+    """The imperative alone, as in the summary."""
+    command: str = ""
 
 
 class Answer(Part):
@@ -168,6 +174,8 @@ class Answer(Part):
     found: str
     model: str = ""
     """File name of the rig file with the diagnosed effects; empty if there is none."""
+    summary: Summary | None = None
+    """Headline and tiles; None in sessions of earlier versions."""
 
 
 class Correction(Part):
@@ -292,14 +300,30 @@ class Session(Part):
         answer = self.answer
         if answer is None:
             return ()
-        way = self.correction.way if self.correction and self.is_corrected else None
-        elsewhere = bool(answer.joined or answer.judges or way)
-        open_acts = tuple(
-            (way and act.corrected) or act.words
-            for act in answer.acts
-            if not is_done(act.kind, act.why, way=way, elsewhere=elsewhere)
-        )
+        open_acts = tuple((self.is_corrected and act.corrected) or act.words for act in self.open_acts)
         return open_acts if answer.acts else tuple(filter(None, (answer.next_step, *answer.remedies)))
+
+    @property
+    def open_acts(self) -> tuple[Deed, ...]:
+        """The actions that the correction has not done."""
+        if self.answer is None:
+            return ()
+        way = self.correction.way if self.correction and self.is_corrected else None
+        elsewhere = bool(self.answer.joined or self.answer.judges or way)
+        return tuple(act for act in self.answer.acts if not is_done(act.kind, act.why, way=way, elsewhere=elsewhere))
+
+    @property
+    def summary(self) -> Summary | None:
+        """Headline and tiles of the last answer; the error of a corrected robot is that measured with the correction.
+        None without an answer."""
+        if self.answer is None or (summary := self.answer.summary) is None:
+            return None
+        acts, verified = self.open_acts, self.verified
+        if verified and verified.same_before and verified.same_after:
+            summary = replace(summary, error=driven_error(verified.same_before, verified.same_after, texts_of("en")))
+        elif self.judged and self.judged.summary:
+            summary = replace(summary, error=self.judged.summary.error)
+        return replace(summary, next=acts[0].step if acts else "", command=acts[0].command if acts else "")
 
     def runs_for(self, *purposes: Purpose) -> list[Step]:
         """Return the steps of these purposes that have a run."""

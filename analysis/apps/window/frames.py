@@ -7,6 +7,7 @@ the size.
 from __future__ import annotations
 
 import math
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from analysis.apps.live.view import LiveView
 from analysis.apps.session.next_step import Drive, Infer, next_of
 from analysis.apps.session.session_state import Session
 from analysis.apps.session.session_words import correction_lines
+from analysis.report.summary import ErrorChange
 from analysis.robot.kinematics.arm import Array
 
 TRACE_S = 30.0
@@ -160,6 +162,7 @@ def summary(session: Session) -> dict[str, Any]:
             }
             for step in session.steps
         ],
+        "summary": shown_summary(session),
         "headline": answer.headline if answer else "",
         "accuracy": (session.judged or answer).accuracy if answer and not session.is_corrected else "",
         "runs": answer.runs if answer else 0,
@@ -181,6 +184,16 @@ def summary(session: Session) -> dict[str, Any]:
         "work": correction.work.model_dump() if correction and correction.work else None,
         "report": session.report,
     }
+
+
+def shown_summary(session: Session) -> dict[str, Any] | None:
+    """Return headline and tiles as plain values, None without an answer."""
+    summary = session.summary
+    return None if summary is None else asdict(summary) | {"error": _error(summary.error)}
+
+
+def _error(error: ErrorChange) -> dict[str, str]:
+    return {"title": error.title, "size": error.words, "basis": f"{error.basis} {error.standing}".rstrip()}
 
 
 def _next(session: Session) -> dict[str, Any]:

@@ -60,11 +60,11 @@ def judge(results: Sequence[Result], limits: Limits, diagnosis: Diagnosis | None
 def verdict_sentence(verdict: Verdict, texts: Texts) -> str:
     """Return the reason for the verdict as a sentence."""
     if verdict.by_tolerance:
-        return texts("why_tolerance")
+        return texts("verdict_tolerance")
     if verdict.overall == "unjudged":
-        return texts("why_unjudged", tests=", ".join(texts.test(test) for test in verdict.tests))
+        return texts("verdict_unjudged", tests=", ".join(texts.test(test) for test in verdict.tests))
     if verdict.overall == "pass":
-        return texts("why_pass", count=len(verdict.judged))
+        return texts("verdict_pass", count=len(verdict.judged))
     bad = verdict.with_standing(verdict.overall)
     worst = []
     for figure in bad[:_MOST_NAMED]:
@@ -77,7 +77,7 @@ def verdict_sentence(verdict: Verdict, texts: Texts) -> str:
         worst.append(texts("bad_figure", **values))
     ending = [texts("and_more", count=len(bad) - len(worst))] if len(bad) > len(worst) else []
     numbers = {"bad": len(bad), "count": len(verdict.judged), "worst": "; ".join([*worst, *ending])}
-    return texts(f"why_{verdict.overall}", **numbers)
+    return texts(f"verdict_{verdict.overall}", **numbers)
 
 
 def named(figure: JudgedFigure, texts: Texts) -> str:

@@ -26,7 +26,8 @@ from markupsafe import Markup
 
 from analysis.api import Result
 from analysis.diagnosis.fit.selection_state import FAULT
-from analysis.diagnosis.judge.acts import is_done
+from analysis.diagnosis.judge.acts import Act, is_done
+from analysis.diagnosis.judge.result import Diagnosis
 from analysis.report.act_words import ActWords, without_idle_mounts
 from analysis.report.answer_words import AnswerWords
 from analysis.report.chart import Picture
@@ -35,9 +36,11 @@ from analysis.report.html_page import environment, is_pdf, write_html, write_pdf
 from analysis.report.live_chart import colours, live
 from analysis.report.model_charts import diagnosis_charts
 from analysis.report.page.findings import budget_rows, diagnosis_words, findings_of, step_table
-from analysis.report.page.page_content import Report, example_limits, judge, named, rule, verdict_sentence
+from analysis.report.page.page_content import BeforeAfter, Report, example_limits, judge, named, rule, verdict_sentence
 from analysis.report.page.sections import sections_of
 from analysis.report.still_chart import still
+from analysis.report.summary import Summary
+from analysis.report.summary_words import summarise
 from analysis.report.texts import Language, Texts, texts_of
 from rigs.distribution import version
 from rigs.errors import UseError
@@ -175,6 +178,7 @@ def rendered(report: Report, texts: Texts, heading: Heading = NO_HEADING) -> str
         sentence_of=lambda verdict: verdict_sentence(verdict, texts),
         named=named,
         answer=AnswerWords(report.found, texts, judged) if report.found else None,
+        summary=_summary(report.found, report.after, texts) if report.found else None,
         acts=_acts(report, texts),
         is_sound=bool(report.found and report.found.next_act and report.found.next_act.why == "sound"),
         cut_off=f"{FAULT:g}",
@@ -206,11 +210,21 @@ def _acts(report: Report, texts: Texts) -> list[str]:
         return []
     after = report.after
     words = ActWords(report.found, texts, is_judged_elsewhere=bool(after and after.joined))
+    return [words.sentence(act, corrected=bool(after and after.driven)) for act in _open_acts(report.found, after)]
+
+
+def _open_acts(found: Diagnosis, after: BeforeAfter | None) -> list[Act]:
+    """Return the actions that the correction of the robot has not done."""
     way = after.way if after and after.driven else None
     elsewhere = bool(way or (after and after.joined))
-    every = without_idle_mounts(report.found.acts)
-    acts = (act for act in every if not is_done(act.kind, act.why, way=way, elsewhere=elsewhere))
-    return [words.sentence(act, corrected=bool(way)) for act in acts]
+    every = without_idle_mounts(found.acts)
+    return [act for act in every if not is_done(act.kind, act.why, way=way, elsewhere=elsewhere)]
+
+
+def _summary(found: Diagnosis, after: BeforeAfter | None, texts: Texts) -> Summary:
+    """Return headline and tiles; the error of a corrected robot is that measured with the correction."""
+    driven, judged = (after.driven, after.judged if after.joined else None) if after else (None, None)
+    return summarise(found, texts, acts=_open_acts(found, after), driven=driven, judged_elsewhere=judged)
 
 
 def _scripts(pictures: Sequence[Picture]) -> dict[str, Any]:

@@ -175,12 +175,38 @@ function showLinks(told) {
 // ---------------------------------------------------------------------------------------------------------------------
 // The session.
 
+// Headline and tiles: each text as the server sends it; the segments of the bar are as long as their shares.
+function showSummary(summary) {
+  byId("summary").hidden = !summary;
+  if (!summary) {
+    byId("found-details").open = true;
+    return;
+  }
+  put("summary-badge", summary.badge);
+  put("summary-headline", summary.headline);
+  items("summary-unknowns", summary.unknowns);
+  put("summary-title", summary.error.title);
+  put("summary-size", summary.error.size);
+  put("summary-basis", summary.error.basis);
+  items("summary-causes", summary.causes.map((cause) => `${cause.name} ${cause.percent}`));
+  const bar = byId("summary-bar");
+  while (bar.children.length > summary.causes.length) bar.lastChild.remove();
+  summary.causes.forEach((cause, at) => {
+    const segment = bar.children[at] ?? bar.appendChild(document.createElement("i"));
+    segment.className = `c${at + 1}`;
+    segment.style.flexGrow = cause.share;
+  });
+  put("summary-next", summary.next || "–");
+  put("summary-command", summary.command);
+}
+
 function showSession(told) {
   const next = told.next, key = `next_${next.key}`;
   put("next-words", words(key, next));
   byId("next").hidden = next.key === "none" && Boolean(byId("live"));
   if (!byId("session")) return;
   byId("found").hidden = !told.headline;
+  showSummary(told.summary);
   put("headline", told.headline ?? "");
   put("accuracy", told.accuracy ?? "");
   items("remedies", told.remedies ?? []);

@@ -36,7 +36,7 @@ def test_plain_noise_is_scatter_and_not_an_unknown_cause(seed: int) -> None:
     assert found.condition == "nothing_unusual" and found.unexplained is not None
     assert found.unexplained.scatter_um == pytest.approx(250, rel=0.2)
     assert AnswerWords(found).headline.startswith("The readings scatter by 0.2")
-    assert "Visit some targets twice" in ActWords(found).next
+    assert "Measure some targets twice" in ActWords(found).next
     assert not any(part.kind == "unexplained" for part in found.budget)
     assert sum(part.share for part in found.budget) == pytest.approx(1)
 
@@ -47,7 +47,7 @@ def test_a_wandering_zero_scatters_where_a_table_states_no_times() -> None:
     assert found.condition == "nothing_unusual" and found.unexplained is not None
     assert found.unexplained.scatter_um is not None and found.unexplained.scatter_um > 5 * 30
     assert all(followed.share < 0.06 for followed in found.unexplained.follows)
-    assert "Visit some targets twice" in ActWords(found).next
+    assert "Measure some targets twice" in ActWords(found).next
 
 
 def _visited_twice(turned_deg: Array, q: Array, noise_mm: float = 0.02, seed: int = 5) -> Diagnosis:
@@ -96,4 +96,6 @@ def test_the_joint_is_named_in_the_first_sentences() -> None:
     words = AnswerWords(diagnosis("outside_library", unexplained=unexplained)).headline
     assert "It follows the angle of axis 2 (W): 64 % of it" in words
     nothing = Unexplained(110.0, (Followed("angle", 2, 0.1),))
-    assert "It follows no angle" in AnswerWords(diagnosis("outside_library", unexplained=nothing)).headline
+    assert (
+        "This error does not depend on angle" in AnswerWords(diagnosis("outside_library", unexplained=nothing)).headline
+    )

@@ -43,8 +43,8 @@ def test_a_fault_is_in_the_first_sentence_with_its_size_and_what_it_makes_of_the
     words = AnswerWords(diagnosis("named"))
     assert words.headline == "One fault was found: play of axis 1 (Theta), 0.0521 ± 0.0011 °, 90 % of the error."
     assert ActWords(words.diagnosis).next == (
-        "Inspect and repair what causes the play of axis 1 (Theta), 0.0521 ± 0.0011 °. The error then falls from "
-        "6.1 µm to 2.0 ± 0.2 µm rms on runs that had no part in it."
+        "Inspect and repair the cause of the play of axis 1 (Theta), 0.0521 ± 0.0011 °. The error then falls from "
+        "6.1 µm to 2.0 ± 0.2 µm rms on runs that the model did not use."
     )
     many = AnswerWords(diagnosis("named", effects=(PLAY, PLAY, PLAY, PLAY, PLAY)))
     assert many.headline.startswith("5 faults were found: ") and many.headline.endswith("; and 2 more.")
@@ -68,19 +68,22 @@ def test_nothing_is_missing_only_where_runs_repeat_and_no_place_differs() -> Non
     found = replace(found, rig=found.rig.model_copy(update={"effects": (PLAY.effect,)}))
     for change, begins in (
         ({"where": ()}, "The model is complete"),
-        ({}, f"Little is missing in the model: most of what is left differs from run to run, and {len(found.where)} "),
-        ({"where": (), "runs": ("a",)}, "Nothing more that is missing in the model shows here"),
-        ({"where": (), "repeated": False}, "Nothing more that is missing in the model shows here"),
+        (
+            {},
+            f"The model is almost complete: most of the remaining error is scatter between runs. At {len(found.where)} ",
+        ),
+        ({"where": (), "runs": ("a",)}, "The model explains these readings"),
+        ({"where": (), "repeated": False}, "The model explains these readings"),
     ):
         assert AnswerWords(replace(found, **change)).headline.startswith(begins)
 
 
 def test_a_usual_part_that_makes_most_of_the_error_is_said_whatever_the_condition() -> None:
     usual = replace(PLAY, doubt="usual", times_usual=2.0)
-    said = "90 % of the error comes from play of axis 1 (Theta) (0.0521 ± 0.0011 °, 2.0 × usual)."
+    said = "90 % of the error is play of axis 1 (Theta) (0.0521 ± 0.0011 °, 2.0 × usual)."
     undecided = AnswerWords(diagnosis("undecided", effects=(usual,)))
     assert undecided.headline.startswith(said)  # what is certain comes before what is not known
-    assert ActWords(undecided.diagnosis).next == "Drive each test 3 times to decide it."
+    assert ActWords(undecided.diagnosis).next == "Run each test 3 times."
     assert AnswerWords(diagnosis("nothing_unusual", effects=(usual,))).headline.startswith(said)
     unsure = replace(usual, u_um=3.0)
     assert said not in AnswerWords(diagnosis("undecided", effects=(unsure,))).headline
@@ -90,30 +93,30 @@ def test_what_makes_most_and_may_be_one_of_a_few_is_said_with_all_of_them() -> N
     usual = replace(ZERO, doubt="usual")
     headline = AnswerWords(diagnosis("uncalibrated", effects=(usual,))).headline
     assert headline.startswith(
-        "90 % of the error comes from zero of axis 5 (beta) or length a of axis 5 (beta) in the rig file. Nothing was"
+        "90 % of the error is zero of axis 5 (beta) or length a of axis 5 (beta) in the rig file. No part was"
     )
 
 
 def test_an_unusual_part_that_is_no_fault_is_said_too() -> None:
     part = BudgetPart("gravity", 80.0, 2.0, 0.8, times_usual=9.0, rank="unusual")
     headline = AnswerWords(diagnosis("nothing_unusual", budget=(part,))).headline
-    assert headline.startswith("80 % of the error comes from deflection under load.")
+    assert headline.startswith("80 % of the error is deflection under load.")
 
 
 def test_what_remains_after_the_calibration_is_said_of_where_it_was_found() -> None:
     words = AnswerWords(diagnosis())
     assert words.accuracy == (
-        "The error is now 6.1 µm rms, at most 21 µm. After a calibration 1.9 µm remain of 6.3 µm rms on runs that had "
-        "no part in it."
+        "The error is 6.1 µm rms, at most 21 µm. A calibration reduces the error from 6.3 µm to 1.9 µm rms on runs that "
+        "the model did not use."
     )
     used = replace(words.diagnosis.accuracy, place="used")
-    assert "how much elsewhere is not known" in AnswerWords(diagnosis(accuracy=used)).accuracy
+    assert "The error elsewhere is unknown" in AnswerWords(diagnosis(accuracy=used)).accuracy
     few = diagnosis("not_testable_here", accuracy=used)  # four poses have fewer numbers than there are unknowns
-    assert AnswerWords(few).accuracy.endswith("What a calibration leaves is not known: these runs cannot show it.")
+    assert AnswerWords(few).accuracy.endswith("These runs cannot show the error after a calibration.")
     plain = few.to_dict()
     assert plain["accuracy"]["calibrated_um"] is None and plain["gap"]["train"]["calibrated"] is None
     judged = replace(words.diagnosis.accuracy, standing="fail", limit="rig_file")
-    assert AnswerWords(diagnosis(accuracy=judged)).judged == "Accuracy: FAIL, by the limits of the rig file."
+    assert AnswerWords(diagnosis(accuracy=judged)).judged == "Accuracy: FAIL by the limits of the rig file."
 
 
 def test_what_is_sure_is_counted_first_and_what_has_a_rival_is_said_of_it_alone() -> None:
@@ -124,7 +127,7 @@ def test_what_is_sure_is_counted_first_and_what_has_a_rival_is_said_of_it_alone(
         "file, 30 % of the error."
     )
     alone = AnswerWords(diagnosis("ambiguous", effects=(ZERO,))).headline
-    assert alone.startswith("There is a fault, and these tests cannot tell which: zero of axis 5")
+    assert alone.startswith("There is a fault, but these tests cannot identify the cause: zero of axis 5")
 
 
 def test_a_group_above_a_third_names_its_likeliest_members_and_the_test_that_names_one() -> None:
@@ -134,17 +137,17 @@ def test_a_group_above_a_third_names_its_likeliest_members_and_the_test_that_nam
     act = Act("measure", "group", (0,), cost=Cost(4.8), test=test)
     found = diagnosis("named", effects=(), budget=(part,), acts=(act,))
     assert AnswerWords(found).headline == (
-        "77 % of the error lies in geometry and zeros, likeliest zero of axis 5 (beta) (62 %)."
+        "77 % of the error is geometry and zeros, probably from zero of axis 5 (beta) (62 %)."
     )
     sure = replace(part, members=(replace(members[0], odds=0.9999, u_um=2.0), members[1]))
     assert AnswerWords(replace(found, budget=(sure,))).headline.endswith(
-        "likeliest zero of axis 5 (beta) (0.1032 ± 0.0052 °, > 99.9 %)."
+        "probably from zero of axis 5 (beta) (0.1032 ± 0.0052 °, > 99.9 %)."
     )
     none = replace(part, members=(replace(members[1], odds=0.004),))
-    assert AnswerWords(replace(found, budget=(none,))).headline == "77 % of the error comes from geometry and zeros."
+    assert AnswerWords(replace(found, budget=(none,))).headline == "77 % of the error is geometry and zeros."
     assert ActWords(found).next == (
-        "Drive roll on the circle (5 min): it names what makes 77 % of the error among geometry and zeros, "
-        "then 99.8 % sure."
+        "Run roll on the circle (5 min) to identify the cause of 77 % of the error among geometry and zeros. The cause is "
+        "then 99.8 % certain."
     )
 
 
@@ -184,13 +187,13 @@ def test_every_part_and_effect_has_a_noun_in_every_language(language: Language) 
 
 def test_what_imitates_something_else_is_no_cause_of_the_error() -> None:
     slipping = diagnosis("outside_library", effects=(replace(PLAY, doubt="series"),))
-    assert "% of the error comes from" not in AnswerWords(slipping).headline
+    assert "% of the error is" not in AnswerWords(slipping).headline
 
 
 def test_what_speaks_against_an_act_stands_within_its_last_sentence() -> None:
     doubted = replace(REPAIR, place="used", against=(Against("not_judged_elsewhere"),))
     said = ActWords(diagnosis(acts=(doubted,))).next
-    assert said.endswith("rms on the runs used (how much elsewhere is not known).") and ". (" not in said
+    assert said.endswith("rms on the runs used (the gain elsewhere is unknown).") and ". (" not in said
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
@@ -221,18 +224,19 @@ def test_who_entered_the_zeros_is_not_sent_to_master_again() -> None:
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_what_is_done_after_a_correction_has_words_in_every_language(language: Language) -> None:
     texts = texts_of(language)
-    for key in ("after_cause_programs", "after_cause_entries", "stands_now", "path_error", "then"):
+    for key in ("after_cause_programs", "after_cause_entries", "corrected_now", "path_error", "then"):
         assert len(texts(key)) > 2
 
 
 def test_a_measurement_that_no_test_does_is_said_first_and_once() -> None:
     group = Act("measure", "group", (0,), against=(Against("no_place"),))
     said = ActWords(diagnosis(acts=(group,))).next
-    assert said.startswith("Declare another circle") and "(" not in said.replace("(Theta)", "")
+    assert said.startswith("Declare a second circle") and "(" not in said.replace("(Theta)", "")
 
 
 @pytest.mark.parametrize(
-    ("removes_um", "said"), [(1.0, "falls from"), (-1.0, "becomes larger"), (0.8, "may fall"), (0.2, "hardly changes")]
+    ("removes_um", "said"),
+    [(1.0, "falls from"), (-1.0, "increases the error"), (0.8, "may reduce"), (0.2, "hardly changes")],
 )
 def test_what_an_act_takes_away_is_said_as_what_it_is(removes_um: float, said: str) -> None:
     """A fall by a quarter that was not certain was "hardly changes"."""
@@ -244,22 +248,22 @@ def test_a_later_act_says_what_is_left_with_those_before_it() -> None:
     """Who read 106 to 46, then 106 to 96, took the second for the error after both."""
     alone = ActWords(diagnosis(acts=(REPAIR,))).next
     both = ActWords(diagnosis(acts=(replace(REPAIR, with_before_um=1.2, with_before_u_um=0.3),))).next
-    assert "entered before it, 1.2 ± 0.3 µm remain" in both and "before it" not in alone
+    assert "repairs and entries, 1.2 ± 0.3 µm remain" in both and "before it" not in alone
 
 
 def test_what_another_place_judged_is_said_where_its_runs_joined() -> None:
     """A session's screen said what it leaves elsewhere, and its page that this is not known."""
     used = replace(diagnosis("named"), accuracy=Accuracy(None, None, 6.12, 21.4, 1.9, 6.3, "used"))
-    assert "how much elsewhere is not known" in AnswerWords(used).accuracy
+    assert "The error elsewhere is unknown" in AnswerWords(used).accuracy
     told = AnswerWords(used, judged_elsewhere=(93.0, 1.7)).accuracy
-    assert "After a calibration 1.7 µm remain of 93 µm rms at another place" in told and "not known" not in told
+    assert "reduces the error from 93 µm to 1.7 µm rms at a different place" in told and "unknown" not in told
     act = Act("load", "correction", removes_um=4.0, remains_um=2.0, against=(Against("not_judged_elsewhere"),))
-    assert "elsewhere is not known" in ActWords(used).sentence(act)
+    assert "elsewhere is unknown" in ActWords(used).sentence(act)
     assert "elsewhere" not in ActWords(used, is_judged_elsewhere=True).sentence(act)
 
 
 def test_noise_that_no_run_repeats_is_said_to_be_assumed() -> None:
-    told = "No run was repeated, so the noise is assumed"
+    told = "The noise is assumed: each run was driven once"
     for shows_noise in (True, False):
         screen = io.StringIO()
         Console(width=200, file=screen).print(as_screen(diagnosis("named", shows_noise=shows_noise)))

@@ -55,7 +55,7 @@ def test_the_demo_is_told_all_three_by_name_in_the_first_sentence_and_what_remov
     found = demo()
     sentence = AnswerWords(found).headline.partition(". ")[0]
     for words in (
-        "% of the error comes from zero of axis 3",
+        "% of the error is zero of axis 3",
         "gear error of axis 4 (gamma), 8 a turn",
         "play of axis 5",
     ):
@@ -92,7 +92,7 @@ def test_the_correction_is_offered_as_the_arm_can_take_it_and_named_once() -> No
     approach = Act("approach", "history", effect=Backlash(axis=1, width_deg=0.1))
     same_side = "Until the play of axis 1 (Theta) is repaired, let the robot reach every point from the same side."
     for words in (of_six, of_five):
-        assert words.what(approach) == f"{same_side} It cannot be programmed away."
+        assert words.what(approach) == f"{same_side} Play cannot be programmed away."
 
 
 def test_mounting_anew_that_changes_nothing_is_not_asked_for() -> None:

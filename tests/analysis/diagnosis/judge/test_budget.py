@@ -80,7 +80,7 @@ def test_what_cancels_another_part_is_one_line_with_it() -> None:
     headline = AnswerWords(found).headline
     assert "zero of axis 2" in headline and "partly cancelled by zero of axis 3" in headline
     (act,) = (one for one in found.acts if one.effect == large.effect)
-    assert "then shows whole: zero of axis 3" in ActWords(found).removes(replace(act, with_before_um=None))
+    assert "then appear in full: zero of axis 3" in ActWords(found).removes(replace(act, with_before_um=None))
     assert large.gap_without_um > 1.1 * line.um and small.gap_without_um > 0.2 * line.um
 
 

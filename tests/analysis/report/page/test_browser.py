@@ -76,6 +76,20 @@ def test_no_request_leaves_the_file_and_no_error_is_said(opened: Browser, page: 
     assert said == []
 
 
+@pytest.mark.parametrize(("width", "height"), [(390, 844), (1280, 800)])
+def test_the_tiles_are_above_the_fold(stepped: Path, tmp_path: Path, width: int, height: int) -> None:
+    with browser(tmp_path / "profile") as one:
+        one.send(
+            "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=width < 500
+        )
+        one.send("Page.navigate", url=stepped.as_uri())
+        one.until(f"location.href === {stepped.as_uri()!r} && document.readyState === 'complete'")
+        ends = one.value("[...document.querySelectorAll('.tile')].map(one => one.getBoundingClientRect().bottom)")
+        assert len(ends) == 3 and max(ends) <= height
+        assert one.value("document.documentElement.scrollWidth") <= width
+        assert one.value("document.querySelector('details').open") is False
+
+
 def _middle(opened: Browser, kind: str) -> tuple[float, float]:
     """The middle of the first picture of a kind, scrolled into the window."""
     picture = f"document.querySelector('figure.{kind} .live')"

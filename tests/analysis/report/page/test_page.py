@@ -6,6 +6,7 @@ import base64
 import errno
 import gzip
 import hashlib
+import html
 import json
 import os
 import re
@@ -27,11 +28,12 @@ from analysis.report.page.page_content import Report, gather
 from analysis.report.page.write_page import rendered, write_page
 from analysis.report.run_charts import circle_charts, directions, interpolated, target_charts
 from analysis.report.still_chart import still
+from analysis.report.summary_words import summarise
 from analysis.report.texts import texts_of
 from rigs.errors import FileError, UseError
 from rigs.load import load, load_hidden
 from rigs.schema.limits import Limits
-from tests.support.handmade_diagnosis import diagnosis
+from tests.support.handmade_diagnosis import LOAD, diagnosis
 from tests.support.nightly import cases
 from tests.support.written_runs import write_simulated
 
@@ -74,12 +76,32 @@ def _text(page: str) -> str:
 def test_the_page_says_the_hidden_play_before_anything_else(page: str) -> None:
     text = _text(page)
     first = text[text.index("Verdict") :][:1500]
-    play = r"play of axis 1 \(base\) \(0\.00(79|80)\d* ± 0\.000[01]\d* °"
-    assert re.search(rf"Condition: .*?Almost all of the error \(\d+ %\) is {play}", first)
-    assert "What else there is to do, in this order" in first and "how the joint came" not in first
-    headings = ("Condition:", "Accuracy:", "Next:", "What makes the error", "Figures against their limits", "Trace")
+    size = r"0\.00(79|80)\d* ± 0\.000[01]\d* °"
+    assert re.search(rf"Verdict: . [A-Z ,]+ Play of axis 1 \(base\), {size}, certain", first)
+    assert re.search(rf"Condition: .*?Almost all of the error \(\d+ %\) is play of axis 1 \(base\) \({size}", text)
+    assert "All steps, in this order" in text and "how the joint came" not in first
+    headings = (
+        "Error now → after",
+        "Main causes",
+        "Do next",
+        "Details",
+        "Error budget",
+        "Figures against their limits",
+        "Trace",
+    )
     places = [text.index(heading) for heading in headings]
     assert places == sorted(places)
+
+
+def test_the_tiles_show_the_words_of_the_summary_as_text_and_never_as_html(report: Report) -> None:
+    evil = replace(LOAD, command=("correct", "<script>x</script>.yaml", "-o", "D"))
+    found = diagnosis("undecided", acts=(evil,), curves=(), maps=())
+    page = rendered(replace(report, results=report.results[-1:], found=found), texts_of("en"))
+    summary = summarise(found)
+    assert "<script>x" not in page
+    tiles = page[page.index('class="tiles"') : page.index("<details>")]
+    assert html.escape(summary.command, quote=False) in tiles and html.escape(summary.next) in tiles
+    assert summary.error.words in tiles and f'<p class="lead headline">{summary.headline}</p>' in page
 
 
 def test_the_page_asks_for_nothing_and_allows_two_scripts_alone(page: str) -> None:
@@ -114,7 +136,7 @@ def test_the_trace_has_the_hash_of_each_file(page: str, runs: list[Path]) -> Non
 
 @pytest.mark.parametrize(
     ("language", "words"),
-    [("de", "Was sonst zu tun ist, in dieser Reihenfolge"), ("ko", "그 밖에 할 일(이 순서대로)")],
+    [("de", "Alle Schritte, in dieser Reihenfolge"), ("ko", "모든 조치(이 순서대로)")],
 )
 def test_fixed_texts_are_in_the_language_asked_for(report: Report, language: str, words: str) -> None:
     text = rendered(replace(report, results=report.results[-1:]), texts_of(language))  # type: ignore[arg-type]
@@ -130,8 +152,8 @@ def test_foreign_text_is_shown_as_text(report: Report) -> None:
 
 def test_runs_that_show_nothing_are_not_called_faultless(report: Report) -> None:
     text = _text(rendered(_small(report), texts_of("en")))
-    assert "Condition: ? NOT VISIBLE HERE These runs cannot show whether something is worn" in text
-    assert "What makes the error" not in text
+    assert "Condition: ? NOT VISIBLE HERE These runs cannot show a worn" in text
+    assert "Error budget" not in text
 
 
 def test_what_stays_has_a_row_for_each_thing_that_it_was_held_against(report: Report) -> None:
@@ -152,7 +174,7 @@ def test_what_stays_has_a_row_for_each_thing_that_it_was_held_against(report: Re
 def test_condition_and_accuracy_have_a_badge_each(report: Report, condition: Condition) -> None:
     text = _text(rendered(replace(report, results=report.results[-1:], found=diagnosis(condition)), texts_of("en")))
     assert f"{texts_of('en')(f'badge_{condition}')} · PASS" in text.partition("Verdict")[0]  # in the title
-    assert text.index("Next:") < text.index("What makes the error") if condition != "not_testable_here" else True
+    assert text.index("Do next") < text.index("Error budget") if condition != "not_testable_here" else True
     assert ("✓ NO" in text) == (condition in ("uncalibrated", "nothing_unusual"))
     assert "tolerance" not in text and "healthy" not in text and "that matter" not in text
 

@@ -1,0 +1,85 @@
+"""Summary of a diagnosis in three tiles: error now and after, main causes, next step.
+
+Page, window, terminal and picture show the same words.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from analysis.correction.deviation import Deviation
+from analysis.report.texts import Texts
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A segment of the stacked bar: name, share of the error from 0 to 1, the same in words, and class of the part,
+    empty if unclassified."""
+
+    name: str
+    share: float
+    percent: str
+    rank: str = ""
+
+
+@dataclass(frozen=True)
+class ErrorChange:
+    """Error before and after in µm rms, each with its label; `after` is empty if unknown.
+
+    `basis` states where both were measured, `standing` compares the present error with its limits.
+    """
+
+    now_label: str
+    now: str
+    after_label: str
+    after: str
+    basis: str
+    standing: str = ""
+
+    @property
+    def words(self) -> str:
+        """Return both figures with their unit in a line."""
+        return f"{self.now} → {self.after} µm rms" if self.after else f"{self.now} µm rms"
+
+    @property
+    def title(self) -> str:
+        """Return both labels in a line."""
+        label = f"{self.now_label} → {self.after_label}" if self.after else self.now_label
+        return label[:1].upper() + label[1:]
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Headline and three tiles.
+
+    `unknowns` are the limits of the evidence, shown before the next step. `command` carries out the next step; it is
+    empty if no command does.
+    """
+
+    badge: str
+    headline: str
+    unknowns: tuple[str, ...]
+    error: ErrorChange
+    causes: tuple[Cause, ...]
+    next: str
+    command: str = ""
+
+
+def error_size(um: float, u_um: float) -> str:
+    """Return an error in µm with its standard uncertainty, both with the same decimals."""
+    if not math.isfinite(um):
+        return "–"
+    decimals = 1 if min(um, u_um or um) < 9.95 else 0
+    return f"{um:.{decimals}f} ± {u_um:.{decimals}f}" if u_um > 0 else f"{um:.{decimals}f}"
+
+
+def driven_error(before: Deviation, after: Deviation, texts: Texts) -> ErrorChange:
+    """Return the error before and after a correction, measured on the robot."""
+    return ErrorChange(
+        now_label=texts("error_before_label"),
+        now=error_size(before.um, before.u_um),
+        after_label=texts("error_driven_label"),
+        after=error_size(after.um, after.u_um),
+        basis=texts("basis_driven"),
+    )

@@ -1,0 +1,54 @@
+"""Summary of a diagnosis on a terminal of any width."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
+from rich.padding import Padding
+from rich.segment import Segment
+from rich.text import Text
+
+from analysis.report.summary import Cause, Summary
+from analysis.report.texts import Texts
+
+BAR_WIDTH = 40
+"""Columns of the stacked bar on a wide terminal: half of the usual 80."""
+_FILLS = "█▓▒░"
+"""Fills of the segments, which differ without colour."""
+
+
+@dataclass(frozen=True)
+class StackedBar:
+    """Stacked bar for a terminal, at most as wide as the terminal."""
+
+    causes: tuple[Cause, ...]
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        """Yield the bar in a line."""
+        width, begin = min(BAR_WIDTH, options.max_width), 0.0
+        for fill, cause in zip(_FILLS, self.causes, strict=False):
+            end = begin + cause.share
+            yield Segment(fill * (round(width * end) - round(width * begin)))
+            begin = end
+        yield Segment.line()
+
+
+def on_screen(summary: Summary, texts: Texts, style: str = "bold") -> list[RenderableType]:
+    """Return headline and tiles for a terminal of any width."""
+    error = summary.error
+    causes: list[RenderableType] = [Text("–")]
+    if summary.causes:
+        names = (f"{fill} {cause.name} {cause.percent}" for fill, cause in zip(_FILLS, summary.causes, strict=False))
+        causes = [StackedBar(summary.causes), *map(Text, names)]
+    step = [Text(summary.next or "–"), *([Text(summary.command, style="bold")] if summary.command else [])]
+    tiles: tuple[tuple[str, list[RenderableType]], ...] = (
+        (error.title, [Text(error.words, style="bold"), Text(f"{error.basis} {error.standing}".rstrip())]),
+        (texts("main_causes"), causes),
+        (texts("do_next"), list(step)),
+    )
+    shown: list[RenderableType] = [Text(f"{summary.badge}: {summary.headline}", style=style)]
+    shown += [Text(unknown, style="yellow") for unknown in summary.unknowns]
+    for heading, body in tiles:
+        shown += [Text(heading, style="bold"), Padding(Group(*body), (0, 0, 0, 2))]
+    return shown

@@ -1,0 +1,163 @@
+"""Build the summary of a diagnosis in a language: headline, figures, causes and next step are chosen only here."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+from analysis.correction.deviation import Deviation
+from analysis.diagnosis.judge.acts import Act
+from analysis.diagnosis.judge.result import CERTAIN_ODDS, BudgetPart, Diagnosis, Named
+from analysis.report.act_words import ActWords, command, without_idle_mounts
+from analysis.report.answer_words import AnswerWords, has_model, is_complete, large_parts, part_of
+from analysis.report.diagnosis_words import size, sure
+from analysis.report.movement_words import movement_sentence
+from analysis.report.summary import Cause, ErrorChange, Summary, driven_error, error_size
+from analysis.report.texts import Texts, texts_of
+
+_MOST_CAUSES = 3
+"""Segments of the bar with a name of their own. Chosen: as many names as fit on a phone."""
+_LEAST_SHARE = 0.01
+"""Share of the error from which a part is a main cause. Chosen: the narrowest segment that can be seen."""
+_TENTH_PERCENT = 0.001
+_MOST_MOVEMENTS = 2
+_UNDECIDED = ("out_of_range", "outside_library", "undecided", "not_testable_here")
+"""Conditions that limit the evidence for every cause and action."""
+
+
+def summarise(
+    diagnosis: Diagnosis,
+    texts: Texts | None = None,
+    *,
+    acts: Sequence[Act] | None = None,
+    driven: tuple[Deviation, Deviation] | None = None,
+    judged_elsewhere: tuple[float, float] | None = None,
+) -> Summary:
+    """Build the summary. `acts` are the open actions, those of the diagnosis if None; `driven` is the error measured
+    before and after a correction; `judged_elsewhere` as of `AnswerWords`."""
+    words = _SummaryWords(diagnosis, texts or texts_of("en"), judged_elsewhere)
+    open_acts = without_idle_mounts(diagnosis.acts) if acts is None else acts
+    act = open_acts[0] if open_acts else None
+    headline = words.headline
+    return Summary(
+        badge=words.texts(f"badge_{diagnosis.condition}"),
+        headline=f"{headline[:1].upper()}{headline[1:]}",
+        unknowns=tuple(words.unknowns(act)),
+        error=driven_error(*driven, words.texts) if driven else words.error,
+        causes=tuple(words.causes),
+        next=step_of(act, words.diagnosis, words.texts) if act else "",
+        command=command(act) if act else "",
+    )
+
+
+def _tenths_percent(share: float) -> str:
+    return f"{100 * share:.1f} %"
+
+
+@dataclass(frozen=True)
+class _SummaryWords:
+    """The phrases of the summary."""
+
+    diagnosis: Diagnosis
+    texts: Texts = field(default_factory=partial(texts_of, "en"))
+    judged_elsewhere: tuple[float, float] | None = None
+
+    @property
+    def answer(self) -> AnswerWords:
+        """The sentences of the diagnosis."""
+        return AnswerWords(self.diagnosis, self.texts, self.judged_elsewhere)
+
+    @property
+    def headline(self) -> str:
+        """Cause, size and certainty of the largest cause; the condition if no cause is certain."""
+        if self.diagnosis.condition not in ("out_of_range", "outside_library") and (leading := self._leading()):
+            first, others = leading[0], len(leading) - 1
+            more = f", {self.texts('and_more', count=others)}" if others else ""
+            return f"{first}{more}."
+        return self.answer.condition_sentence
+
+    def _leading(self) -> list[str]:
+        """Return the faults and the large parts as phrases, the largest first."""
+        faults = [(part_of(self.diagnosis, named), named) for named in self.diagnosis.standing]
+        phrases = [(part.share if part else 0.0, self._effect(named, part)) for part, named in faults]
+        phrases += [(part.share, self._part(part)) for part in large_parts(self.diagnosis)]
+        return [phrase for _, phrase in sorted(phrases, key=lambda entry: -entry[0])]
+
+    def _part(self, part: BudgetPart) -> str:
+        if part.index is not None:
+            return self._effect(self.diagnosis.effects[part.index], part)
+        name = self.answer.short_name(part)
+        if not part.members:
+            return name
+        member = part.members[0]
+        return self.texts("probable_member", part=name, member=self.answer.noun(member.effect), odds=sure(member.odds))
+
+    def _effect(self, named: Named, part: BudgetPart | None) -> str:
+        """Return an effect with size and certainty, for an effect of usual size also that."""
+        is_certain = named.posterior >= CERTAIN_ODDS
+        certainty = self.texts("certain") if is_certain else self.texts("likely", odds=sure(named.posterior))
+        usual = self.texts("usual_size") if part and part.rank == "usual" else ""
+        name = self.answer.with_rivals(named)
+        return ", ".join(filter(None, [name, size(named), certainty, usual]))
+
+    def unknowns(self, act: Act | None) -> list[str]:
+        """Return what limits the evidence, in sentences that are not in the headline."""
+        diagnosis, texts = self.diagnosis, self.texts
+        sentences = [movement_sentence(movement, texts) for movement in diagnosis.movements[:_MOST_MOVEMENTS]]
+        sentences.append(self.answer.visits)
+        if diagnosis.condition in _UNDECIDED and (sentence := self.answer.condition_sentence) != self.headline:
+            sentences.append(sentence)
+        sentences.append(self.answer.follows)
+        sentences.append(texts("finding_only_commanded") if diagnosis.only_commanded else "")
+        if act and (against := ActWords(diagnosis, texts).against(self._beyond_basis(act))):
+            sentences.append(texts("uncertain", against=against))
+        return list(filter(None, sentences))
+
+    def _beyond_basis(self, act: Act) -> Act:
+        """Return an action without the objection that the basis of the error states."""
+        return replace(act, against=tuple(one for one in act.against if one.why != "not_judged_elsewhere"))
+
+    @property
+    def error(self) -> ErrorChange:
+        """The error now and after repair and correction, both on the runs that judged the model."""
+        diagnosis, texts, accuracy = self.diagnosis, self.texts, self.diagnosis.accuracy
+        place: str = accuracy.place
+        before_um, after_um = accuracy.before_there_um, accuracy.calibrated_um
+        gap = {"unseen": diagnosis.unseen, "held_out": diagnosis.held_out}.get(place) or diagnosis.train
+        label = "error_left_by_model" if has_model(diagnosis) else "error_now_label"
+        change = ErrorChange(texts(label), "", texts("error_after_label"), "", "", self.answer.judged)
+        if place == "used" and self.judged_elsewhere:
+            before_um, after_um = self.judged_elsewhere
+            after = error_size(after_um, 0.0)
+            return replace(change, now=error_size(before_um, 0.0), after=after, basis=texts("basis_unseen"))
+        now = error_size(before_um, gap.u_um)
+        if not diagnosis.is_testable:
+            return replace(change, now=now, basis=texts("basis_unknown"))
+        if is_complete(diagnosis) and place == "used":
+            return replace(change, now=now, basis=texts("basis_now"))
+        if diagnosis.condition == "out_of_range":
+            after = error_size(diagnosis.train.after_um, diagnosis.train.u_um)
+            now = error_size(accuracy.now_um, diagnosis.train.u_um)
+            return replace(change, now=now, after=after, basis=texts("basis_out_of_range"))
+        return replace(change, now=now, after=error_size(after_um, gap.left_u_um), basis=texts(f"basis_{place}"))
+
+    @property
+    def causes(self) -> list[Cause]:
+        """The largest parts of the error, and the sum of all others."""
+        parts = [part for part in self.diagnosis.budget[:_MOST_CAUSES] if part.share >= _LEAST_SHARE]
+        causes = [
+            Cause(self.answer.short_name(part), min(part.share, 1.0), _tenths_percent(part.share), part.rank or "")
+            for part in parts
+        ]
+        rest = 1.0 - sum(cause.share for cause in causes)
+        if causes and rest >= _TENTH_PERCENT:
+            causes.append(Cause(self.texts("other_causes"), rest, _tenths_percent(rest)))
+        return causes
+
+
+def step_of(act: Act, diagnosis: Diagnosis, texts: Texts) -> str:
+    """Return an action as an imperative, without the command."""
+    if act.kind == "load":
+        return texts("do_load" if diagnosis.rig.takes_programs else "do_load_targets")
+    return texts("do_convert") if act.kind == "convert" else ActWords(diagnosis, texts).what(act)

@@ -1,0 +1,186 @@
+"""Headline and three tiles: the same words for page, window and terminal, and the limits of the evidence first."""
+
+from __future__ import annotations
+
+import io
+import re
+from dataclasses import replace
+from typing import get_args
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from analysis.apps.session.session_state import Answer, Deed
+from analysis.correction.deviation import Deviation
+from analysis.diagnosis.evidence.movements import Movement
+from analysis.diagnosis.judge.result import BudgetPart, Condition, Diagnosis
+from analysis.report.diagnosis_screen import as_screen
+from analysis.report.summary import Summary, error_size
+from analysis.report.summary_screen import StackedBar, on_screen
+from analysis.report.summary_words import step_of, summarise
+from analysis.report.texts import LANGUAGES, Language, texts_of
+from tests.support.handmade_diagnosis import ACTS, APART, LOAD, PLAY, REMASTER, ZERO, diagnosis
+
+EN = texts_of("en")
+CONDITIONS: tuple[Condition, ...] = get_args(Condition)
+MOST_FIGURES = 3
+MOVED = Movement("a", "b", "base", 0.999, translation_mm=np.array([0.4, 0.0, 0.0]), u_mm=0.01)
+
+
+def shown(found: Diagnosis, width: int = 80) -> str:
+    console = Console(width=width, file=io.StringIO())
+    with console.capture() as text:
+        console.print(as_screen(found))
+    return text.get()
+
+
+def fields(summary: Summary) -> list[str]:
+    """Every text of a summary, except empty ones."""
+    error = summary.error
+    texts = [summary.badge, summary.headline, *summary.unknowns, error.title, error.words, error.basis, error.standing]
+    texts += [text for cause in summary.causes for text in (cause.name, cause.percent)]
+    return list(filter(None, [*texts, summary.next, summary.command]))
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+@pytest.mark.parametrize("condition", CONDITIONS)
+def test_every_condition_has_a_summary_in_every_language(condition: Condition, language: Language) -> None:
+    found = diagnosis(condition)
+    for changed in (found, replace(found, only_commanded=True)):
+        summary = summarise(changed, texts_of(language))
+        for text in fields(summary):
+            assert text == text.strip() and not {"{", "}"} & set(text) and not re.search(r"\b(None|nan|inf)\b", text), (
+                text
+            )
+        assert summary.headline and summary.error.now and summary.next
+
+
+@pytest.mark.parametrize("condition", CONDITIONS)
+def test_a_sentence_has_at_most_three_figures(condition: Condition) -> None:
+    summary = summarise(diagnosis(condition, only_commanded=True))
+    for text in (summary.headline, *summary.unknowns, summary.next):
+        for sentence in re.split(r"(?<=[a-z°%])\. ", text):
+            figures = re.findall(r"(?<![A-Za-z])(?:axis )?\d[\d.]*(?: ± \d[\d.]*)?", sentence)
+            assert len([figure for figure in figures if not figure.startswith("axis")]) <= MOST_FIGURES, sentence
+
+
+def test_the_headline_is_cause_size_and_certainty() -> None:
+    summary = summarise(diagnosis("named"))
+    assert summary.headline == "Play of axis 1 (Theta), 0.0521 ± 0.0011 °, certain."
+    assert (summary.error.now, summary.error.after) == ("6.3 ± 1.9", "1.9 ± 1.9")
+    assert summary.error.title == "Error now → after repair and correction"
+    assert summary.error.basis == "Measured on runs that the model did not use."
+    assert [(cause.name, cause.percent) for cause in summary.causes] == [
+        ("play of axis 1 (Theta)", "90.0 %"), ("scatter from run to run, and noise", "7.0 %"),
+        ("geometry and zeros", "3.0 %"),
+    ]  # fmt: skip
+    assert summary.next.startswith("Inspect and repair") and summary.command == ""
+    several = summarise(diagnosis("named", effects=(PLAY, PLAY, PLAY)))
+    assert several.headline.endswith("certain, and 2 more.")
+    usual = summarise(diagnosis("nothing_unusual", effects=(replace(PLAY, doubt="usual"),)))
+    assert usual.headline.endswith("certain, normal for this arm.")
+    open_cause = summarise(diagnosis("ambiguous", effects=(ZERO,))).headline
+    assert open_cause.endswith("62 % likely.") and " or " in open_cause
+
+
+def test_the_headline_names_the_largest_cause_also_if_it_is_no_fault() -> None:
+    fault = replace(PLAY, worth_um=1.0)
+    budget = (
+        BudgetPart("gravity", 80.0, 2.0, 0.8, times_usual=9.0, rank="unusual"),
+        BudgetPart("effect", 1.0, 0.1, 0.2, axis=1, name="backlash 1", index=0, rank="unusual", odds=1.0),
+    )
+    found = diagnosis("named", effects=(fault,), budget=budget)
+    assert summarise(found).headline == "Deflection under load, and 1 more."
+    swapped = (replace(budget[0], share=0.4), replace(budget[1], share=0.6))
+    assert summarise(replace(found, budget=swapped)).headline.startswith("Play of axis 1")
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({"condition": "undecided", "effects": (replace(PLAY, doubt="usual"),)}, "too few"),
+        ({"condition": "outside_library"}, "is unexplained"),
+        ({"condition": "out_of_range"}, "out of range"),
+        ({"condition": "not_testable_here"}, "cannot show"),
+        ({"condition": "named", "only_commanded": True}, "Only commanded angles"),
+        ({"condition": "named", "movements": (MOVED,)}, "The base moved"),
+        ({"condition": "ambiguous", "acts": (REMASTER, APART)}, "Uncertain: "),
+    ],
+)
+def test_what_is_unknown_comes_before_the_next_step(changes: dict[str, object], expected: str) -> None:
+    found = diagnosis(**changes)  # type: ignore[arg-type]
+    summary = summarise(found)
+    first = " ".join((summary.headline, *summary.unknowns))
+    assert expected in first and first.count(expected) == 1
+    text = " ".join(shown(found).split())
+    assert text.index(expected) < text.index("Do next") < text.index("Details")
+
+
+@pytest.mark.parametrize("width", [20, 30, 40, 80, 200])
+def test_a_terminal_of_any_width_shows_every_letter(width: int) -> None:
+    summary = summarise(diagnosis("undecided", effects=(replace(PLAY, doubt="usual"),), acts=(LOAD,)))
+    console = Console(width=width, file=io.StringIO())
+    with console.capture() as capture:
+        for part in on_screen(summary, EN):
+            console.print(part)
+    lines = capture.get().splitlines()
+    assert max(map(len, lines)) <= width
+    letters = "".join("".join(lines).split())
+    for text in fields(summary):
+        assert "".join(text.split()) in letters, text
+
+
+def test_the_bar_has_a_segment_for_each_share() -> None:
+    console = Console(width=20, file=io.StringIO())
+    with console.capture() as capture:
+        console.print(StackedBar(summarise(diagnosis("named")).causes))
+    assert capture.get() == "█" * 18 + "▓" + "▒" + "\n"
+
+
+def test_small_parts_are_one_cause() -> None:
+    parts = tuple(BudgetPart("curve", 1.0, 0.1, 0.2, axis=axis, rank="usual") for axis in range(1, 6))
+    causes = summarise(diagnosis("nothing_unusual", budget=parts)).causes
+    assert [cause.percent for cause in causes] == ["20.0 %", "20.0 %", "20.0 %", "40.0 %"]
+    assert causes[-1].name == "other"
+    assert summarise(diagnosis("not_testable_here")).causes == ()
+
+
+def test_the_next_step_is_an_imperative_with_its_command_apart() -> None:
+    for condition, acts in ACTS.items():
+        for act in acts:
+            assert "rig correct" not in step_of(act, diagnosis(condition), EN)
+    summary = summarise(diagnosis("uncalibrated", acts=(replace(LOAD, command=("correct", "m.yaml", "-o", "D")),)))
+    assert summary.command == "rig correct m.yaml -o D" and summary.next.startswith("Correct the robot.")
+
+
+def test_an_error_and_its_uncertainty_have_the_same_decimals() -> None:
+    assert error_size(126.08, 2.64) == "126.1 ± 2.6"
+    assert error_size(126.08, 12.4) == "126 ± 12"
+    assert error_size(2.84, 12.4) == "2.8 ± 12.4"
+    assert error_size(34.2, 0.0) == "34"
+    assert error_size(float("nan"), 1.0) == "–"
+
+
+def test_the_error_says_where_it_was_measured_or_that_it_is_unknown() -> None:
+    found = diagnosis("named")
+    used = replace(found, accuracy=replace(found.accuracy, place="used"))
+    assert "elsewhere is unknown" in summarise(used).error.basis
+    judged = summarise(used, judged_elsewhere=(93.0, 1.7)).error
+    assert (judged.now, judged.after) == ("93", "1.7") and "a different place" in judged.basis
+    assert summarise(diagnosis("not_testable_here")).error.after == ""
+    driven = (Deviation(um=93.0, largest_um=200, u_um=1.0, runs=2), Deviation(um=4.0, largest_um=9, u_um=1.0, runs=2))
+    assert summarise(found, driven=driven).error.words == "93.0 ± 1.0 → 4.0 ± 1.0 µm rms"
+    held = replace(found, rig=found.rig.model_copy(update={"effects": (PLAY.effect,)}))
+    assert summarise(held).error.now_label == "error left by the model in the rig file"
+
+
+def test_a_summary_survives_the_file_of_a_session() -> None:
+    found = diagnosis("undecided", effects=(replace(PLAY, doubt="usual"),))
+    summary = summarise(found)
+    answer = Answer(
+        runs=2, condition="undecided", standing=None, headline="h", accuracy="a", next_step="n", parts=(), now_um=1,
+        calibrated_um=1, noise_um=1, seconds=1, found="f", summary=summary,
+        acts=(Deed(kind="none", why="sound", words="w"),),
+    )  # fmt: skip
+    assert Answer.model_validate(answer.model_dump(mode="json", exclude_defaults=True)).summary == summary
