@@ -120,7 +120,9 @@ def save_run(run: Measured, directory: str | Path) -> Path:
 
     path = Path(directory)
     if run.run.table is None:
-        raise FileError(str(run.path), "is a recorded run, and only its table was read", "copy its directory")
+        raise FileError(
+            str(run.path), "is a recorded run, but only the table was read", "copy the directory of the run"
+        )
     write_table_run(run.run, path, run.rig.beside)
     return path
 
@@ -320,7 +322,7 @@ def _run(run: AnyRun) -> Measured:
     if isinstance(run, str | Path):
         return load_run(run)
     if not isinstance(run, Measured):
-        remedy = "give a run of load_run, read_table or simulate, or the path of its directory"
+        remedy = "give a run of load_run, read_table or simulate, or the path of a run directory"
         raise UseError("run", f"a {type(run).__name__} is no run", remedy)
     return run
 
@@ -356,7 +358,7 @@ def _silent(doing: str) -> None:
 def _model(rig: RigFile | Rig | None, runs: Sequence[Measured]) -> Rig:
     """Return the given rig, or the rig of the first run. Raises FileError for an empty list of runs."""
     if not runs:
-        raise FileError("runs", "none is given", "give at least one")
+        raise FileError("runs", "none is given", "give one or more")
     if rig is None:
         return runs[0].rig
     return rig if isinstance(rig, Rig) else load(rig)[0]

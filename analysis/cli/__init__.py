@@ -66,7 +66,7 @@ def main() -> None:
         if error.name not in _OF_A_CELL:
             raise
         command = " ".join(["rig", *sys.argv[1:2]])
-        remedy = "run it on the computer of the cell; saved runs are analysed here"
+        remedy = "run the command on the computer of the cell; this computer analyses saved runs"
         _fail(CellError(command, f"needs Linux: this system lacks {error.name}", remedy))
     except BrokenPipeError:
         sys.exit(0)
@@ -74,7 +74,7 @@ def main() -> None:
         if not is_numerical(error):
             raise
         problem = f"the computation failed: {error}"
-        _fail(FileError("numbers", problem, "check those in the rig file and in the runs"))
+        _fail(FileError("numbers", problem, "check the values in the rig file and in the runs"))
     except (MemoryError, OSError) as error:
         _out_of_room(error)
     finally:
@@ -85,12 +85,14 @@ def _out_of_room(error: MemoryError | OSError) -> NoReturn:
     """Report full memory or a full disk in a line; re-raise any other system error."""
     if isinstance(error, MemoryError) or error.errno == errno.ENOMEM:
         _fail(
-            CellError("memory", "there is not enough for this", "close other programs, or give fewer or shorter runs")
+            CellError(
+                "memory", "the memory or disk is too small", "close other programs, or give fewer or shorter runs"
+            )
         )
     if error.errno not in _NO_ROOM or error.filename is not None:
         raise error
     # The remaining buffer would cause a second failure at exit.
-    full = CellError("output", error.strerror or str(error), "free some space, or write it elsewhere")
+    full = CellError("output", error.strerror or str(error), "free some space, or choose a different --output")
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     _fail(full)
 

@@ -32,18 +32,18 @@ def analyse(
         bool,
         typer.Option(
             "--lines",
-            help="Print one line of JSON for each run by itself, as soon as it is evaluated; default: a table.",
+            help="Print one line of JSON per run as soon as the run is evaluated; default: a table.",
         ),
     ] = False,
     plot: Annotated[
         Path | None, typer.Option(help="Directory for pictures; default: write none. A page: rig report.")
     ] = None,
     each: Annotated[
-        bool, typer.Option("--each", help="Show each run beside the mean of repeated runs; default: the means.")
+        bool, typer.Option("--each", help="Show each run and the mean of repeated runs; default: the means.")
     ] = False,
     truth: Annotated[
         Path | None,
-        typer.Option(help="File truth.json of an emulated cell, to show beside the figures; default: none."),
+        typer.Option(help="File truth.json of an emulated cell, shown with the figures; default: none."),
     ] = None,
     jobs: Jobs = 1,
     scheduler: Scheduler = None,
@@ -55,7 +55,7 @@ def analyse(
     if as_lines:
         if as_json or plot or each or truth:
             problem = "prints a line for each run, and cannot be combined with --json, --plot, --each or --truth"
-            raise UseError("--lines", problem, "leave those out")
+            raise UseError("--lines", problem, "remove those runs")
         end_with(worst(over_runs(_as_line, paths, say, doing="evaluating", jobs=jobs, scheduler=scheduler)))
         return
     drawn = plot is not None or truth is not None

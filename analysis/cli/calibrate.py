@@ -39,7 +39,11 @@ def calibrate(
     unseen: RunsElsewhere = None,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", help="Rig file to write; NAME.calibration.json comes beside it; default: none."),
+        typer.Option(
+            "--output",
+            "-o",
+            help="Rig file to write; NAME.calibration.json is written to the same directory; default: none.",
+        ),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -77,11 +81,13 @@ def versions(
     rig_file: Annotated[Path, typer.Argument(metavar="RIG", help="Rig file that is in use.")],
     folder: Annotated[
         Path | None,
-        typer.Option("--in", metavar="FOLDER", help="Folder that holds the versions; default: that of the rig file."),
+        typer.Option("--in", metavar="FOLDER", help="Folder of the versions; default: the folder of the rig file."),
     ] = None,
     back_to: Annotated[
         Path | None,
-        typer.Option(metavar="RIG", help="Version that takes the place of the rig file, which is kept; default: none."),
+        typer.Option(
+            metavar="RIG", help="Version that replaces the rig file; the old rig file is kept; default: none."
+        ),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -99,8 +105,8 @@ def versions(
         say(f"{rig_file} is {back_to} now; what it was is {done.kept}")
         if done.differing:
             which = f"beside the calibration {', '.join(done.differing)} are those of {back_to} now"
-            say(f"{which}; compare them with {done.kept.name}", err=True, mark="note: ")
-        say("next: correct the robot's targets and programs again: rig correct", err=True)
+            say(f"{which}; to compare: {done.kept.name}", err=True, mark="note: ")
+        say("next: repeat the correction of targets and programs: rig correct", err=True)
         return
     versions_here = versions_in(rig_file, folder or rig_file.parent)
     if as_json:

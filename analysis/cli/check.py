@@ -27,7 +27,7 @@ def check(
         typer.Argument(
             metavar="RIG|RUN…",
             autocompletion=completion.rig_files,
-            help="Rig file, or the name of a shipped rig; or run directories of one robot, held to conventions.",
+            help="Rig file, or the name of a shipped rig; or run directories of one robot, to check conventions.",
         ),
     ],
     as_json: AsJson = False,
@@ -41,12 +41,12 @@ def check(
     runs = [Path(argument) for argument in arguments if Path(argument).is_dir()]
     if runs and len(runs) < len(arguments):
         not_a_run = next(argument for argument in arguments if not Path(argument).is_dir())
-        raise UseError(not_a_run, "is no directory with runs", "check a rig file by itself, or runs")
+        raise UseError(not_a_run, "is not a directory with runs", "check a rig file by itself, or runs")
     if runs:
         _check_runs(runs, as_json=as_json)
         return
     if len(arguments) > 1 or as_json:
-        raise UseError(arguments[0], "is no directory with runs", "check one rig file at a time, without --json")
+        raise UseError(arguments[0], "is not a directory with runs", "check one rig file at a time, without --json")
     _check_rig(arguments[0])
 
 
@@ -71,7 +71,7 @@ def _check_runs(paths: Sequence[Path], *, as_json: bool) -> None:
                 where = f"{', '.join(finding.runs[:3])}{' …' * (len(finding.runs) > 3)}: " if len(runs) > 1 else ""
                 say(f"{name:14}{where}{finding.words}")
             if not convention.findings:
-                nothing = f"nothing against it ({convention.convention.asks})"
+                nothing = f"no objection ({convention.convention.asks})"
                 say(f"{name:14}{f'not shown: {convention.cannot}' if convention.cannot else nothing}")
     contradicted = any(convention.findings for convention in checked)
     end_with(max(worst(errors), FileError.exit_code if contradicted else 0))
@@ -115,9 +115,7 @@ def _check_rig(rig_file: str) -> None:
 
 @command(app, "rig example rigs")
 def example(
-    folder: Annotated[
-        Path, typer.Argument(metavar="DIR", help="Directory for the files; it is created if it does not exist.")
-    ],
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Directory for the files, created if missing.")],
 ) -> None:
     """Copy the shipped rig files, and the hidden effects of their emulated cells, to a directory."""
     from analysis.runs.written_files import holding, write_all_new

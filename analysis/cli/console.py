@@ -108,4 +108,4 @@ class CountedProgress:
         doing, count = self._last
         if kind is KeyboardInterrupt and doing:
             start = "\r\x1b[K" if sys.stderr.isatty() else ""
-            say(f"interrupted while {doing}: {count} are kept, and the same command goes on", err=True, mark=start)
+            say(f"interrupted while {doing}: {count} are kept; repeat the command to continue", err=True, mark=start)

@@ -105,7 +105,7 @@ def by_use(runs: Sequence[Path], hold_out: Sequence[Path], unseen: Sequence[Path
     every, judges, elsewhere = ([run.resolve() for run in runs_below(paths)] for paths in (runs, hold_out, unseen))
     used = [path for path in every if path not in {*judges, *elsewhere}]
     if not used:
-        raise UseError("--hold-out and --unseen", "leave no run to diagnose", "name fewer runs there")
+        raise UseError("--hold-out and --unseen", "exclude every run", "give fewer runs to these options")
     return used, judges, elsewhere
 
 
@@ -157,7 +157,7 @@ def _write(
     if written[-1].suffix == ".yaml":
         model = written[-1]
         runs = _as_arguments(*([run.run.path for run in runs] for runs in by_use))
-        say(f"next: rig diagnose {runs} --rig {as_argument(model)}  # is nothing missing any more?", err=True)
+        say(f"next: rig diagnose {runs} --rig {as_argument(model)}  # verify that the model is complete", err=True)
         say_correct(diagnosis, model)
 
 

@@ -44,7 +44,7 @@ class Dialogue:
         """
         if not self.terminal:
             if usual is None:
-                raise UseError(option, "is not given, and without a terminal it cannot be asked for", f"give {option}")
+                raise UseError(option, "is missing, and rig cannot ask without a terminal", f"give {option}")
             return read(usual)
         explained, _, asked = question.rpartition("\n")
         for line in explained.splitlines():  # `say` prints single lines and escapes line breaks

@@ -44,16 +44,14 @@ def import_(
     direction: Annotated[
         Direction | None, direction_option("Direction of yaw and roll; default: the column direction of the table")
     ] = None,
-    operator: Annotated[str, typer.Option(help="Name of the person who measured; default: the user.")] = "",
-    placement: Annotated[
-        str, typer.Option(help="Your name for where the instrument or the ball stood; default: none.")
-    ] = "",
+    operator: Annotated[str, typer.Option(help="Name of the operator; default: the user.")] = "",
+    placement: Annotated[str, typer.Option(help="Label of the place of instrument or ball; default: none.")] = "",
     joints: Annotated[
         JointSource, typer.Option(help="Joint angles to use: columns qN_deg, or qN_commanded_deg.")
     ] = "measured",
     map_file: Annotated[
         Path | None,
-        typer.Option("--map", help="Map of the columns, as import proposes one; default: proposed where it is needed."),
+        typer.Option("--map", help="Map of the columns; default: proposed by rig if needed."),
     ] = None,
     join: Annotated[
         str,
@@ -67,14 +65,13 @@ def import_(
     ] = "",
     topic: Annotated[
         str,
-        typer.Option(
-            help="Topic of the poses in a bag, of a transform /tf:CHILD; default: the only one that there is."
-        ),
+        typer.Option(help="Topic of the poses in a bag, of a transform /tf:CHILD; default: the only topic of poses."),
     ] = "",
     yes: Annotated[
         bool,
         typer.Option(
-            "--yes", help="Take the likeliest answer to what a table leaves open; each becomes a doubt of the run."
+            "--yes",
+            help="Take the likeliest answer to each open question about a table; each becomes a doubt of the run.",
         ),
     ] = False,
 ) -> None:
@@ -121,7 +118,7 @@ def _by_its_columns(table: Path, rig_file: str) -> TestName:
     from rigs.load import load
 
     test = test_of(table, load(rig_file)[0])
-    say(f"{table}: a {test} table, by its columns; --test states another", err=True)
+    say(f"{table}: a {test} table according to the columns; --test overrides this", err=True)
     return test
 
 
@@ -131,7 +128,7 @@ def _hold_options(test: TestName, direction: Direction | None, topic: str, socke
     from analysis.runs.table_format import kind_named
 
     if direction and test not in CIRCLES:
-        raise UseError("--direction", f"a {test} test has no direction", "leave it out")
+        raise UseError("--direction", f"a {test} test does not have a direction", "leave it out")
     if socket and SOCKET not in kind_named(test).layout().required:
         raise UseError("--socket", f"is of touches, and the test is {test}", "leave it out")
     if topic and test != MAPPED:

@@ -58,9 +58,9 @@ def mapped_run(
     if map_file:
         table_map = load_map(map_file)
         if topic:
-            raise UseError("--topic", "stands in the map already (topic of a file)", "leave it out, or change the map")
+            raise UseError("--topic", "is already in the map (topic of a file)", "remove the option, or change the map")
         if socket:
-            raise UseError("--socket", "stands in the map", "leave it out, or change constants in the map")
+            raise UseError("--socket", "is already in the map", "remove the option, or change the constants in the map")
         if join and join != table_map.join:
             raise UseError("--join", f"is {join}, and the map joins by {table_map.join or 'nothing'}", "leave it out")
     elif not join and needs_touch_map(files[0], test, socket):
@@ -113,7 +113,7 @@ def _say_map(table_map: TableMap) -> None:
 def _answer_of(question: Question) -> Callable[[str], Reading]:
     def read(text: str) -> Reading:
         if not text.isdigit() or not 1 <= int(text) <= len(question.readings):
-            raise UseError(question.key, f"{text!r} is no number of the list", f"give 1 to {len(question.readings)}")
+            raise UseError(question.key, f"{text!r} is not a number of the list", f"give 1 to {len(question.readings)}")
         return question.readings[int(text) - 1]
 
     return read
@@ -131,5 +131,5 @@ def _refuse(proposal: Proposal, run: Path, files: Sequence[Path]) -> None:
     }
     write_new(path, holding(map_text(proposal.table_map, choices).encode()))
     open_keys = "; ".join(f"{question.key}: {question.asks}" for question in proposal.questions)
-    problem = f"leaves open what only a person knows ({open_keys}), and there is no terminal to ask at"
+    problem = f"leaves questions open ({open_keys}), and rig cannot ask without a terminal"
     raise FileError(str(files[0]), problem, f"write the answer in place of the ? in {path}, and give it with --map")

@@ -32,7 +32,7 @@ def operator_or_user(operator: str) -> str:
 
 
 Runs = Annotated[list[Path], typer.Argument(metavar="RUN…", autocompletion=completion.runs, help="Run directories.")]
-_STANDS_FOR = "a directory or URL that holds runs stands for all of them."
+_STANDS_FOR = "a directory or URL with runs selects all runs."
 RunsBelow = Annotated[
     list[Path],
     typer.Argument(
@@ -53,7 +53,7 @@ RunsElsewhere = Annotated[
     typer.Option(
         parser=location,
         autocompletion=completion.runs,
-        help="Run directory or URL at another place or radius, to judge by; repeatable; default: none.",
+        help="Run directory or URL at a different place or radius, for validation; repeatable; default: none.",
     ),
 ]
 
@@ -67,7 +67,7 @@ def _processes(text: str | int) -> int:
     raise typer.BadParameter(f"{text!r} is not a number of processes; give 1 or more, or auto")
 
 
-_ON_EACH = "0 or auto: one on each core."
+_ON_EACH = "0 or auto: one per core."
 Jobs = Annotated[
     int, typer.Option(metavar="N", parser=_processes, help=f"Processes that read and evaluate the runs; {_ON_EACH}")
 ]
@@ -76,7 +76,7 @@ ReadingJobs = Annotated[
 ]
 Scheduler = Annotated[
     str | None,
-    typer.Option(metavar="ADDRESS", help="Dask scheduler whose workers do that instead; default: this computer."),
+    typer.Option(metavar="ADDRESS", help="Dask scheduler with workers for this; default: this computer."),
 ]
 
 
@@ -84,7 +84,7 @@ def _direction(text: str) -> Direction:
     """Return a direction from common spellings. Raises typer.BadParameter."""
     direction = direction_of(text)
     if direction is None:
-        raise typer.BadParameter(f"{text!r} is no direction; give acw (ccw) or cw")
+        raise typer.BadParameter(f"{text!r} is not a direction; give acw (ccw) or cw")
     return direction
 
 
@@ -103,7 +103,7 @@ def _maker(text: str) -> MakerName:
     """Return a maker from common spellings. Raises typer.BadParameter."""
     maker = maker_named(text)
     if maker is None:
-        raise typer.BadParameter(f"{text!r} is no maker whose controllers are known; give {_one_of(MAKERS)}")
+        raise typer.BadParameter(f"{text!r} is not a known maker of controllers; give {_one_of(MAKERS)}")
     return maker
 
 
@@ -132,6 +132,8 @@ ModelRig = Annotated[
 ]
 Anyway = Annotated[
     bool,
-    typer.Option("--anyway", help="Write it although the diagnosis says: correct nothing; the files say so."),
+    typer.Option(
+        "--anyway", help="Write the files although the diagnosis advises against a correction; the files mention this."
+    ),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")]

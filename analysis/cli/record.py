@@ -43,15 +43,13 @@ def start(
     direction: Annotated[
         Direction | None, direction_option("Direction of the circle, required for yaw and roll; default: none")
     ] = None,
-    operator: Annotated[str, typer.Option(help="Name of the person who measures; default: the user.")] = "",
-    placement: Annotated[
-        str, typer.Option(help="Your name for where the instrument or the ball stands; default: none.")
-    ] = "",
+    operator: Annotated[str, typer.Option(help="Name of the operator; default: the user.")] = "",
+    placement: Annotated[str, typer.Option(help="Label of the place of instrument or ball; default: none.")] = "",
     corrected: Annotated[
         Literal["targets", "entries"] | None,
         typer.Option(
-            help="What corrects the arm while it drives: a program's corrected targets, or values entered at its "
-            "controller; default: nothing."
+            help="Active correction: corrected targets of a program, or values entered at the controller; "
+            "default: none."
         ),
     ] = None,
     rig: RigName = None,
@@ -95,16 +93,16 @@ def stop(rig: RigName = None) -> None:
             return
         fitness_of_run = fitness(Path(ended["run"]))
         if fitness_of_run.still_driving:
-            say("the robot was still driving when the recording ended: what it drove after that is not in it", err=True)
+            say("the robot was still moving when the recording ended: the rest of the motion is not recorded", err=True)
         if fitness_of_run.why:
             remedy = (
-                "stop the next one when the robot has stood for 3 s"
+                "stop the next recording after the robot has been at rest for 3 s"
                 if fitness_of_run.still_driving
-                else "drive it again"
+                else "repeat the run"
             )
             if fitness_of_run.drove:
                 remedy = (
-                    f"correct its label: rig relabel {as_argument(ended['run'])} --direction {fitness_of_run.drove}"
+                    f"correct the label: rig relabel {as_argument(ended['run'])} --direction {fitness_of_run.drove}"
                 )
             say(f"cannot be analysed: {fitness_of_run.why}; {remedy}", err=True)
             with suppress(RigError):  # the daemon is older or has stopped
@@ -147,7 +145,7 @@ def automatic(
     paths: Annotated[
         list[Path],
         typer.Argument(
-            metavar="RUN…", autocompletion=completion.runs, help="Run directories as recorded, one for each program."
+            metavar="RUN…", autocompletion=completion.runs, help="Run directories as recorded, one per program."
         ),
     ],
 ) -> None:

@@ -31,11 +31,11 @@ def report(
         ),
     ] = None,
     lang: Annotated[Literal["en", "de", "ko"], typer.Option(help="Language of the fixed texts.")] = "en",
-    customer: Annotated[str, typer.Option(help="Customer, at the head of the page; default: left out.")] = "",
-    order: Annotated[str, typer.Option(help="Number of the order, at the head; default: left out.")] = "",
+    customer: Annotated[str, typer.Option(help="Customer, shown at the head of the page; default: none.")] = "",
+    order: Annotated[str, typer.Option(help="Order number, shown at the head of the page; default: none.")] = "",
     serial: Annotated[str, typer.Option(help="Serial number of the robot; default: that of the rig file.")] = "",
     diagnosis: Annotated[
-        bool, typer.Option("--diagnosis/--no-diagnosis", help="Search for the cause of the errors, or leave it out.")
+        bool, typer.Option("--diagnosis/--no-diagnosis", help="Search for the cause of the errors, or skip the search.")
     ] = True,
     jobs: Jobs = 1,
     scheduler: Scheduler = None,

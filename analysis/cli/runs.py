@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @command(app, "rig runs /var/lib/rigd-cell/runs")
 def runs(
-    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Directory that holds the runs.")] = Path("runs"),
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Directory of the runs.")] = Path("runs"),
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON list instead of text.")] = False,
 ) -> None:
     """List runs with size, age, date of export and keep mark."""
@@ -36,13 +36,13 @@ def runs(
     with progress_of():
         rows = [run_row(run, time.time()) for run in survey(directory, denied.append)]
     for path in denied:
-        say(f"{path}: not listed: this user may not read it", err=True)
+        say(f"{path}: not listed: this user lacks read permission", err=True)
     if as_json:
         say_json(rows)
         return
     if not rows and not denied:
         below = next(filter(_holds_runs, sorted(directory.iterdir())), None)
-        say(f"{directory} holds no runs" + (f"; {below} does: rig runs {below}" if below else ""))
+        say(f"{directory} does not contain runs" + (f"; {below} does: rig runs {below}" if below else ""))
         return
     if not rows:
         return
@@ -76,7 +76,7 @@ def keep(
 
     def mark(path: Path) -> None:
         mark_kept(path, not no_more)
-        say(f"{path}: {'not kept any more' if no_more else 'kept'}")
+        say(f"{path}: {'no longer kept' if no_more else 'kept'}")
 
     for_each(paths, mark)
 
@@ -104,11 +104,11 @@ def _recover(path: Path) -> None:
     for file, loss in done.losses.items():
         say(f"lost: {file}: {loss}")
     if not (verdict.end_known or done.nothing_to_do):
-        say("its end was never sealed: rows after the last one may be missing")
+        say("the end was not sealed: the last rows may be missing")
     if verdict.problems:
         for line in verdict.problems:
             say(line, err=True)
-        raise FileError(str(path), "is still not whole, and no more can be recovered", "see the lines above")
+        raise FileError(str(path), "is still incomplete, and the rest is unrecoverable", "see the lines above")
     say(f"{path}: nothing to do" if done.nothing_to_do else f"{path}: recovered; next: rig verify {as_argument(path)}")
 
 
@@ -130,8 +130,8 @@ def verify(
         for line in verdict.lines:
             say(line, err=True)
         if seal and verdict.seal != seal.lower():
-            has = f"its seal is {verdict.seal}, not the one given" if verdict.seal else "it has no seal"
-            say(f"{verdict.path}: {has}: it is another run, or was cut off and sealed again", err=True)
+            has = f"its seal is {verdict.seal}, different from the given seal" if verdict.seal else "it has no seal"
+            say(f"{verdict.path}: {has}: the run is a different run, or was interrupted and resealed", err=True)
             not_whole.append(verdict.path)
         say(verdict.summary)
         if verdict.lines:
@@ -163,10 +163,10 @@ def relabel(
     direction: Annotated[
         Direction | None, direction_option("Direction that the circle was driven in; default: unchanged")
     ] = None,
-    operator: Annotated[str | None, typer.Option(help="Name of the person who measured; default: unchanged.")] = None,
+    operator: Annotated[str | None, typer.Option(help="Name of the operator; default: unchanged.")] = None,
     placement: Annotated[
         str | None,
-        typer.Option(help="Your name for where the instrument or the ball stood, '' for none; default: unchanged."),
+        typer.Option(help="Label of the place of instrument or ball, '' for none; default: unchanged."),
     ] = None,
 ) -> None:
     """Correct the labels of runs; the ledgers keep the old labels."""

@@ -81,7 +81,7 @@ def over_runs(
                     errors.append(outcome.error)
                 else:
                     if outcome.deaths:
-                        say(f"note: {outcome.item}: its process was killed, and it was begun again", err=True)
+                        say(f"note: {outcome.item}: the process was killed, and the run was restarted", err=True)
                     use(outcome.value)
                 done += 1
         except KeyboardInterrupt:
@@ -155,10 +155,10 @@ def _run_of(table: Path, rig_file: str | None) -> Path:
     from analysis.api import read_table, save_run
 
     if rig_file is None:
-        problem = "is a table, and nothing says of which arm"
-        raise FileError(str(table), problem, "give --rig CELL.yaml, or --arm NAME (rig arms lists them)")
+        problem = "is a table without an arm"
+        raise FileError(str(table), problem, "give --rig CELL.yaml, or --arm NAME (listed by rig arms)")
     measured = read_table(table, rig_file)
-    say(f"{table}: read as a {measured.run.manifest.test} table of {rig_file}, by its columns", err=True)
+    say(f"{table}: read as a {measured.run.manifest.test} table of {rig_file}, according to the columns", err=True)
     _imported.append(TemporaryDirectory(prefix="rig-"))
     return save_run(measured, Path(_imported[-1].name) / table.stem)
 

@@ -20,7 +20,7 @@ from rigs.load import load
 from rigs.rig import Rig
 from rigs.schema.vocabulary import TestName
 
-_GIVE_TEST = "say which with --test"
+_GIVE_TEST = "choose with --test"
 
 
 def read_any_table(
@@ -41,7 +41,7 @@ def read_any_table(
     proposal = propose_map([source], rig_file)
     if proposal.questions:
         asks = "; ".join(f"{question.key}: {question.asks}" for question in proposal.questions)
-        raise FileError(str(source), f"leaves open what only a person knows ({asks})", "answer it: rig import asks")
+        raise FileError(str(source), f"leaves questions open ({asks})", "answer the questions of rig import")
     return read_mapped([source], proposal.assumed().table_map, rig_file=rig_file, test=kind, **label)
 
 
@@ -57,7 +57,7 @@ def test_of(source: Path, rig: Rig) -> TestName:
     if len(ours) == 1:
         return ours[0]
     if ours:
-        raise FileError(where, f"may be of {' or '.join(ours)}, whose columns are the same", _GIVE_TEST)
+        raise FileError(where, f"may be of {' or '.join(ours)}, which have the same columns", _GIVE_TEST)
     if any(name.lower() == SOCKET for name in names):
         return next(kind.test for kind in kinds() if SOCKET in kind.layout().required)
     lines, text_layout = text_of(read_whole(source), where)
@@ -65,4 +65,4 @@ def test_of(source: Path, rig: Rig) -> TestName:
     groups = groups_of(raw, [axis.name for axis in rig.robot.axes])
     if groups.joints and groups.seen:
         return MAPPED
-    raise FileError(where, f"has columns of no test: {', '.join(raw.names[:20])}", _GIVE_TEST)
+    raise FileError(where, f"has columns that match none of the tests: {', '.join(raw.names[:20])}", _GIVE_TEST)

@@ -104,10 +104,12 @@ def value(column: str, text: str) -> Value:
     """Parse a cell of a known column. Raises ValueError with the reason."""
     text = text.strip(" \t")
     if not text:
-        raise ValueError("has no value; fill it in or remove the row")
+        raise ValueError("is empty; fill in the value or remove the row")
     if column == SOCKET:
         if len(text) > MOST_LETTERS or not text.isprintable():
-            raise ValueError(f"{quoted(text)} is no name of a socket: at most {MOST_LETTERS} letters, digits and signs")
+            raise ValueError(
+                f"{quoted(text)} is not a name of a socket: at most {MOST_LETTERS} letters, digits and signs"
+            )
         return text
     if column in WORDS:
         words = WORDS[column]

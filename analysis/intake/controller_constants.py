@@ -51,7 +51,7 @@ def controller_constants(arm: Arm, q: Array, xyz_mm: Array, R: Array | None, whe
         raise FileError(where, f"has {len(q)} poses, too few for the constants of the arm", "give 20, all joints moved")
     if fitted.rms_mm > _LEFT_MM:
         problem = f"no constants of {arm.name} put the flange there: {fitted.rms_mm:.3g} mm remain"
-        raise FileError(where, problem, "set the controller's tool to none, and give its flange poses and its joints")
+        raise FileError(where, problem, "set the tool of the controller to none, and give flange poses and joints")
     axes = tuple(
         axis.model_copy(
             update={
@@ -63,13 +63,13 @@ def controller_constants(arm: Arm, q: Array, xyz_mm: Array, R: Array | None, whe
         )
         for k, axis in enumerate(arm.robot.axes)
     )  # fmt: skip
-    robot = arm.robot.model_copy(update={"name": f"{arm.robot.name}, as its controller computes", "axes": axes})
+    robot = arm.robot.model_copy(update={"name": f"{arm.robot.name}, as computed by the controller", "axes": axes})
     postures = random_postures(arm.robot)
     moved_mm, _ = largest_difference(flange_poses(robot, postures), flange_poses(arm.robot, postures))
-    head = f"# {arm.maker} {arm.model} with the constants of its controller, read out of {len(q)} poses of it\n"
+    head = f"# {arm.maker} {arm.model} with the constants of the controller, read from {len(q)} poses of it\n"
     words = (
         f"{where}: the controller's own constants, to {1e3 * fitted.rms_mm:.2g} µm; they move the flange by up to "
-        f"{moved_mm:.3f} mm, and say nothing of where the arm is: that takes an instrument"
+        f"{moved_mm:.3f} mm, and do not show the true position: this needs an instrument"
     )
     return ControllerConstants(robot, head + robot_text(robot), words)
 

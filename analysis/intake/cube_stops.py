@@ -39,7 +39,7 @@ def with_joints(raw: RawTable, place: Lengths, cube: Cube) -> RawTable:
     xyz_mm = raw.numbers(place.columns) * TO_MM[place.unit]
     pose = poses_of_stops(xyz_mm, cube)
     if pose is None:
-        problem = "has no columns of joints, and its places are no stops of the cube, P5 P4 P3 P2 P1 in turn"
+        problem = "lacks columns of joints, and the places are not stops of the cube in the order P5 P4 P3 P2 P1"
         remedy = "check tests.iso9283 of the rig file and the unit; of other poses add the joint angles (--join)"
         raise FileError(raw.where, problem, remedy)
     if (pose == 0).any():

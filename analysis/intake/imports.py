@@ -94,7 +94,7 @@ def poses_of_controller(files: Sequence[Path], rig: Rig) -> MappedPoses:
         proposal = proposal.answered(question, question.readings[-1])
     if proposal.questions:
         asks = "; ".join(f"{question.key}: {question.asks}" for question in proposal.questions)
-        raise FileError(str(files[0]), f"leaves open what its columns mean ({asks})", "name their units in its header")
+        raise FileError(str(files[0]), f"has columns of unclear meaning ({asks})", "add the units to the header")
     return poses_of(raw, proposal.table_map)
 
 
@@ -108,7 +108,7 @@ def _proposed(files: Sequence[Path], rig: Rig, join: str, topic: str) -> tuple[P
         if is_workbook(data):
             sheets = sheets_of(data, str(path))
             if len(sheets) != 1:
-                fact = f"has {len(sheets)} sheets with rows ({', '.join(map(repr, sheets))}), and one is a measurement"
+                fact = f"has {len(sheets)} sheets with rows ({', '.join(map(repr, sheets))}) instead of one"
                 raise FileError(str(path), fact, "save that sheet as CSV, or name it in a map: files: [{sheet: NAME}]")
             sheet, data = next(iter(sheets.items()))
         lines, text_layout = text_of(data, str(path))
@@ -134,8 +134,8 @@ def _stands_in(data: bytes, where: str, rig: Rig, topic: str) -> tuple[bytes, st
 def _hold_standing(rig: Rig, where: str) -> None:
     """Raise FileError for an arm on a rail, since a map does not contain the position of the rail."""
     if rig.robot.rail:
-        problem = "has other columns than those of docs/tables.md, and a map does not say where the rail stands"
-        raise FileError(where, problem, "name its columns q1_deg …, e1_mm, x_mm, y_mm, z_mm")
+        problem = "has columns other than those of docs/tables.md, and a map does not give the position of the rail"
+        raise FileError(where, problem, "name the columns q1_deg …, e1_mm, x_mm, y_mm, z_mm")
 
 
 def read_mapped(  # noqa: PLR0913 - what a run is labelled with
@@ -157,10 +157,12 @@ def read_mapped(  # noqa: PLR0913 - what a run is labelled with
     where = str(files[0])
     if len(files) != len(table_map.files):
         fact = f"describes {len(table_map.files)} files, and {len(files)} are given"
-        raise FileError("the map", fact, "give the files of one measurement, in its order; several are joined (--join)")
+        raise FileError("the map", fact, "give the files of one measurement in order; several are joined (--join)")
     if joints == "commanded" and not table_map.only_commanded:
         if table_map.commanded is None:
-            raise FileError("the map", "names no commanded joints, which --joints commanded reads", "add `commanded`")
+            raise FileError(
+                "the map", "does not name commanded joints, which --joints commanded needs", "add `commanded`"
+            )
         table_map = table_map.model_copy(update={"joints": table_map.commanded, "commanded": None})
     data = [read_whole(path) for path in files]
     _hold_standing(rig, where)
@@ -197,7 +199,7 @@ def read_mapped(  # noqa: PLR0913 - what a run is labelled with
         only_commanded=table_map.only_commanded,
     )
     doubts = [doubt for *_, of_file in stands for doubt in of_file]
-    doubts += [f"{left_out} rows stand in one of the files only, and are left out"] if left_out else []
+    doubts += [f"{left_out} rows are in only one of the files, and are ignored"] if left_out else []
     return _held(run, rig, where, doubts)
 
 

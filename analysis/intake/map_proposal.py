@@ -172,7 +172,7 @@ def propose(raw: RawTable, layouts: Sequence[Layout], join: str, rig: Rig) -> Pr
     stops = _stops_of_cube(raw, groups, rig)
     if stops is not None:
         proposal = propose(stops, layouts, join, rig)
-        finding = "no joints: its rows are stops of the ISO 9283 cube of the rig file, each known by its place"
+        finding = "joints missing: the rows are stops of the ISO 9283 cube of the rig file, identified by place"
         table_map = proposal.table_map.model_copy(update={"stops": "of the cube"})
         return replace(proposal, table_map=table_map, checked=(finding, *proposal.checked))
     groups = _without_spots(raw, groups)
@@ -180,8 +180,8 @@ def propose(raw: RawTable, layouts: Sequence[Layout], join: str, rig: Rig) -> Pr
     bare = without_setup(arm_of(rig.robot))
     judge = _Judge(raw.evenly(_JUDGED), bare, tuple(layouts), join)
     if len(raw.lines) < FEWEST:
-        problem = f"has {len(raw.lines)} poses, too few for the arm to show what its columns mean ({FEWEST} are needed)"
-        raise FileError(raw.where, problem, "write the map by hand, and give it with --map")
+        problem = f"has {len(raw.lines)} poses, too few to determine the meaning of the columns ({FEWEST} are needed)"
+        raise FileError(raw.where, problem, "write a map by hand, and give the map with --map")
     measured, unsaid, commanded = (
         [group for group in groups.joints if group.role == role] for role in ("measured", "unsaid", "commanded")
     )
@@ -202,7 +202,7 @@ def propose(raw: RawTable, layouts: Sequence[Layout], join: str, rig: Rig) -> Pr
         values = [table_map.residual.model_copy(update={"meaning": meaning}) for meaning in meanings]
         words = [f"{_short(table_map.residual.columns)} is {meaning}" for meaning in meanings]
         readings = tuple(Reading(value, np.nan, "mm", text) for value, text in zip(values, words, strict=True))
-        asks = "the file does not say what its residual is, and both fit the arm"
+        asks = "the file does not define the residual, and both readings fit the arm"
         judge.questions.append(Question("residual", asks, readings))
     if judge.assumed:
         table_map = table_map.model_copy(update={"assumed": tuple(judge.assumed)})
@@ -236,7 +236,7 @@ def _without_spots(raw: RawTable, groups: Groups) -> Groups:
     spots = [pose.place.columns for pose in groups.seen if all(map(is_of_spot, pose.place.columns))]
     seen = tuple(pose for pose in groups.seen if pose.place.columns not in spots)
     if spots and not seen:
-        problem = f"has the places of spots ({_short(spots[0])}), which the tool touched and no instrument measured"
+        problem = f"has the places of spots ({_short(spots[0])}), touched by the tool, not measured by an instrument"
         remedy = "name the spot of each row in a column socket, and import the table with --test touch"
         raise FileError(raw.where, problem, remedy)
     return replace(groups, seen=seen)
@@ -244,7 +244,7 @@ def _without_spots(raw: RawTable, groups: Groups) -> Groups:
 
 def _refuse_missing(raw: RawTable, groups: Groups, axes: int) -> None:
     further = f" and {len(raw.numeric) - _NAMED} more" if len(raw.numeric) > _NAMED else ""
-    has = f"its columns of numbers are {', '.join(raw.numeric[:_NAMED])}{further}"
+    has = f"the numeric columns are {', '.join(raw.numeric[:_NAMED])}{further}"
     if not groups.joints:
         if groups.near:
             nears = f"{len(groups.near)} columns of joints ({groups.near[0]} … {groups.near[-1]})"
@@ -253,12 +253,12 @@ def _refuse_missing(raw: RawTable, groups: Groups, axes: int) -> None:
         problem = f"has no {axes} columns that may be joints; {has}"
         remedy = (
             "add the joint angles of each pose (several files: --join), or name them in a map (--map); stops of the "
-            "ISO 9283 cube need none, where the rig file has tests.iso9283"
+            "ISO 9283 cube need only tests.iso9283 in the rig file"
         )
         raise FileError(raw.where, problem, remedy)
     if not any(pose.place.role != "commanded" for pose in groups.seen) and not (groups.seen and groups.residuals):
-        nears = "only places that were commanded" if groups.seen else "no columns x, y, z of a place"
-        problem = f"has {nears}, so nothing that was measured; {has}"
+        nears = "only places that were commanded" if groups.seen else "the columns x, y, z of a place are missing"
+        problem = f"has {nears}, not measured; {has}"
         raise FileError(raw.where, problem, "name the measured ones in a map (--map)")
 
 
@@ -300,24 +300,24 @@ def _placed(
         _ask(
             judge,
             [candidates[0], overruled],
-            "its header says otherwise, or the order of its columns, which does not fit the arm; which is it?",
+            "the header or the order of the columns disagrees with the arm; which is correct?",
         )
     least = max(best.share, best.share * _FLOOR_MM / max(best.left, 1e-9))
     rivals = [candidate for candidate in others if candidate[0].share < CLEARLY * least]
-    _ask(judge, [candidates[0], *rivals], "more than one reading fits the arm; which is it?")
+    _ask(judge, [candidates[0], *rivals], "more than one reading fits the arm; which is correct?")
     named = next((layout.topic for layout in judge.layouts if is_of_controller(layout.topic)), "")
     if residual is None and candidates[0][0] is best and best.left < _SMALL_MM * best.share:
         best = _hardly_moved(judge, candidates[0])
     if chosen.place.of_controller or named:
-        words = f"the robot computed it, so nothing was measured: import nothing; {OF_CONTROLLER}"
+        words = f"the robot computed the poses, so they are not a measurement: do not import; {OF_CONTROLLER}"
         by_robot = Reading(None, np.nan, "mm", words)
-        measured = Reading(best.value.place, best.left, "mm", "an instrument measured it")
-        asks = f"{named or _short(chosen.place.columns)} sounds like what the robot says of itself; who measured it?"
+        measured = Reading(best.value.place, best.left, "mm", "an instrument measured the poses")
+        asks = f"{named or _short(chosen.place.columns)} looks like poses reported by the robot; who measured them?"
         judge.questions.append(Question("place", asks, (by_robot, measured)))
     elif residual is None and best.left < _COMPUTED_MM and _is_nominal(judge.bare, poses_of(judge.raw, best.value)):
         judge.assumed.append(
-            f"the places lie within {best.left:.2g} mm (rms) of the nominal arm, as no real arm does: they may be "
-            "computed by the controller, or simulated"
+            f"the places lie within {best.left:.2g} mm (rms) of the nominal arm, too close for a real arm: they "
+            "may be computed by the controller, or simulated"
         )
     table_map: TableMap = best.value
     return table_map, chosen
@@ -332,15 +332,15 @@ def _hold_faulty(judge: _Judge, best: Reading, readings: Sequence[Reading]) -> N
     plain = next(reading for reading in readings if reading.value.sees == "the tool")
     if part := fits_in_parts(judge.raw, judge.bare, plain.value):
         problem = f"fits the arm of the rig file in {part}, and not as a whole; {plain.line()}"
-        remedy = "give what was measured with another place of target or instrument in files of their own, a run each"
+        remedy = "give measurements with a different place of target or instrument as separate files, one run each"
         raise FileError(judge.raw.where, problem, remedy)
-    nominal = f"{RIGHT_MM:g} mm and {100 * RIGHT_SHARE:g} % of how far the places lie apart"
+    nominal = f"{RIGHT_MM:g} mm and {100 * RIGHT_SHARE:g} % of the extent of the places"
     if best.share > min(_FAULTY_SHARE, AS_WELL * min(reading.share for reading in readings)):
-        problem = f"fits the arm of the rig file in no reading of its columns to {nominal}; {best.line()}"
-        remedy = "check that the rig file is that of the arm; else write a map by hand (--map)"
+        problem = f"does not fit the arm of the rig file, in any reading of the columns, to {nominal}; {best.line()}"
+        remedy = "check that the rig file belongs to the arm; otherwise write a map by hand (--map)"
         raise FileError(judge.raw.where, problem, remedy)
     judge.assumed.append(
-        f"{best.line()}, where the nominal constants of an arm leave at most {nominal}; no reading "
+        f"{best.line()}; the nominal constants of an arm leave at most {nominal}; no reading "
         "fits clearly better: a zero or a length of this arm is far wrong, or the rig file is that of another arm"
     )
 
@@ -369,7 +369,11 @@ def _hardly_moved(judge: _Judge, taken: tuple[Reading, Seen]) -> Reading:
     first = ways[0]
     if CLEARLY * max(first.left_mm, _FLOOR_MM) < best.left and not first.remedy:
         second = Reading(first.table_map, first.left_mm, "mm", f"{best.words}, with {first.words}", first.share)
-        _ask(judge, [(second, seen), taken], "the joints hardly move, and another reading fits better; which is it?")
+        _ask(
+            judge,
+            [(second, seen), taken],
+            "the joints hardly move, and a different reading fits better; which is correct?",
+        )
         return second
     if first.left_mm < CLEARLY * max(best.left, _FLOOR_MM):
         judge.assumed.append(
@@ -527,14 +531,14 @@ def _turned(judge: _Judge, table_map: TableMap, seen: Seen) -> TableMap:
         return table_map
     best, *others = readings
     judge.checked.append(best.line(others[0] if others else None))
-    none = Reading(None, np.nan, "°", "no turn: places alone are imported")
+    none = Reading(None, np.nan, "°", "turn missing: only places are imported")
     rivals = [reading for reading in others if reading.left < CLEARLY * max(best.left, _FLOOR_DEG)]
     if best.left > _RIGHT_DEG:
-        asks = f"no reading of the turn fits the arm within {_RIGHT_DEG:g}°; leave it out, or take which?"
+        asks = f"the readings of the turn do not fit the arm within {_RIGHT_DEG:g}°; ignore the turn, or use which?"
         judge.questions.append(Question("turn", asks, (none, *readings[:_SHOWN])))
         return table_map
     if rivals:
-        asks = "more than one reading of the turn fits the arm; which is it?"
+        asks = "more than one reading of the turn fits the arm; which is correct?"
         judge.questions.append(Question("turn", asks, (best, *rivals[:_SHOWN], none)))
     return table_map.model_copy(update={"turn": best.value})
 

@@ -53,7 +53,7 @@ def poses_of(raw: RawTable, table_map: TableMap) -> MappedPoses:
     problems = Problems()
     if table_map.joints is None or table_map.place is None:
         problem = f"states no {'joints' if table_map.joints is None else 'place'}, which every pose needs"
-        raise FileError("the map", problem, "add its columns and their unit")
+        raise FileError("the map", problem, "add the columns and the unit")
     q = _radians(raw, table_map.joints, problems)
     commanded = _radians(raw, table_map.commanded, problems) if table_map.commanded else None
     xyz = raw.numbers(table_map.place.columns, problems) * TO_MM[table_map.place.unit]
@@ -68,7 +68,7 @@ def poses_of(raw: RawTable, table_map: TableMap) -> MappedPoses:
         raise TableFileError(raw.where, problems.first, count=problems.count)
     if table_map.sees == "from the tool":
         if turn is None:
-            raise FileError("the map", "sees from the tool and states no turn", "add it, or `sees: the tool`")
+            raise FileError("the map", "sees from the tool and lacks a turn", "add it, or `sees: the tool`")
         turn = turn.inv()
         xyz = -turn.apply(xyz)
     return MappedPoses(q, xyz, turn, commanded)
@@ -89,7 +89,7 @@ def turn_of(raw: RawTable, turn: Turn, problems: Problems) -> Rotation:
     else:
         off = np.zeros(len(values))
     for row in np.flatnonzero(off > _UNIT_WITHIN).tolist():
-        problem = f"is no turn as {turn.form}: it is off by {off[row]:.2g}"
+        problem = f"is no turn as {turn.form}: the deviation is {off[row]:.2g}"
         problems.add([TableProblem(int(raw.lines[row]), turn.columns[0], problem)])
     values[off > _UNIT_WITHIN] = _none(turn)
     if turn.form == "quaternion":
@@ -155,8 +155,8 @@ def _named(raw: RawTable, table_map: TableMap, test: TestName, axes: int, direct
     missing = [name for name in layout.required if name not in {*stated, *joints, *table_map.constants}]
     missing = [name for name in missing if not (direction and name == "direction")]
     if missing or (driven and table_map.joints is None):
-        problem = f"names no column for {', '.join(missing[:6]) or 'the joints'}, which a {test} table needs"
-        raise FileError("the map", problem, "add it: columns: {NAME: {column: THAT OF THE FILE, unit: ITS UNIT}}")
+        problem = f"does not name a column for {', '.join(missing[:6]) or 'the joints'}, which a {test} table needs"
+        raise FileError("the map", problem, "add columns: {NAME: {column: COLUMN OF THE FILE, unit: UNIT}}")
     if unknown := [name for name in (*stated, *table_map.constants) if name not in layout.known]:
         problem = f"names {unknown[0]}, which no {test} table has"
         raise UseError("the map", problem, f"known are {', '.join(layout.known)}")

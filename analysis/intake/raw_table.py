@@ -72,7 +72,7 @@ class RawTable:
         for name, column in zip(names, columns.T, strict=True):
             if name not in self.names:
                 near = ", ".join(repr(column_name) for column_name in self.names[:30])
-                raise FileError(self.where, f"has no column {name!r}", f"name one that it has in the map: {near}")
+                raise FileError(self.where, f"has no column {name!r}", f"name an existing column in the map: {near}")
             good = array_of(self._is_number(name)).astype(bool)
             plain = pc.utf8_trim_whitespace(self._plain(name))
             if good.any():
@@ -102,7 +102,7 @@ class RawTable:
             sound &= array_of(self._is_number(name)).astype(bool)
         sound_rows = np.flatnonzero(sound)
         if not len(sound_rows):
-            raise FileError(self.where, "has no row without a bad cell", "correct the file")
+            raise FileError(self.where, "has a bad cell in every row", "correct the file")
         chosen = sound_rows[np.unique(np.linspace(0, len(sound_rows) - 1, min(rows, len(sound_rows))).astype(int))]
         return replace(self, cells=self.cells.take(chosen), lines=self.lines[chosen])
 
@@ -174,7 +174,9 @@ def text_of(data: bytes, where: str, layout: Layout | None = None) -> tuple[list
         text = data.decode("utf-8-sig" if encoding == "utf-8" else encoding)
     except UnicodeDecodeError:
         if layout or encoding == "utf-16":
-            raise FileError(where, f"is not {encoding}", "correct `encoding` in the map, or save it as UTF-8") from None
+            raise FileError(
+                where, f"is not {encoding}", "correct `encoding` in the map, or save the file as UTF-8"
+            ) from None
         encoding, text = "cp1252", data.decode("cp1252", errors="replace")
     if "\0" in text:
         raise FileError(where, "contains zero bytes, which a text file cannot", "give the table as UTF-8 text")
@@ -200,7 +202,7 @@ def layout_of(lines: Sequence[str], encoding: str, where: str) -> Layout:
             if best is None or score > best[0]:
                 best = score, name, comma, fields
     if best is None or (best[1] == "bar" and best[0][1] == 0) or best[0][1] == 0:
-        raise FileError(where, "has no rows of numbers", "give a table: a row of numbers for each pose")
+        raise FileError(where, "lacks rows of numbers", "give a table: a row of numbers for each pose")
     _, separator, comma, fields = best
     mark = SEPARATORS[separator]
     whole = [cells for k in sampled if len(cells := _fields(lines[k], mark)) == fields]
@@ -214,7 +216,7 @@ def layout_of(lines: Sequence[str], encoding: str, where: str) -> Layout:
     )
     first = next(data, None)
     if first is None:
-        raise FileError(where, "has no row whose columns of numbers are all numbers", "give a table of measurements")
+        raise FileError(where, "has non-numeric cells in every row", "give a table of measurements")
     header, units = _header(lines, first, rows, comment, mark, fields, numeric)
     return Layout(
         encoding=encoding,
@@ -272,13 +274,15 @@ def read_raw(lines: Sequence[str], layout: Layout, where: str) -> RawTable:
         k for k in range(layout.first_line - 1, len(lines)) if lines[k].strip() and not is_comment(lines[k].lstrip())
     ]
     if not kept:
-        raise FileError(where, "has no rows below its header", "give the measured rows")
+        raise FileError(where, "has a header without rows", "give the measured rows")
     body = [lines[k] for k in kept]
     if mark == " ":
         mark, body = "\t", ["\t".join(line.split()) for line in body]
     names, units = _names(lines, layout, body[0], mark)
     if len(names) > _MOST_COLUMNS or len(names) * len(body) > _MOST_CELLS:
-        raise FileError(where, f"has more than {_MOST_CELLS} cells or {_MOST_COLUMNS} columns", "import it in parts")
+        raise FileError(
+            where, f"has more than {_MOST_CELLS} cells or {_MOST_COLUMNS} columns", "import the file in parts"
+        )
     problems = Problems()
 
     def bad(row: pa_csv.InvalidRow) -> str:
@@ -294,7 +298,7 @@ def read_raw(lines: Sequence[str], layout: Layout, where: str) -> RawTable:
             pa_csv.ConvertOptions(column_types={name: pa.string() for name in names}, strings_can_be_null=False),
         )
     except pa.ArrowInvalid as error:
-        raise FileError(where, f"cannot be split into fields: {str(error)[:100]!r}", "check its quotes") from None
+        raise FileError(where, f"cannot be split into fields: {str(error)[:100]!r}", "check the quotes") from None
     if problems.count:
         raise TableFileError(where, problems.first, count=problems.count)
     if cells.num_rows != len(kept):
@@ -344,7 +348,7 @@ def joined(tables: Sequence[RawTable], join: str) -> tuple[RawTable, int]:
         if join == "rows":
             if len(table.lines) != len(lines):
                 problem = f"has {len(table.lines)} rows, {first.where} {len(lines)}"
-                raise FileError(table.where, problem, "join them by a column that both have: --join COLUMN")
+                raise FileError(table.where, problem, "join the files by a common column: --join COLUMN")
             places.append(np.arange(len(lines)))
             continue
         index = [_index(side, join) for side in (first, table)]
@@ -360,7 +364,7 @@ def joined(tables: Sequence[RawTable], join: str) -> tuple[RawTable, int]:
             columns[name if name not in columns else f"{name} (file {number})"] = table.cells[name].take(at[keep])
             units.append(unit)
     if not len(keep):
-        problem = f"shares no value of {join!r} with {first.where}"
+        problem = f"does not share a value of {join!r} with {first.where}"
         raise FileError(others[0].where, problem, "check the column of the join")
     cells = pa.table(columns)
     where = f"{first.where} and {len(others)} more"
@@ -373,7 +377,7 @@ def _index(table: RawTable, join: str) -> dict[str, int]:
     keys = [str(key).strip() for key in table.cells[join].to_pylist()]
     if len(set(keys)) < len(keys):
         problem = f"has a value of {join!r} twice"
-        raise FileError(table.where, problem, "join by a column whose values are all different")
+        raise FileError(table.where, problem, "join by a column with unique values")
     return {key: row for row, key in enumerate(keys)}
 
 
@@ -387,7 +391,7 @@ def read_files(files: Sequence[tuple[Path, bytes]], layouts: Sequence[Layout], j
             sheets = sheets_of(data, str(path))
             if layout.sheet not in sheets:
                 problem = f"has no sheet {layout.sheet!r} with rows; it has {', '.join(map(repr, sheets)) or 'none'}"
-                raise FileError(str(path), problem, "name one of them as `sheet` in the map")
+                raise FileError(str(path), problem, "name a sheet as `sheet` in the map")
             data = sheets[layout.sheet]  # noqa: PLW2901 - the sheet stands for its workbook
         lines, _ = text_of(data, str(path), layout)
         tables.append(read_raw(lines, layout, str(path)))

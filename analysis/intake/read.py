@@ -93,7 +93,7 @@ def check_sequence(
         declared = rig.tests.touch.sockets if rig.tests.touch else ()
         for line, socket in zip(lines.tolist(), columns[SOCKET].to_pylist(), strict=True):
             if declared and socket not in declared:
-                fact = f"{socket!r} is no socket of the rig file: {', '.join(declared)}"
+                fact = f"{socket!r} is not a socket of the rig file: {', '.join(declared)}"
                 yield TableProblem(int(line), SOCKET, fact)
     if "direction" in columns_of_test:
         yield from _of_circle(columns, lines, rig, direction)
@@ -104,9 +104,9 @@ def _of_circle(columns: Columns, lines: np.ndarray, rig: Rig, direction: Directi
     words = columns["direction"]
     named = pc.unique(words.drop_null()).to_pylist()
     if direction and named == ["acw" if direction == "cw" else "cw"]:
-        yield TableProblem(int(lines[0]), "direction", f"the table says {named[0]}; leave --direction out")
+        yield TableProblem(int(lines[0]), "direction", f"the table gives {named[0]}; leave --direction out")
     elif len(named) > 1:
-        fact = f"{named[1]} after {named[0]}: a file may hold one direction only; split it here"
+        fact = f"{named[1]} after {named[0]}: a file may contain only one direction; split the file here"
         yield TableProblem(int(lines[pc.index(words, named[1]).as_py()]), "direction", fact)
     t_s = columns["t_s"].to_numpy()
     for axis, name in zip(rig.robot.axes, JOINTS, strict=True):
@@ -143,11 +143,11 @@ def check_header(
     """
     line = ",".join(names) if len(names) <= 2 else ""
     if line.count(";") > 2:
-        remedy = f"save it with commas and decimal points: sed 'y/,;/.,/' {as_argument(where)} > TABLE.csv"
-        raise FileError(where, "separates its columns by semicolons", remedy)
+        remedy = f"save the file with commas and decimal points: sed 'y/,;/.,/' {as_argument(where)} > TABLE.csv"
+        raise FileError(where, "separates columns by semicolons", remedy)
     if line.count("\t") > 2:
-        remedy = f"save it with commas between columns: tr '\\t' ',' < {as_argument(where)} > TABLE.csv"
-        raise FileError(where, "separates its columns by tabs", remedy)
+        remedy = f"save the file with commas between columns: tr '\\t' ',' < {as_argument(where)} > TABLE.csv"
+        raise FileError(where, "separates columns by tabs", remedy)
     layout = layout or kind_named(test).layout(axes)
     problems = [
         TableProblem(1, name, "this column occurs twice; remove or rename one")
@@ -156,10 +156,10 @@ def check_header(
     ]
     missing = [name for name in layout.required if name not in names and not (direction_given and name == "direction")]
     if len(missing) == len(layout.required) and all(re.fullmatch(_CELL, name) for name in names):
-        raise FileError(where, "has no header line", f"make this its first line: {','.join(layout.required)}")
+        raise FileError(where, "lacks a header line", f"insert this first line: {','.join(layout.required)}")
     problems += [TableProblem(1, name, _missing(name, names, layout, test)) for name in missing]
     if not kind_named(test).gauges and RAIL in names and RAIL not in layout.known:
-        fact = "the arm of the rig file stands on no rail; add robot.rail to it, or rename this column"
+        fact = "the arm of the rig file has no rail; add robot.rail to the rig file, or rename this column"
         problems.append(TableProblem(1, RAIL, fact))
     for group in layout.together:
         stated = [name for name in group if name in names]
@@ -183,12 +183,12 @@ def _missing(name: str, names: list[str], layout: Layout, test: TestName) -> str
     if near:
         stem, _, unit = name.rpartition("_")
         unit_hint = f", in {_UNITS[unit]}" if stem and unit in _UNITS and not near.endswith(unit) else ""
-        return f"this column is missing; is it {quoted(near)}? Then name it {name}{unit_hint}"
+        return f"this column is missing; is {quoted(near)} meant? Then rename the column to {name}{unit_hint}"
     if name == "direction":
-        return "this column is missing; add it, or give --direction cw or acw"
+        return "this column is missing; add the column, or give --direction cw or acw"
     if test in CIRCLES and name == "g2_mm":
         return "this column is missing; an angle takes two gauges"
-    return "this column is missing; add it"
+    return "this column is missing; add the column"
 
 
 def _stem(name: str) -> str:
@@ -196,13 +196,17 @@ def _stem(name: str) -> str:
 
 
 _BEGINNINGS = (
-    (b"\xff\xfe", "is UTF-16", "save it as UTF-8"),
-    (b"\xfe\xff", "is UTF-16", "save it as UTF-8"),
+    (b"\xff\xfe", "is UTF-16", "save the file as UTF-8"),
+    (b"\xfe\xff", "is UTF-16", "save the file as UTF-8"),
     (b"PAR1", "is a Parquet file", "give the table as CSV"),
-    (b"#ROSBAG", "is a bag of ROS 1", "convert it to MCAP: rosbags-convert --src {file} --dst BAG --dst-storage mcap"),
-    (b"\x28\xb5\x2f\xfd", "is compressed (zstd)", "unpack it first: zstd -d {file}"),
-    (b"\x1f\x8b", "is compressed (gzip)", "unpack it first: gunzip -k {file}"),
-    (b"\x04\x22\x4d\x18", "is compressed (lz4)", "unpack it first: lz4 -d {file}"),
+    (
+        b"#ROSBAG",
+        "is a bag of ROS 1",
+        "convert the file to MCAP: rosbags-convert --src {file} --dst BAG --dst-storage mcap",
+    ),
+    (b"\x28\xb5\x2f\xfd", "is compressed (zstd)", "unpack the file first: zstd -d {file}"),
+    (b"\x1f\x8b", "is compressed (gzip)", "unpack the file first: gunzip -k {file}"),
+    (b"\x04\x22\x4d\x18", "is compressed (lz4)", "unpack the file first: lz4 -d {file}"),
     (b"PK\x03\x04", "is a workbook or a zip file", "save the table as CSV, or unpack the file first"),
     (b"\xd0\xcf\x11\xe0", "is a workbook of an old Excel", "save the table as CSV"),
     (b"%PDF", "is a PDF", "give the table as CSV"),
@@ -216,7 +220,7 @@ def refuse_other_formats(where: str, data: bytes) -> None:
         if data.startswith(magic):
             raise FileError(where, fact, remedy.format(file=as_argument(where)))
     if data.lstrip().startswith(ROS_KINEMATICS.encode()):
-        fact = "is the kinematics of an arm, as ur_calibration of ROS writes it, and no table of measurements"
+        fact = "is the kinematics of an arm (ur_calibration of ROS), not a table of measurements"
         raise FileError(where, fact, "for the arm, give calibration.conf of the controller: rig arms ARM --calibration")
 
 
@@ -228,10 +232,12 @@ def refuse_comments(where: str, data: bytes, test: TestName) -> None:
     file = as_argument(where)
     if len(names & set(kind_named(test).layout().required)) > 1:
         before = f"1,{count - 1}d; " if count > 1 else ""
-        problem = f"has its header in line {count} behind a #, which makes it a comment"
-        raise FileError(where, problem, f"take it off: sed '{before}s/^# *//' {file} > TABLE.csv")
+        problem = f"has the header in line {count} after a #, which marks a comment"
+        raise FileError(where, problem, f"remove the #: sed '{before}s/^# *//' {file} > TABLE.csv")
     comment = "a line" if count == 1 else f"{count} lines"
-    raise FileError(where, f"begins with {comment} of comment (#)", f"leave them out: sed '/^#/d' {file} > TABLE.csv")
+    raise FileError(
+        where, f"begins with {comment} of comment (#)", f"remove the comments: sed '/^#/d' {file} > TABLE.csv"
+    )
 
 
 MOST_BYTES = 256_000_000
@@ -288,7 +294,7 @@ def parse_csv(
 ) -> pa.Table:
     """Parse the bytes of a table file; `where` is the name in errors. See `read_file`."""
     if direction and "direction" not in kind_named(test).layout().required:
-        raise FileError(where, f"is of a {test} test, which has no direction", "leave --direction out")
+        raise FileError(where, f"is of a {test} test, which does not have a direction", "leave --direction out")
     _require_text(where, data)
     rows = _rows(data, where)
     _, header = next(rows, (1, []))
@@ -301,7 +307,7 @@ def parse_csv(
     problems = Problems()
     columns, lines = columns_of(_whole_rows(rows, names, where, problems), names, layout, problems)
     if not len(lines) and not problems.count:
-        raise FileError(where, "has a header and no rows", "give the measured rows")
+        raise FileError(where, "has a header without rows", "give the measured rows")
     if direction and "direction" not in columns:
         completed: dict[str, pa.ChunkedArray] = {}
         for name, values in columns.items():
@@ -320,7 +326,9 @@ def _names(header: list[str], where: str, joints: JointSource) -> list[str]:
     if not any(header):
         raise FileError(where, "is empty", "give a table with a header line")
     if len(header) > _MOST_COLUMNS:
-        raise FileError(where, f"has {len(header)} columns, more than {_MOST_COLUMNS}", "leave out those not needed")
+        raise FileError(
+            where, f"has {len(header)} columns, more than {_MOST_COLUMNS}", "remove the files that are not needed"
+        )
     names = [as_it_was(name) for name in header]
     if joints != "commanded":
         return names
@@ -339,7 +347,7 @@ def read_whole(path: Path) -> bytes:
     except IsADirectoryError:
         raise FileError(str(path), "is a directory", "give a file; of a bag the .mcap or .db3 file in it") from None
     except OSError as error:
-        raise FileError(str(path), error.strerror or str(error), "check the path and its permissions") from None
+        raise FileError(str(path), error.strerror or str(error), "check the path and the permissions") from None
     except FileError:
         if path.is_file() and path.stat().st_size > MOST_BYTES and read_from(path, 0, len(MAGIC))[0] == MAGIC:
             problem = f"is a bag of more than {MOST_BYTES / 1e6:g} MB"
@@ -373,7 +381,7 @@ def _require_text(where: str, data: bytes) -> None:
             data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
-        raise FileError(where, f"line {line} is not UTF-8", "save it as UTF-8") from None
+        raise FileError(where, f"line {line} is not UTF-8", "save the file as UTF-8") from None
     if b"\0" in data:
         raise FileError(where, "contains zero bytes, which a text file cannot", "give the table as UTF-8 text")
 
@@ -388,7 +396,7 @@ def _rows(data: bytes, where: str) -> Iterator[Row]:
                 yield begin, fields
             begin = reader.line_num + 1
     except csv.Error as error:
-        problem = TableProblem(begin, "", f"cannot be split into fields: {error}; check its quotes")
+        problem = TableProblem(begin, "", f"cannot be split into fields: {error}; check the quotes")
         raise TableFileError(where, [problem]) from None
 
 
@@ -408,6 +416,6 @@ def _whole_rows(rows: Iterator[Row], names: list[str], where: str, problems: Pro
             continue
         if count > most_rows:
             problem = f"has more than {_MOST_CELLS} cells, the first {line} lines alone"
-            raise FileError(where, problem, "import it in several runs")
+            raise FileError(where, problem, "import the file in several runs")
         count += 1
         yield line, fields

@@ -90,7 +90,7 @@ class Turn(Part):
     @model_validator(mode="after")
     def _whole(self) -> Turn:
         if re.search("xx|yy|zz", self.form):
-            raise ValueError(f"{self.form} turns about one axis twice in a row; write xyz, zyx, zyz …")
+            raise ValueError(f"{self.form} turns about the same axis twice in a row; write xyz, zyx, zyz …")
         count = TURN_COLUMNS.get(self.form, 3)
         if len(self.columns) != count:
             raise ValueError(f"a turn as {self.form} has {count} columns, not {len(self.columns)}")
@@ -98,7 +98,7 @@ class Turn(Part):
         if angles and self.unit is None:
             raise ValueError(f"a turn as {self.form} needs a unit; add deg or rad")
         if not angles and self.unit is not None:
-            raise ValueError(f"a turn as {self.form} has no unit; leave it out")
+            raise ValueError(f"a turn as {self.form} has no unit; remove the unit")
         return self
 
 

@@ -60,8 +60,8 @@ def _joints(raw: RawTable, rig: Rig, optional: set[str]) -> Angles:
     group = next((group for group in groups if group.role == "measured"), groups[0] if groups else None)
     if group is None:
         axes = len(rig.robot.axes)
-        problem = f"has no columns that are the {axes} joints of the arm: {', '.join(raw.names[:20])}"
-        raise FileError(raw.where, problem, f"name them q1_deg … q{axes}_deg, or J1 … J{axes}")
+        problem = f"lacks the columns of the {axes} joints of the arm: {', '.join(raw.names[:20])}"
+        raise FileError(raw.where, problem, f"name the columns q1_deg … q{axes}_deg, or J1 … J{axes}")
     is_small = np.nanmax(np.abs(raw.numbers(group.columns))) <= _FULL_TURN
     is_radians = group.unit == "rad" if group.unit else is_small
     return Angles(columns=group.columns, unit="rad" if is_radians else "deg")
@@ -73,5 +73,5 @@ def _only(rig: Rig, where: str) -> str:
     if len(sockets) == 1:
         return sockets[0]
     declared = f", of {', '.join(sockets)}" if sockets else ""
-    problem = "does not say which socket each row touches"
+    problem = "does not name the socket of each row"
     raise FileError(where, problem, f"add a column socket, or give --socket NAME for all rows{declared}")

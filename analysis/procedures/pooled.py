@@ -173,7 +173,7 @@ def pairs_of(group: Sequence[Result]) -> Pairs | None:
             runs.append((acw, cw))
         except FileError as error:
             refused += error.lines()
-    without = (f"{run.name}: there is no run of the other direction to pair it with" for run, _ in acw_runs + cw_runs)
+    without = (f"{run.name}: a run of the other direction is missing" for run, _ in acw_runs + cw_runs)
     refused = [*without, *refused]
     if not pairs:
         return Pairs((), {}, None, tuple(refused))

@@ -62,7 +62,7 @@ def disagreement_picture(disagreement: Disagreement) -> Figure:
     parts, quiet = _parts(disagreement, stairs_of_model(disagreement), disagreement.floor_um)
     words = _not_shown(quiet)
     parts.append((0.2 + 0.17 * len(words), lambda sheet: _draw_words(sheet, words)))
-    return Sheet.of_parts([f"Where model and readings disagree · {disagreement.rig.name}"], parts, _WIDTH)
+    return Sheet.of_parts([f"Disagreement of model and readings · {disagreement.rig.name}"], parts, _WIDTH)
 
 
 def _parts(residuals: Diagnosis | Disagreement, stairs: Stairs | None, floor_um: float) -> tuple[list[Part], int]:

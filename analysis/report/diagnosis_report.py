@@ -91,7 +91,7 @@ def calibration_file(name: str, content: bytes) -> CalibrationFile:
     try:
         return CalibrationFile(file=name, sha256=hashlib.sha256(content).hexdigest())
     except ValidationError:
-        problem = "is no name that a rig file can give to its calibration"
+        problem = "is not a valid name for the calibration of a rig file"
         raise FileError(name, problem, "use letters, digits, -, _ and . in the name of --output") from None
 
 
@@ -100,10 +100,12 @@ def hold_empty(directory: Path) -> None:
     try:
         if directory.exists() and (not directory.is_dir() or any(directory.iterdir())):
             raise FileError(
-                str(directory), "exists already and is not empty", "give another --output, or remove it first"
+                str(directory),
+                "exists already and is not empty",
+                "choose a different --output, or remove the old one first",
             )
     except OSError as error:
-        raise FileError(str(directory), error.strerror or str(error), "give another --output") from None
+        raise FileError(str(directory), error.strerror or str(error), "choose a different --output") from None
 
 
 def write(diagnosis: Diagnosis, text: str, directory: Path, *, in_session: bool = False) -> list[Path]:

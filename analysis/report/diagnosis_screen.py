@@ -45,14 +45,16 @@ def places_table(where: Sequence[Place]) -> list[RenderableType]:
     """Return a table of the worst places, each with the axis that reverses there."""
     if not where:
         return [Text("nowhere by more than the noise")]
-    table = bare_table("test", "part", "where", right("axis"), "how it differs", right("µm rms"), right("sigma"))
+    table = bare_table("test", "part", "where", right("axis"), "difference", right("µm rms"), right("sigma"))
     for place in sorted(where, key=lambda place_of_error: -place_of_error.sigma)[:_MOST_PLACES]:
         row = (runs_of(place), place.part, stretch(place), f"{place.joint or ''}", place.why)
         table.add_row(*row, f"{place.rms_um:.1f}", f"{place.sigma:.0f}")
     unlisted = len(where) - _MOST_PLACES
     circles = any(place.test in CIRCLES for place in where)
     notes = [f"and {unlisted} more (all with --json)"] * (unlisted > 0)
-    notes += ["distance: mean of both gauges, angle: their difference; a jump is from one side to the other"] * circles
+    notes += [
+        "distance: mean of both gauges, angle: difference of the gauges; a jump is the step at a reversal"
+    ] * circles
     return [table, *(Text(note, style="dim") for note in notes)]
 
 
@@ -86,12 +88,12 @@ def as_screen(diagnosis: Diagnosis) -> RenderableType:
         ("Details", [Text(words.headline), Text(words.accuracy)]),
         ("Error budget", _budget(diagnosis)),
         ("Fitted effects" if diagnosis.given else "Faults", _faults(diagnosis)),
-        ("What to do", [Text(f"{k + 1}. {act}") for k, act in enumerate(acts_in_words(diagnosis, texts_of("en")))]),
+        ("All steps", [Text(f"{k + 1}. {act}") for k, act in enumerate(acts_in_words(diagnosis, texts_of("en")))]),
         ("Reduction of the residual", ([stairs_table(stairs)] if stairs else [])),
-        ("What the model leaves", _gaps(diagnosis)),
+        ("Residual of the model", _gaps(diagnosis)),
         ("Still unexplained", unexplained),
-        ("What these tests cannot distinguish", _cannot(diagnosis)),
-        ("Where model and readings disagree", places_table(diagnosis.where)),
+        ("Effects that these tests cannot distinguish", _cannot(diagnosis)),
+        ("Disagreement of model and readings", places_table(diagnosis.where)),
         ("Remarks on the data", [Text(doubt, style="yellow") for doubt in diagnosis.doubts]),
     )
     shown: list[RenderableType] = [*parts]
@@ -120,7 +122,7 @@ def _budget(diagnosis: Diagnosis) -> list[RenderableType]:
     if small:
         share = sum(part.share for part in small)
         table.add_row(f"{len(small)} smaller parts (all with --json)", "", percent(share), "", "", style="dim")
-    cut_off = f"× usual: so many times what such an arm shows without a fault; unusual above {FAULT:g}"
+    cut_off = f"× usual: ratio to the typical size in a healthy arm; unusual above {FAULT:g}"
     return [table, Text(cut_off, style="dim")]
 
 
@@ -149,7 +151,7 @@ def _faults(diagnosis: Diagnosis) -> list[RenderableType]:
         for rival in named.rivals:
             cells = f"  or {name_of(rival.effect)}", size(rival, times), "", sure(rival.posterior), ""
             table.add_row(*cells, style="dim")
-    likeliest = Text("the first of each is the likeliest, and the one that -o adds to the rig file", style="dim")
+    likeliest = Text("the first of each is the likeliest; -o adds this effect to the rig file", style="dim")
     return [table, *([likeliest] if diagnosis.condition == "ambiguous" else []), *doubted]
 
 
@@ -164,7 +166,7 @@ def _gaps(diagnosis: Diagnosis) -> list[RenderableType]:
         if gap is not None:
             ends = (gap.calibrated_um, gap.noise_floor_um) if diagnosis.is_modelled else (gap.noise_floor_um,)
             cells = (gap.before_um, gap.after_um, *ends) if effects else (gap.before_um, *ends)
-            how = "" if gap.keeps_setup else ", own set-up"
+            how = "" if gap.keeps_setup else ", separate set-up"
             share = closed(gap)
             percents = [f"{100 * share:.1f} %" if math.isfinite(share) else ""] if effects else []
             table.add_row(f"{name}{how}", *map(_number, cells), *percents)

@@ -59,7 +59,7 @@ def write_html(html: str, file: Path) -> None:
         file.parent.mkdir(parents=True, exist_ok=True)
         durable.replace(file.resolve(), html.encode())
     except OSError as error:
-        raise FileError(str(file), error.strerror or str(error), "give another --output") from None
+        raise FileError(str(file), error.strerror or str(error), "choose a different --output") from None
 
 
 _PANGO = "install Pango, on Debian: apt install libpangoft2-1.0-0"
@@ -101,11 +101,11 @@ def write_pdf(html: str, file: Path) -> None:
         file.parent.mkdir(parents=True, exist_ok=True)
         durable.replace(file.resolve(), made.rstrip() + b"\n" + PDF_MARK)
     except OSError as error:
-        raise FileError(str(file), error.strerror or str(error), "give another --output") from None
+        raise FileError(str(file), error.strerror or str(error), "choose a different --output") from None
 
 
 def _weasyprint(file: Path) -> ModuleType:
-    browser = f"or write {file.with_suffix('.html').name} and print it from a browser"
+    browser = f"or write {file.with_suffix('.html').name} and print the page from a browser"
     try:
         import weasyprint  # noqa: PLC0415 - an extra of the package
     except ModuleNotFoundError as error:

@@ -29,7 +29,7 @@ def arms_table(arms: Sequence[Arm]) -> RenderableType:
         repeatability = f"{arm.repeatability_mm:g} mm" if arm.repeatability_mm else "unknown"
         masses = "known" if arm.sources.masses else "unknown"
         table.add_row(Text(arm.name, style="bold"), f"{arm.maker} {arm.model}", repeatability, masses)
-    return Group(table, Text(f"{len(arms)} arms; rig arms NAME shows the robot section of one, and its sources"))
+    return Group(table, Text(f"{len(arms)} arms; rig arms NAME shows the robot section and the sources of an arm"))
 
 
 def arm_object(arm: Arm) -> dict[str, Any]:
@@ -83,7 +83,7 @@ def interfaces_table(interfaces: Sequence[Interface]) -> RenderableType:
 def versions_table(versions: Sequence[Version]) -> RenderableType:
     """Return a row for each calibration, newest first."""
     if not versions:
-        return Text("No calibration of this robot is here: rig diagnose RUN… -o DIRECTORY makes one.")
+        return Text("This directory has no calibration of this robot. To write one: rig diagnose RUN… -o DIRECTORY")
     numbers = map(right, ("runs", "before µm", "calibrated µm", "left out µm", "to correct by"))
     table = Table("", "date", "rig file", *numbers, header_style="bold")
     for version in versions:

@@ -87,7 +87,7 @@ def headline(moved: Moved) -> str:
     """Return the answer: the moved item, the size and direction of the movement, and the odds."""
     named = moved.named
     if not moved.readings:
-        return f"No new readings yet: {moved.reference_readings} readings of the reference."
+        return f"New readings are missing: {moved.reference_readings} readings of the reference."
     if named is None:
         rivals = [
             f"{name_of(cause.cause, of_tracker=moved.of_tracker)} ({100 * cause.posterior:.0f} %)"
@@ -99,7 +99,7 @@ def headline(moved: Moved) -> str:
         agree = f"{moved.readings} readings agree with the reference within their scatter of {moved.scatter_mm:.2f} mm"
         return f"Nothing moved: {agree} ({certain})."
     if named.what == "other":
-        return f"Something changed that no cause in the list explains ({certain})."
+        return f"An unknown cause changed the readings ({certain})."
     name = name_of(named.cause, of_tracker=moved.of_tracker)
     by = ": " if named.together else " by "
     return f"{name[0].upper()}{name[1:]} moved{by}{size_of(named)}, {certain}."
@@ -110,13 +110,12 @@ def _listed(words: Sequence[str]) -> str:
 
 
 _DO = {
-    "nothing": "Nothing has to be done.",
-    "base": "Fasten the base and the work, then teach the frame of the work again, or shift it by these values.",
-    "base_tracker": "Fasten the base and the instrument. If the instrument stood still, teach the frame of the work "
-    "again.",
-    "instrument": "Fasten the instrument and measure its frame again; the robot needs no change.",
-    "target": "Fasten the target or ball and measure its place again; the robot needs no change.",
-    "tool": "Fasten the tool and teach its centre point again, or shift it by these values in the flange's axes.",
+    "nothing": "The robot needs no action.",
+    "base": "Fasten the base and the work. Then reteach the frame of the work, or shift the frame by these values.",
+    "base_tracker": "Fasten the base and the instrument. If the instrument did not move, reteach the work frame.",
+    "instrument": "Fasten the instrument and remeasure the frame of the instrument. The robot needs no change.",
+    "target": "Fasten the target or ball and remeasure the place. The robot needs no change.",
+    "tool": "Fasten the tool and reteach its centre point, or shift it by these values in the axes of the flange.",
     "other": "Check the fastening of base, sockets and tool and the seat of the ball, then repeat the readings.",
 }
 
@@ -130,7 +129,9 @@ def what_to_do(moved: Moved) -> str:
     if moved.next_posture is not None:
         return next_words(moved.next_posture)
     if moved.hidden:
-        return "No posture of the reference separates these causes. " + " ".join(map(hidden_words, moved.hidden))
+        return "The postures of the reference cannot separate these causes. " + " ".join(
+            map(hidden_words, moved.hidden)
+        )
     return "Take more readings in other postures."
 
 
@@ -152,7 +153,7 @@ def next_words(posture: Posture) -> str:
 
 def hidden_words(lever: Lever) -> str:
     """Return the reason why a cause is not observable, and the remedy."""
-    typical = f"{np.degrees(lever.cause.scale[0]):.2f}°" if lever.cause.what == "zero" else "its typical size"
+    typical = f"{np.degrees(lever.cause.scale[0]):.2f}°" if lever.cause.what == "zero" else "the typical size"
     name = name_of(lever.cause)
     scatter = f"their scatter is {lever.scatter_mm:.2f} mm"
     small = f"{typical} moves the readings by {lever.moves_mm:.2f} mm at most, {scatter}"

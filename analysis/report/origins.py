@@ -31,7 +31,7 @@ def in_calibration(model: CalibratedModel) -> list[str]:
     runs = _listed([run.name for run in model.runs])
     accuracy = f"it leaves {model.calibrated_um:.0f} of {model.before_um:.0f} µm rms of its runs"
     if model.held_out_um is not None:
-        accuracy += f" and {model.held_out_um:.0f} µm where it had no part"
+        accuracy += f" and {model.held_out_um:.0f} µm on runs that the model did not use"
     if model.widened > 1:
         accuracy += (
             f"; its uncertainty is {model.widened:.2g} times what the readings used state, as these poses showed"
@@ -50,7 +50,7 @@ def simulated_runs(simulated: int, runs: int) -> str:
     if not simulated:
         return ""
     if simulated == runs:
-        which, whose = "This run is" if runs == 1 else "All runs are", "no robot was measured"
+        which, whose = "This run is" if runs == 1 else "All runs are", "no real robot was measured"
     else:
         which, whose = f"{simulated} of {runs} runs {'is' if simulated == 1 else 'are'}", "that measured no robot"
     return f"{which} simulated or of an emulated cell; {whose}."

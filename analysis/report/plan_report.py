@@ -55,7 +55,7 @@ def as_table(plan: Plan) -> RenderableType:
     advice = [Text(f"not possible here: {test}: {reason}", style="dim") for test, reason in plan.impossible]
     best = next((gain for gain in plan.gains if gain.parts + gain.shows), None)
     if best is None:
-        none = "no further test would add information" if plan.gains else "no further test is set up in the rig file"
+        none = "no further test would add information" if plan.gains else "the rig file has no further test"
         advice.append(Text(none))
     else:
         text = f"most useful further test: {best.test}: distinguishes {best.parts} of {len(plan.pairs)} pairs"
@@ -76,10 +76,10 @@ def arm_in_words(level: float) -> str:
     """Return the assumed level of all other errors of the arm, among which an effect has to be detected."""
     if level == 1:
         return (
-            "arm assumed: everything else is as wrong as such arms usually are; --level is for an arm whose level a "
-            "diagnosis has found, and for an emulated one, which has no errors but its hidden effects"
+            "arm assumed: all other errors have their usual size; --level is for an arm with a level found by a "
+            "diagnosis, or for an emulated arm, with only hidden effects"
         )
-    return f"arm assumed: everything else is {level:g} times as wrong as such arms usually are"
+    return f"arm assumed: all other errors have {level:g} times their usual size"
 
 
 def _small(sight: Detectability) -> bool:
@@ -152,7 +152,7 @@ def _alike(plan: Plan) -> RenderableType:
             elif pair.further and pair.further[0].sigma > 0.05:
                 parted = Text(f"none; best {pair.further[0].test}: {pair.further[0].sigma:.1f} σ", style="yellow")
             else:
-                none = "none of the further tests" if pair.further else "no further test is set up"
+                none = "none of the further tests" if pair.further else "the rig file has no further test"
                 parted = Text(none, style="yellow")
             table.add_row(names, f"{pair.sigma:.1f} σ", parted)
         if len(pairs) > _MOST_PAIRS:

@@ -44,7 +44,7 @@ def as_table(proposal: Proposal) -> RenderableType:
             )
         parts.append(whole(table))
     else:
-        parts.append(Text("no circle within this time makes anything else testable", style="yellow"))
+        parts.append(Text("within this time, further circles do not make more effects detectable", style="yellow"))
     judgements = {"before": proposal.before} | ({"with them": proposal.after} if proposal.circles else {})
     for when, judgement in judgements.items():
         count, hidden = len(judgement.names), len(judgement.undetectable)

@@ -69,7 +69,7 @@ _LABELS = {
     "rms_deg": "orientation error, rms",
     "max_deg": "  largest",
     "spat_mm": "single-point articulation, 2 s (ASME B89.4.22)",
-    "socket_distance_mm": "distance of the sockets, if the arm has no error",
+    "socket_distance_mm": "distance of the sockets, by an arm without error",
     "repeat_mm": "scatter of one coordinate",
     "ap_p1_mm": "AP of P1",
     "rp_p1_mm": "RP of P1",

@@ -121,7 +121,7 @@ def _write_all(directory: Path, files: Mapping[str, Writer], *, over: bool) -> l
     paths = [directory / name for name in files]
     for path in () if over else paths:
         refuse_existing(path)
-    made, remedy = False, "give another --plot" if over else "give another --output"
+    made, remedy = False, "give another --plot" if over else "choose a different --output"
     try:
         with files_into(directory, over=over) as hidden:
             made = True
@@ -146,9 +146,11 @@ def write_new(path: Path, write: Writer) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except FileExistsError:
-        raise FileError(str(path.parent), "is a file, and a directory is needed", "give another --output") from None
+        raise FileError(
+            str(path.parent), "is a file, and a directory is needed", "choose a different --output"
+        ) from None
     except OSError as error:
-        raise FileError(str(path.parent), error.strerror or str(error), "give another --output") from None
+        raise FileError(str(path.parent), error.strerror or str(error), "choose a different --output") from None
     try:
         _hold_free(path)
     except FileExistsError:
@@ -169,7 +171,7 @@ def write_new(path: Path, write: Writer) -> None:
         raise _exists(path) from None
     except OSError as error:
         if not opened:
-            raise FileError(str(path), error.strerror or str(error), "give another --output") from None
+            raise FileError(str(path), error.strerror or str(error), "choose a different --output") from None
         problem = f"cannot be written: {error.strerror or error}"
         raise CellError(str(path), problem, "free some space or choose another disk") from error
     finally:
@@ -183,7 +185,7 @@ def _hold_free(path: Path) -> None:
 
 
 def _exists(path: Path) -> FileError:
-    return FileError(str(path), "exists already", "give another --output, or remove it first")
+    return FileError(str(path), "exists already", "choose a different --output, or remove the old one first")
 
 
 def write_parquet(table: pa.Table, file: BinaryIO) -> None:

@@ -54,7 +54,7 @@ def hold_trusted(path: Path) -> frozenset[int]:
     for place in (*reversed(path.absolute().parents), path.absolute()):
         status = place.lstat()
         if status.st_uid not in owners and open_to_all:
-            raise CellError(str(path), f"{place} belongs to another user (number {status.st_uid})", _REMEDY)
+            raise CellError(str(path), f"{place} belongs to a different user (number {status.st_uid})", _REMEDY)
         owners.add(status.st_uid)
         if stat.S_ISLNK(status.st_mode):
             return hold_trusted(place.resolve() / path.absolute().relative_to(place))
@@ -202,7 +202,7 @@ class InstanceLock:
     def take_cell(cls, directory: Path) -> InstanceLock:
         """Lock the directory of an emulated or replayed cell. Raises CellError if the directory is already in use."""
         refusal = "another rig emulate or rig replay serves a cell in this directory"
-        return cls._held(directory, os.O_RDONLY, refusal, "stop that one, or give another --output")
+        return cls._held(directory, os.O_RDONLY, refusal, "stop that one, or choose a different --output")
 
     @classmethod
     def _held(

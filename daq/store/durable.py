@@ -41,7 +41,7 @@ def remedy(error: Exception, otherwise: str) -> str:
     if isinstance(error, OSError) and error.errno == errno.ELOOP:
         return "remove that link"
     if isinstance(error, NotADirectoryError):
-        return "choose another directory"
+        return "choose a different directory"
     return otherwise
 
 

@@ -74,7 +74,7 @@ def operator_name(text: str) -> str:
     if len(text) > _LONGEST_OPERATOR:
         raise _OperatorError(f"a name of {len(text)} characters", f"write at most {_LONGEST_OPERATOR}")
     if not text.isprintable():
-        raise _OperatorError(f"{text!r} holds control characters", "write it in one line")
+        raise _OperatorError(f"{text!r} contains control characters", "write one line")
     return text
 
 

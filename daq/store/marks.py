@@ -179,9 +179,9 @@ def _test_and_direction(
         raise FileError(str(run), problem, f"import them again with --test {test}")
     if test not in CIRCLES:
         if direction is not None and test != manifest.test:
-            raise UseError("--direction", f"a {test} test has no direction", "leave it out")
+            raise UseError("--direction", f"a {test} test does not have a direction", "leave it out")
         if direction is not None:
-            raise FileError(str(run), f"is of a {test} test, which has no direction", "leave --direction out")
+            raise FileError(str(run), f"is of a {test} test, which does not have a direction", "leave --direction out")
         return {"test": test, "direction": None}
     if (direction or manifest.direction) is None:
         raise FileError(str(run), f"a {test} test has a direction, and the run has none", "add --direction acw or cw")

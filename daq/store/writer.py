@@ -122,7 +122,7 @@ class RunWriter:
         try:
             path, lock, ledger = create_run_directory(runs, manifest, companions or {})
         except OSError as error:
-            remedy = durable.remedy(error, "make room or choose another directory")
+            remedy = durable.remedy(error, "make room or choose a different directory")
             raise CellError(str(runs), f"cannot be written: {_words(error)}", remedy) from error
         writers = {
             stream: StreamWriter(path, stream, with_opening(schema_of(stream, columns), manifest.opening()))

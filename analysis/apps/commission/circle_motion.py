@@ -342,8 +342,8 @@ def binned(motions: Sequence[RobotMotion], arm: Arm) -> Binned:
         count = max(1, int(np.ceil(_BIN_S / max(float(np.median(np.diff(motion.t_s))), 1e-6) - 0.1)))
         whole = len(motion.t_s) // count * count
         if whole < 2 * count:
-            problem = f"has {len(motion.t_s)} rows of motion, too few to find a circle in them"
-            raise FileError(motion.where, problem, "record all of the circle, and drive it slower")
+            problem = f"has {len(motion.t_s)} rows of motion, too few for a circle"
+            raise FileError(motion.where, problem, "record the full circle at a lower speed")
         t_s = np.median(motion.t_s[:whole].reshape(-1, count), axis=1)
         q = np.median(motion.q[:whole].reshape(-1, count, 6), axis=1)
         first = sum(len(earlier) for earlier in times)
@@ -372,7 +372,7 @@ def on_circle(bins: Binned, circle: CircleFrame, tolerance: Tolerance, where: st
     on &= bins.moving & (along > _ALONG * lengths)
     for _ in range(_TRIMS):
         if on.sum() < _FEWEST:
-            problem = f"the robot was on the circle for {_BIN_S * on.sum():.2g} s only, too briefly to fit it"
+            problem = f"the robot was on the circle for {_BIN_S * on.sum():.2g} s only, too short for a fit"
             raise FileError(where, problem, "drive the circle slower, or record the feedback at a higher rate")
         circle = nearest_circle(bins.places[on]) or circle
         largest = deviations(circle, bins.places).largest

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 circle = typer.Typer(cls=Group, no_args_is_help=True, help="Find the circle of a rig file from the robot's motion.")
 app.add_typer(circle, name="circle")
-ball = typer.Typer(cls=Group, no_args_is_help=True, help="Find the ball of the hemisphere from the robot's stands.")
+ball = typer.Typer(cls=Group, no_args_is_help=True, help="Find the ball of the hemisphere from the stops of the robot.")
 app.add_typer(ball, name="ball")
 
 RigToWrite = Annotated[
@@ -32,7 +32,7 @@ RigToWrite = Annotated[
         "--rig", autocompletion=completion.rig_files, help="Rig file to complete; default: that of the first run."
     ),
 ]
-Write = Annotated[bool, typer.Option("--write", help="Write the result into the rig file; the old file is kept.")]
+Write = Annotated[bool, typer.Option("--write", help="Write the result to the rig file and keep the old file.")]
 
 
 @command(circle, "rig circle fit runs/lap-acw --rig cell.yaml --write")
@@ -42,9 +42,7 @@ def fit(
         typer.Argument(metavar="RUN…", autocompletion=completion.runs, help="Run directories of one circle."),
     ] = None,
     rig_file: RigToWrite = None,
-    live: Annotated[
-        bool, typer.Option("--live", help="Watch the running daemon instead, until Ctrl-C ends it.")
-    ] = False,
+    live: Annotated[bool, typer.Option("--live", help="Use the running daemon instead, until Ctrl-C.")] = False,
     write: Write = False,
     as_json: AsJson = False,
 ) -> None:
@@ -62,7 +60,7 @@ def fit(
     from analysis.runs.loading import motion_in
 
     if bool(runs) == live:
-        problem = "both runs and --live are given" if live else "nothing is given to fit"
+        problem = "both runs and --live are given" if live else "runs to fit are missing"
         raise UseError("rig circle fit", problem, "give run directories, or --live")
     named = rig_file_to_write(rig_file, write)
     if live:
@@ -86,7 +84,7 @@ def fit_ball(
     runs: Annotated[
         list[Path],
         typer.Argument(
-            metavar="RUN…", autocompletion=completion.runs, help="Radial runs about the ball, or runs of its circle."
+            metavar="RUN…", autocompletion=completion.runs, help="Radial runs about the ball, or runs of the circle."
         ),
     ],
     rig_file: RigToWrite = None,
@@ -110,14 +108,14 @@ def fit_ball(
     circles = [run.manifest.test in CIRCLES for run in recorded]
     if any(circles) != all(circles):
         where = ", ".join(str(run.path) for run in recorded)
-        raise FileError(where, "some are runs of a circle and some of a hemisphere", "give runs of one kind")
+        raise FileError(where, "some are runs of a circle and some of a hemisphere", "give runs of the same kind")
     if all(circles):
         of_circle = driven_circle([motion_in(run) for run in recorded], to.rig)
         centre, u_mm, used = of_circle.circle.centre, of_circle.u_centre_mm, f"the circle's centre: {of_circle.used}"
         values: Values = {"centre_mm": [round(float(x), 3) for x in centre]}
         doubts = of_circle.doubts
         if to.rig.tests.hemisphere is None:
-            problem = "the rig file has no tests.hemisphere, and a circle shows no posture at its pole"
+            problem = "the rig file lacks tests.hemisphere, and a circle does not show the posture at the pole"
             remedy = "add tests.hemisphere with posture_deg, or give a radial run"
             raise FileError(RigPlace.of(to.rig.name), problem, remedy)
     else:
@@ -150,8 +148,8 @@ def _check_same_robot(where: str, run_rig: Rig, rig: Rig) -> None:
     from analysis.robot.kinematics.arm import arm_of
 
     if not same_arm(arm_of(run_rig.robot), arm_of(rig.robot)):
-        problem = f"is of another robot than {rig.name}: its link constants differ"
-        raise FileError(where, problem, "use a rig file and a motion of one robot")
+        problem = f"belongs to a different robot than {rig.name}: the link constants differ"
+        raise FileError(where, problem, "use a rig file and a motion of the same robot")
 
 
 def _watched(named: RigFile | None) -> tuple[list[RobotMotion], RigFile]:
@@ -178,5 +176,5 @@ def _watched(named: RigFile | None) -> tuple[list[RobotMotion], RigFile]:
                 state = error.what
             say(f"{motion.t_s[-1]:.0f} s: {state}", err=True)
 
-        say("jog or lead the robot now; stand for a second at each point; Ctrl-C ends", err=True)
+        say("jog or guide the robot now, and rest for a second at each point; Ctrl-C ends", err=True)
         return [watched_motion(client, "the robot", show)], to

@@ -49,7 +49,7 @@ def doctor(
     rig, _ = load(rig_file)
     path = find(rig_file).absolute()
     if scan and is_shipped(path):
-        problem = f"asks the ports of the rig file, and {rig_file} is a shipped example"
+        problem = f"queries the ports of the rig file, and {rig_file} is a shipped example"
         raise UseError("--scan", problem, "give the rig file of your cell")
     unit = f"rigd@{path.stem}" if path.parent == SERVED else None
     findings = []
@@ -77,7 +77,7 @@ def logs(
         typer.Argument(
             metavar="RIG",
             autocompletion=completion.services,
-            help="NAME of rigd@NAME, or its rig file; default: all services.",
+            help="NAME of rigd@NAME, or the rig file; default: all services.",
         ),
     ] = None,
     since: Annotated[

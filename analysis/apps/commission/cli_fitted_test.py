@@ -58,13 +58,11 @@ def rig_file_to_write(name: str | None, write: bool) -> RigFile | None:
     """
     if name is None:
         if write:
-            raise UseError("--write", "needs the rig file that it writes", "give it with --rig FILE")
+            raise UseError("--write", "needs the rig file to write", "give it with --rig FILE")
         return None
     path = find(name)
     if write and path.resolve() in {example.resolve() for example in shipped().values()}:
-        raise FileError(
-            name, "is a shipped rig, which stays as it is", "copy it with rig example DIR, and give the copy"
-        )
+        raise FileError(name, "is a shipped rig, which is read-only", "copy it with rig example DIR, and use the copy")
     rig, text = load(path)
     return RigFile(rig, text, path)
 
@@ -79,12 +77,12 @@ def print_or_write(fitted: FittedTest, to: RigFile, *, write: bool, as_json: boo
     doubts = [*fitted.doubts, *_not_drivable(parse(text, where))] if fitted.test == "circle" else list(fitted.doubts)
     # Write first: an error is printed as a single line.
     if not (write and to.path):
-        done = f"nothing is written: paste this, or give {'--write' if to.path else '--rig FILE --write'}"
+        done = f"the rig file is unchanged: paste this, or give {'--write' if to.path else '--rig FILE --write'}"
     elif text == to.text:
         done = f"{to.path} has these values already"
     else:
         kept = _replace(to.path, to.text, text)
-        done = f"wrote {to.path}; as it was: {kept}; a rigd that runs knows the old one until it is started again"
+        done = f"wrote {to.path}; backup: {kept}; a running rigd uses the old file until it is restarted"
     for doubt in doubts:
         say(doubt, err=True)
     if as_json:
@@ -150,7 +148,7 @@ def _replace(path: Path, old: str, new: str) -> Path:
     path = path.resolve()  # keep a symbolic link
     try:
         if read_bytes(path, _MOST_BYTES) != old.encode():
-            raise FileError(str(path), "was changed by another program meanwhile", "run the command again")
+            raise FileError(str(path), "was changed by a different program meanwhile", "repeat the command")
         mode = path.stat().st_mode
         if not mode & 0o222:  # a rename would replace the file nevertheless
             raise FileError(str(path), "is read-only", "allow writing with chmod u+w, or paste the printed block")

@@ -27,69 +27,67 @@ def init(
     measured_by: Annotated[
         MeasuredBy,
         typer.Option(
-            help="What measures: gauges and a ball link, a tracker's poses, or a ball in sockets; arms of four, five "
-            "and seven axes are measured without gauges."
+            help="Instrument: gauges and a ball link, poses of a tracker, or a ball in sockets; for arms of four, "
+            "five and seven axes not gauges."
         ),
     ] = "gauges",
     robot: Annotated[
         str | None,
         typer.Option(
             metavar="ADDRESS",
-            help="Host of the robot, tcp://host:port, or udp://address:port; none with sockets; default: asked for.",
+            help="Host of the robot, tcp://host:port, or udp://address:port; none with sockets; default: rig asks.",
         ),
     ] = None,
     port: Annotated[
         list[str] | None,
         typer.Option(
             metavar="PORT",
-            help="Serial port or tcp://host:port of a gauge; repeatable; default: asked for.",
+            help="Serial port or tcp://host:port of a gauge; repeatable; default: rig asks.",
         ),
     ] = None,
     g1: Annotated[
-        str | None, typer.Option(metavar="PORT", help="Port of gauge 1, PORT#CHANNEL if shared; default: asked for.")
+        str | None, typer.Option(metavar="PORT", help="Port of gauge 1, PORT#CHANNEL if shared; default: rig asks.")
     ] = None,
     g2: Annotated[
-        str | None, typer.Option(metavar="PORT", help="Port of gauge 2, PORT#CHANNEL if shared; default: asked for.")
+        str | None, typer.Option(metavar="PORT", help="Port of gauge 2, PORT#CHANNEL if shared; default: rig asks.")
     ] = None,
     key: Annotated[
         list[str] | None,
         typer.Option(metavar="KEY=VALUE", help="Key of the rig file, as g1.range_mm=10; repeatable; default: none."),
     ] = None,
     baseline_mm: Annotated[
-        float | None, typer.Option(min=0.1, max=10_000, help="Distance between the gauges in mm; default: asked for.")
+        float | None, typer.Option(min=0.1, max=10_000, help="Distance between the gauges in mm; default: rig asks.")
     ] = None,
     arm: Annotated[
-        str | None, typer.Option(help="Arm by name, or a file with a section robot; default: asked for.")
+        str | None, typer.Option(help="Arm by name, or a file with a section robot; default: rig asks.")
     ] = None,
     build: Annotated[
         Build | None,
-        typer.Option(help="How the arm is built; default: as the library or its file says, else asked for."),
+        typer.Option(help="Build of the arm; default: that of the library or the file, otherwise rig asks."),
     ] = None,
     tool: Annotated[
         str | None,
         typer.Option(
-            metavar="POSE", help="Ball on the flange: x,y,z in mm, then roll,pitch,yaw in degrees; default: asked for."
+            metavar="POSE", help="Ball on the flange: x,y,z in mm, then roll,pitch,yaw in degrees; default: rig asks."
         ),
     ] = None,
     tolerance_mm: Annotated[
         float | None,
-        typer.Option(
-            min=0, max=1000, help="Error that the work allows at the ball in mm, 0 for no limits; default: asked for."
-        ),
+        typer.Option(min=0, max=1000, help="Allowed error at the ball in mm, 0 for unlimited; default: rig asks."),
     ] = None,
     circle_here: Annotated[
         bool | None,
-        typer.Option("--circle-here/--circle-later", help="Whether the robot stands at the start of its circle."),
+        typer.Option("--circle-here/--circle-later", help="State that the robot is at the start of the circle."),
     ] = None,
     radius_mm: Annotated[float | None, typer.Option(min=1, max=2000, help="Circle radius, mm; default: 70.")] = None,
     listen_s: Annotated[
-        float, typer.Option(min=0.2, max=60, help="Seconds to listen to a port before anything is asked.")
+        float, typer.Option(min=0.2, max=60, help="Seconds to listen to a port before rig sends a request.")
     ] = 1.0,
     modbus_unit: Annotated[
         list[int] | None, typer.Option(min=0, max=247, help="Modbus unit to ask; repeatable; default: 1.")
     ] = None,
     as_json: Annotated[
-        bool, typer.Option("--json", help="Print what was found as one JSON object, and write nothing.")
+        bool, typer.Option("--json", help="Print the result as one JSON object without writing a file.")
     ] = False,
 ) -> None:
     """Look for gauges and robot, ask which is which, and write a checked rig file.
@@ -149,7 +147,9 @@ def _make(options: Options) -> None:
     except (KeyboardInterrupt, Stopped):
         say("")
         kept = kept_in(options.path)
-        outcome = f"the same command goes on with the answers in {kept}" if kept.exists() else "nothing was written"
+        outcome = (
+            f"repeat the command to continue with the answers in {kept}" if kept.exists() else "no file was written"
+        )
         say(f"stopped; {outcome}", err=True)
         raise typer.Exit(_INTERRUPTED) from None
 
@@ -162,13 +162,13 @@ def next_steps(rig_file: Path) -> list[str]:
     file = shlex.quote(str(rig_file))
     if not rig.gauges.recorded:
         return _without_gauges(rig, file)
-    begin = [f"rigd {file}", "# in another terminal:", "rig live  # push each gauge once more, and jog the robot"]
+    begin = [f"rigd {file}", "# in a second terminal:", "rig live  # push each gauge once more, and jog the robot"]
     if rig.tests.circle is None:
         return [
             *begin,
-            "# jog the robot to three or more points of its circle, then Ctrl-C:",
+            "# jog the robot to three or more points of the circle, then Ctrl-C:",
             f"rig circle fit --live --rig {file} --write",
-            f"# stop rigd with Ctrl-C and start it again, so that it knows the circle: rigd {file}",
+            f"# restart rigd (Ctrl-C first) to load the circle: rigd {file}",
             *_first_lap(rig, file),
         ]
     *lap, report = _first_lap(rig, file)
@@ -182,7 +182,7 @@ def _without_gauges(rig: Rig, file: str) -> list[str]:
     if rig.tests.touch is None:
         return [
             f"rig plan {file} --poses 40 -o planned  # which poses show most",
-            f"rig import poses.csv --rig {file} --test pose -o runs/poses  # as the tracker wrote them",
+            f"rig import poses.csv --rig {file} --test pose -o runs/poses  # as written by the tracker",
             "rig diagnose runs/poses -o found",
         ]
     touch = [f"rig parts {file} -o parts  # sockets and ball holder to print", f"rig plan {file} --tests touch"]
@@ -194,14 +194,14 @@ def _without_gauges(rig: Rig, file: str) -> list[str]:
             f"rig import touches.csv --rig {file} --test touch -o runs/first",
         ]
     else:
-        measure = [f"rigd {file}", "# in another terminal:", "rig record touch first -o runs/first"]
+        measure = [f"rigd {file}", "# in a second terminal:", "rig record touch first -o runs/first"]
     if not rig.tests.touch.distances:
         measure.insert(0, f"# measure the distance of two sockets and write tests.touch.distances in {file}: {_WORTH}")
     calibrated = f"found/{rig.name}.yaml"
     return [*touch, *measure, "rig diagnose runs/first -o found", f"rig export-urdf {calibrated} -o arm.urdf"]
 
 
-_WORTH = "it leaves about a sixth of the error"
+_WORTH = "the error falls to about a sixth"
 """Remaining share of the error in a trial of four simulated UR10e (docs/any-arm.md)."""
 
 

@@ -20,8 +20,8 @@ def touch(
     touches: Annotated[
         int | None, typer.Option(min=6, max=2000, help="Touches of all sockets; default: those of the rig file.")
     ] = None,
-    operator: Annotated[str, typer.Option(help="Name of the person who measures; default: the user.")] = "",
-    placement: Annotated[str, typer.Option(help="Your name for where the sockets stand; default: none.")] = "",
+    operator: Annotated[str, typer.Option(help="Name of the operator; default: the user.")] = "",
+    placement: Annotated[str, typer.Option(help="Label of the place of the sockets; default: none.")] = "",
     rig: RigName = None,
 ) -> None:
     """Guide through touches: seat the ball, let go, wait for the tone, and go to the next posture.

@@ -110,12 +110,12 @@ def _sense(
             driven = "acw" if direction == "cw" else "cw"
             doubts.append(
                 f"about the tool's x axis, which is the normal, the robot moved {driven}, and the run is labelled "
-                f"{direction}: correct it with rig relabel RUN --direction {driven}, or turn robot.tool by 180° about z"
+                f"{direction}: to correct: rig relabel RUN --direction {driven}, or turn robot.tool by 180° about z"
             )
         return sign
     if went:
         return labelled * went
-    doubts.append("the robot went both ways alike, so that the sign of the normal is a guess: check it")
+    doubts.append("the robot moved equally in both directions, so the sign of the normal is a guess: check the sign")
     return float(np.sign(circle.n @ (_unit(declared.normal) if declared else [0.0, 0.0, 1.0])) or 1.0)
 
 
@@ -129,12 +129,10 @@ def _tool_doubts(circle: CircleFrame, T: Array) -> list[str]:
     off, spread = mean.magnitude(), float(np.degrees((mean.inv() * turn).magnitude().max()))
     if off < _HELD_RAD and spread < np.degrees(_HELD_RAD):
         return []
-    fact = (
-        f"the tool was held {np.degrees(off):.0f}° from where the test holds it (z to the centre, x along the normal)"
-    )
+    fact = f"the tool was {np.degrees(off):.0f}° from the orientation of the test (z to the centre, x along the normal)"
     if spread < np.degrees(_HELD_RAD):
-        return [f"{fact}: the program will turn it so, unless robot.tool.rpy_deg is corrected"]
-    return [f"{fact}, and not evenly (by up to {spread:.0f}°): the program will turn it so"]
+        return [f"{fact}: the program turns the tool by this angle unless robot.tool.rpy_deg is corrected"]
+    return [f"{fact}, and not evenly (by up to {spread:.0f}°): the program turns the tool by this angle"]
 
 
 def _unit(vector: tuple[float, float, float]) -> Array:
@@ -161,7 +159,7 @@ _JUMP_RAD, _ALONE = np.radians(0.5), 5.0
 """Size of a step between two rows, absolute and relative to the neighbouring steps, that cannot be motion."""
 _GAUGE_MM = 5.0
 """Largest 2 u: the ball is mounted at the centre of the circle, and a gauge reads about 5 mm in both directions."""
-_LONGER = "drive a longer arc, best a whole lap, or stand at three or more points all around"
+_LONGER = "drive a longer arc, preferably a full lap, or rest at three or more points around the circle"
 _SHORT = replace(DRIVEN, least_rad=0.0)
 """Tolerance for an arc too short to be found among other motion, but sufficient for an uncertainty."""
 
@@ -218,7 +216,7 @@ def driven_circle(motions: Sequence[RobotMotion], rig: Rig) -> DrivenCircle:
             row = int(np.argmin(np.isfinite(motion.q).all(axis=1))) + 1
             raise FileError(motion.where, f"row {row} has a joint angle that is not a number", "remove such rows")
         if len(motion.t_s) < 2 or np.ptp(motion.q, axis=0).max() < STOOD_RAD:
-            raise FileError(motion.where, "the robot stood still", "move the tool about the ball while it is recorded")
+            raise FileError(motion.where, "the robot stood still", "move the tool about the ball during the recording")
     bins = binned(motions, arm)
     where = _where(motions)
     points, run = even_path(bins.places[bins.path], bins.run[bins.path])
@@ -260,10 +258,10 @@ def _of_rows(fit: Fit, bins: Binned, on: Mask, motions: Sequence[RobotMotion], r
     )
     doubts = _doubts(motions)
     if fit.wild:
-        doubts.append(f"{fit.wild} rows lie far from the circle and are not used")
+        doubts.append(f"{fit.wild} rows are outliers of the circle and are not used")
     off_mm = float(np.quantile(deviations(fit.circle, bins.places[on]).largest, 0.95))
     if off_mm > _ROUND_MM:
-        hand = f"the path is off the circle by {off_mm:.1f} mm: it was led by hand, the feedback jumped, or"
+        hand = f"the path is off the circle by {off_mm:.1f} mm: the robot was guided by hand, the feedback jumped, or"
         doubts.append(f"{hand} the controller has other link constants than the rig file")
     used = f"{fit.rows} rows over {np.degrees(start.arc_rad):.0f}° of arc"
     where = _where(motions)
@@ -318,15 +316,17 @@ def _short_arc(points: Array, stood: int, where: str) -> FoundCircle:
         return FoundCircle(nearest, _length(points) / nearest.radius)
     if sagitta < 0.02 * _length(points):
         raise _line(points, stood, where)
-    problem = f"no part of the motion follows a circle, and the robot stood at only {stood} points; three are needed"
-    remedy = "record the circle by itself, or jog to three or more points of it and stand at each for a second"
+    problem = f"the motion does not contain a circle, and the robot rested at only {stood} points; three are needed"
+    remedy = "record only the circle, or jog to three or more points of the circle and rest at each for a second"
     raise FileError(where, problem, remedy)
 
 
 def _line(points: Array, stood: int, where: str) -> FileError:
     stands = f"and stood at {stood} points" if stood else "and did not stop"
-    problem = f"the robot moved along a line of {_length(points):.0f} mm {stands}, which determines no circle"
-    return FileError(where, problem, "drive an arc, best a whole lap, or jog to three or more points around the circle")
+    problem = f"the robot moved along a line of {_length(points):.0f} mm {stands}, too few for a circle"
+    return FileError(
+        where, problem, "drive an arc, preferably a full lap, or jog to three or more points around the circle"
+    )
 
 
 def _length(points: Array) -> float:
@@ -359,10 +359,10 @@ def _check_one_circle(
         row, axis = np.unravel_index(jumps.argmax(), jumps.shape)
         if jumps[row, axis]:
             jump = f"{rig.robot.axis_words(int(axis) + 1)} jumps by {np.degrees(steps[row, axis]):.1f}°"
-            problem = f"{jump} at {motion.t_s[row + 1]:.3f} s, and another circle begins there"
-            raise FileError(motion.where, problem, "check the feedback, and record the circle again without a jump")
-    problem = f"holds two circles ({_placed(first)}, and {_placed(second.circle)})"
-    raise FileError(where, problem, "give runs of one circle, each recorded by itself")
+            problem = f"{jump} at {motion.t_s[row + 1]:.3f} s, and a second circle starts there"
+            raise FileError(motion.where, problem, "check the feedback, and repeat the recording")
+    problem = f"contains two circles ({_placed(first)}, and {_placed(second.circle)})"
+    raise FileError(where, problem, "give separate runs of the same circle")
 
 
 def _placed(circle: CircleFrame) -> str:

@@ -28,8 +28,8 @@ _BODY_MM = 8.0
 _MOST_SHOWN = 5
 """Number of readings that fit into a line of 80 columns."""
 _WHICH_PORTS = """\
-A chosen port is listened to and then asked for readings. Leave out any that
-leads to another kind of machine: it may take a request for a command.
+rig listens to each chosen port and then requests readings. Do not choose ports
+of other machines: a machine may execute the request as a command.
 Ports of the gauges: numbers, as 1,2, or all"""
 _SIDES = {"g1": "+", "g2": "-"}
 
@@ -55,7 +55,7 @@ def described(name: str, gauge: Gauge) -> str:
     which = f"{name} is {place} ({gauge.interface}), on the {_SIDES[name]} side"
     if "counts" in gauge.model_fields_set:
         return f"{which}, and counts {gauge.counts}"
-    return f"{which}. Push {name} in. If the number goes up, start again with --key {name}.counts=towards"
+    return f"{which}. Push {name} in. If the number goes up, restart with --key {name}.counts=towards"
 
 
 def ask_baseline(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
@@ -110,7 +110,7 @@ def describe_port(report: PortReport, numbers: dict[str, int]) -> list[str]:
         return [f"  - {head}: {report.problem}", f"      {report.remedy}"]
     lines = []
     for gauge in report.gauges:
-        unit = "% of its range" if gauge.lacks else "mm"
+        unit = "% of the range" if gauge.lacks else "mm"
         also = f"; fits {', '.join(gauge.also)} as well" if gauge.also else ""
         lines.append(f"  {numbers[gauge.place]} {gauge.place}")
         kind = f"{gauge.gauge.interface}, {gauge.gauge.line}, {gauge.rate_hz:.0f} readings a second"
@@ -131,12 +131,12 @@ def _found(options: Options, dialogue: Dialogue) -> list[FoundGauge]:
                 dialogue.say(line)
         if len(gauges) > 1 or options.places or (gauges and not dialogue.terminal):
             return gauges
-        problem = "one answers" if gauges else "none answers" if reports else "no serial port is plugged in"
-        remedy = "plug it in and switch it on, or name its port: --port PORT"
+        problem = "one answers" if gauges else "none answers" if reports else "a serial port was not found"
+        remedy = "connect and switch on the gauge, or name the port: --port PORT"
         if not dialogue.terminal:
             raise CellError("gauges", problem, remedy)
         dialogue.say(f"gauges: {problem}; {remedy}")
-        prompt = "Enter looks again" + ("; 1 goes on with this one alone: " if gauges else ": ")
+        prompt = "Enter repeats the search" + ("; type 1 to continue with this gauge only: " if gauges else ": ")
         if dialogue.line(prompt) == "1" and gauges:
             return gauges
 
@@ -150,7 +150,7 @@ def _chosen(gauges: Sequence[FoundGauge], options: Options, dialogue: Dialogue) 
         return list(gauges)
     if not dialogue.terminal:
         where = ", ".join(by_place)
-        raise FileError("gauges", f"{len(gauges)} answer ({where})", "say which is which: --g1 PORT --g2 PORT")
+        raise FileError("gauges", f"{len(gauges)} answer ({where})", "name the gauges: --g1 PORT --g2 PORT")
     with Watch(gauges) as watch:
         remaining = {str(number): gauge for number, gauge in enumerate(gauges, 1)}
         first = _pushed("g1", remaining, watch, dialogue)
@@ -166,7 +166,7 @@ def _at(place: str, by_place: dict[str, FoundGauge]) -> FoundGauge:
     if len(matching) == 1:
         return matching[0]
     if not matching:
-        raise CellError(place, "no gauge answers there", f"give one that answers: {', '.join(by_place)}")
+        raise CellError(place, "a gauge does not answer there", f"give a port with a gauge: {', '.join(by_place)}")
     channels = ", ".join(gauge.place for gauge in matching)
     raise FileError(place, f"has {len(matching)} gauges", f"add the channel: {channels}")
 
@@ -179,20 +179,22 @@ def _pushed(name: str, remaining: dict[str, FoundGauge], watch: Watch, dialogue:
     numbers = {gauge.place: number for number, gauge in remaining.items()}
     while True:
         watch.rest()
-        otherwise = "press Enter" if len(remaining) == 1 else "type its number"
+        otherwise = "press Enter" if len(remaining) == 1 else "type the number"
         dialogue.say(f"Push gauge {name[1]} in, on the {_SIDES[name]} side of the baseline, or {otherwise}:")
         answer = dialogue.line_or(partial(_readings, watch, numbers), partial(watch.pushed, [*numbers]))
         number = numbers.get(answer, answer) or (next(iter(remaining)) if len(remaining) == 1 else "")
         if answer in numbers:
             counts: Counts = "towards" if watch.grows(answer) else "away"
             grew = "grows" if counts == "towards" else "falls"
-            dialogue.say(f"{name}: {answer}; its reading {grew} as it is pushed in, so it counts {counts}")
+            dialogue.say(f"{name}: {answer}; its reading {grew} when pushed in, so counts = {counts}")
             gauge = remaining.pop(number)
             return replace(gauge, gauge=gauge.gauge.model_copy(update={"counts": counts}))
         if number in remaining:
             dialogue.say(f"{name}: {remaining[number].place}, not pushed")
             return remaining.pop(number)
-        dialogue.say(f"error: {answer!r}: is not a gauge that is left; type one of {', '.join(remaining)}, or push it")
+        dialogue.say(
+            f"error: {answer!r}: is not a remaining gauge; type one of {', '.join(remaining)}, or push the gauge"
+        )
 
 
 def _readings(watch: Watch, numbers: dict[str, str]) -> str:
@@ -236,7 +238,7 @@ def hold_baseline_mm(value: float, where: str) -> float:
     if value < _NEAREST_MM:
         turned_mm = value * 1e-3
         problem = (
-            f"is nearer than two gauges stand: their bodies alone are {_BODY_MM:g} mm thick, and at {value:g} mm an "
+            f"is too small for two gauges, whose bodies are {_BODY_MM:g} mm thick, and at {value:g} mm an "
             f"angle of 1 mrad is {turned_mm:.2g} mm between them"
         )
         raise FileError(where, problem, f"measure between their axes, in mm and not cm, {_NEAREST_MM:g} or more")

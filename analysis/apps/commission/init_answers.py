@@ -27,7 +27,7 @@ from rigs.yaml_text import read_yaml
 
 _ENDING = ".init"
 _MAX_BYTES = 100_000
-_BEGIN_AGAIN = "remove it, and begin again"
+_BEGIN_AGAIN = "remove the file, and restart"
 
 
 class Answers(Part):
@@ -64,7 +64,7 @@ def load_answers(rig_file: Path) -> Answers:
     try:
         owner = path.lstat().st_uid
         if owner != os.geteuid():
-            raise FileError(str(path), f"belongs to another user (number {owner})", _BEGIN_AGAIN)
+            raise FileError(str(path), f"belongs to a different user (number {owner})", _BEGIN_AGAIN)
         return Answers.model_validate_json(read_bytes(path, _MAX_BYTES))
     except FileNotFoundError:
         return Answers()
@@ -83,7 +83,7 @@ def keep_answers(rig_file: Path, answers: Answers) -> None:
         durable.replace(path, answers.model_dump_json(exclude_unset=True, indent=1).encode(), 0o600)
     except OSError as error:
         raise CellError(
-            str(path), f"cannot be written: {error.strerror or error}", "choose another directory"
+            str(path), f"cannot be written: {error.strerror or error}", "choose a different directory"
         ) from None
 
 
@@ -139,10 +139,10 @@ def places_of(g1: str | None, g2: str | None, keys: Mapping[str, Mapping[str, An
     Raises UseError if only g2 is given, or if an interface is given but no port.
     """
     if g2 is not None and g1 is None:
-        raise UseError("--g2", "is given without --g1", "give both, or neither")
+        raise UseError("--g2", "needs --g1", "give both, or neither")
     for gauge, place in (("g1", g1), ("g2", g2)):
         if "interface" in keys[gauge] and place is None:
-            raise UseError(f"--key {gauge}.interface", f"is given without --{gauge}", f"give --{gauge} PORT as well")
+            raise UseError(f"--key {gauge}.interface", f"needs --{gauge}", f"give --{gauge} PORT as well")
     return tuple(place for place in (g1, g2) if place is not None)
 
 

@@ -54,10 +54,10 @@ def make_rig_file(options: Options, dialogue: Dialogue) -> None:
     """
     path = options.path
     if not path.parent.is_dir():
-        raise FileError(str(path.parent), "is not a directory", "create it, or give another name")
+        raise FileError(str(path.parent), "is not a directory", "create the directory, or choose a different name")
     _check_new(path)
     if options.measured_by == "tracker" and options.robot is not None:
-        raise UseError("--robot", "is not read beside a tracker, whose table has the joints", "leave it out")
+        raise UseError("--robot", "is not used with a tracker: the table contains the joints", "leave it out")
     gauges = {"--port": options.ports, "--g1, --g2": any(options.places), "--baseline-mm": options.baseline_mm}
     gauges |= {"--key": options.keys.get("g1") or options.keys.get("g2"), "--circle-here": options.circle_here}
     gauges |= {"--radius-mm": options.radius_mm}
@@ -70,7 +70,7 @@ def make_rig_file(options: Options, dialogue: Dialogue) -> None:
         chosen_arm(options.arm, options.measured_by)
     answers = load_answers(path)
     if answers.count:
-        dialogue.say(f"going on with the answers in {kept_in(path)}; remove it to begin again")
+        dialogue.say(f"going on with the answers in {kept_in(path)}; remove the file to restart")
     for ask in _QUESTIONS[options.measured_by]:
         answers = ask(answers, options, dialogue)
         keep_answers(path, answers)
@@ -82,14 +82,16 @@ def make_rig_file(options: Options, dialogue: Dialogue) -> None:
         durable.replace(path, text.encode())  # atomic, even after a power failure
     except OSError as error:
         problem = f"cannot be written: {error.strerror or error}"
-        raise CellError(str(path), problem, "free some space; the same command goes on here") from None
+        raise CellError(str(path), problem, "free some space; then repeat the command here") from None
     forget_answers(path)
 
 
 def _check_new(path: Path) -> None:
     if path.exists() or path.is_symlink():
         raise FileError(
-            str(path), "exists already", f"give another name, or edit it and run rig check {as_argument(path)}"
+            str(path),
+            "exists already",
+            f"choose a different name, or edit the file and run rig check {as_argument(path)}",
         )
 
 

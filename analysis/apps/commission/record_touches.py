@@ -60,9 +60,9 @@ def record_touches(
     rig = parse(text, "the rig file of rigd")
     touch = touch_of(rig)
     if rig.robot.rail:
-        problem = "stands on a rail, and rigd does not read where that stands"
+        problem = "is on a rail, and rigd does not read the position of the rail"
         raise FileError(
-            RigPlace.of(rig.name), problem, "leave out robot.rail while it stands, or import touches as a table"
+            RigPlace.of(rig.name), problem, "remove robot.rail if the rail does not move, or import touches as a table"
         )
     ball = moved_by(np.eye(4), np.array(touch.ball_mm), np.zeros(3))
     arm = arm_of(rig.robot)
@@ -97,7 +97,7 @@ def _follow(daemon: Daemon, rig: Rig, guide: Touching, say: Callable[[str], None
     names = joint_columns(len(rig.robot.axes))
     after: dict[str, int] = {}
     heard_s = clock.now_s()
-    say(f"socket {guide.socket}: seat the ball, let go, and wait for the tone; then another posture of elbow and wrist")
+    say(f"socket {guide.socket}: seat the ball, let go, and wait for the tone; then change elbow and wrist")
     while guide.socket:
         robot = daemon.ask("samples", after=after)["streams"].get("robot")
         rows = robot["rows"] if robot else []
@@ -109,7 +109,9 @@ def _follow(daemon: Daemon, rig: Rig, guide: Touching, say: Callable[[str], None
                 if all(angle is not None for angle in angles):
                     _tell(guide, row[0] / 1e9, angles, say)
         elif clock.now_s() - heard_s > _SILENT_S:
-            raise CellError("robot", f"no joint angles for {_SILENT_S:.0f} s", "see rig doctor; then the same command")
+            raise CellError(
+                "robot", f"joint angles missing for {_SILENT_S:.0f} s", "see rig doctor; then the same command"
+            )
         clock.sleep(_LOOK_S)
 
 
@@ -119,10 +121,10 @@ def _tell(guide: Touching, t_s: float, angles: list[float], say: Callable[[str],
         case "seated":
             say(f"{TONE}socket {socket}: touch {number} of {guide.each}")
             if guide.socket and guide.socket != socket:
-                say(f"now socket {guide.socket}: seat the ball there")
+                say(f"now socket {guide.socket}: place the ball in that socket")
         case "elsewhere":
-            say(f"the robot stands, but the ball is not in socket {socket} by the arm: seat it, or go on")
+            say(f"the robot is at rest, but by the arm the ball is not in socket {socket}: seat the ball, or continue")
         case "same posture":
-            say("the robot stands as at the touch before: turn elbow or wrist, the ball stays where it is")
+            say("the posture is that of the previous touch: turn elbow or wrist and keep the ball in the socket")
         case "nothing":
             pass

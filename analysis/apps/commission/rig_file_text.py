@@ -71,11 +71,11 @@ def _arm_of(name: str) -> ChosenArm:
         raise FileError(name, error.strerror or str(error), "give a file with a section robot") from None
     if "<robot" in text:
         made = as_argument(Path(name).with_suffix(".yaml"))
-        remedy = f"make that of it, and give --arm {made}: rig import-urdf {as_argument(name)} -o {made}"
-        raise FileError(name, "is a URDF and no file with a section robot", remedy)
+        remedy = f"convert the file, and give --arm {made}: rig import-urdf {as_argument(name)} -o {made}"
+        raise FileError(name, "is a URDF, not a file with a section robot", remedy)
     root, data = read_yaml(text, name)
     if not isinstance(data, dict) or "robot" not in data:
-        raise FileError(name, "lacks the section robot", "see rig arms for one, or choose an arm by its name")
+        raise FileError(name, "lacks the section robot", "see rig arms for an example, or choose an arm by name")
     section = {"robot": data["robot"]}
     try:
         robot = _ArmFile.model_validate(section).robot
@@ -147,7 +147,7 @@ def _of_gauges(answers: Answers, arm: ChosenArm) -> Iterator[str]:
 
 
 def _of_tracker(answers: Answers, arm: ChosenArm) -> Iterator[str]:
-    yield f"# Nominal arm, from {plain(arm.source)}. Where tracker and target are is found from the poses."
+    yield f"# Nominal arm, from {plain(arm.source)}. The places of tracker and target are fitted to the poses."
     yield _arm_section(arm, answers, answers.tool or arm.robot.tool)
     yield from _limits(answers, arm.repeatability_mm, "tracker")
 
@@ -163,7 +163,7 @@ def _of_sockets(answers: Answers, arm: ChosenArm) -> Iterator[str]:
     yield f"    sockets: [{', '.join(_SOCKETS)}]"
     yield f"    ball_mm: {flow(ball_mm)} # about where the ball is on the flange; where it is exactly is found"
     yield f"    touches: {Touch.model_fields['touches'].default}"
-    yield "    # One known distance says how large the arm is; measure over both balls (rig parts --over-balls-mm):"
+    yield "    # A known distance sets the scale of the arm; measure over both balls (rig parts --over-balls-mm):"
     yield f"    # distances: [{{between: [{', '.join(_SOCKETS)}], distance_mm: 100, u_mm: 0.05}}]"
     yield from _limits(answers, arm.repeatability_mm, "sockets")
 

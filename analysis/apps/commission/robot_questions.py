@@ -56,9 +56,9 @@ def _vector(values: Array, decimals: int) -> Vector:
 _COLUMNS = 79
 _BUILDS: tuple[Build, ...] = get_args(Build)
 _BUILD_QUESTION = """\
-How the arm is built says which plays, zeros and lengths are usual of it:
+The build determines the usual plays, zeros and lengths of the arm:
   industrial: reducers of large machines; light: strain-wave gears, as of cobots;
-  torque_sensing: with sensors of torque in its joints; servo: hobby servos
+  torque_sensing: with torque sensors in the joints; servo: hobby servos
 Build"""
 _NO_ROBOT = "none"
 _MOST_TOLERANCE_MM = 1000.0
@@ -94,13 +94,13 @@ def ask_robot_if_any(answers: Answers, options: Options, dialogue: Dialogue) -> 
     address = options.robot or answers.robot_address
     if axes != DRIVEN_AXES and options.robot not in (None, _NO_ROBOT):
         problem = f"is read of arms of {DRIVEN_AXES} axes only, and {answers.arm} has {axes}"
-        raise UseError("--robot", problem, "leave it out: the joints are typed into a table")
+        raise UseError("--robot", problem, "remove the option: the joints are typed into a table")
     if axes != DRIVEN_AXES:
         return answers
     if address is None:
         question = (
-            "rigd can read the joints and guide from touch to touch; else they are typed into a table.\n"
-            "Robot, its address, or none"
+            "rigd can read the joints and guide from touch to touch; otherwise type the joints into a table.\n"
+            "Address of the robot, or none"
         )
         address = dialogue.ask(question, "--robot", str, _NO_ROBOT)
     if address == _NO_ROBOT:
@@ -152,7 +152,7 @@ def ask_arm(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
     arms = fill(
         ", ".join(_likely_arms(answers)), _COLUMNS, break_on_hyphens=False, initial_indent="  ", subsequent_indent="  "
     )
-    question = f"Arm: its name in the library, or a file with a section robot\n{arms}\nArm"
+    question = f"Arm: name in the library, or a file with a section robot\n{arms}\nArm"
     arm_given = options.arm or answers.arm
     name = read(arm_given) if arm_given else dialogue.ask(question, "--arm", read)
     return answers.model_copy(update={"arm": name})
@@ -168,13 +168,13 @@ def ask_build(answers: Answers, options: Options, dialogue: Dialogue) -> Answers
     if build is None and arm.robot.build is None and not arm.in_library:
         build = dialogue.ask(_BUILD_QUESTION, "--build", _build, arm.robot.built)
         if not dialogue.terminal:
-            dialogue.say(f"{arm.robot.name} is taken to be {build}; state another with --build: {', '.join(_BUILDS)}")
+            dialogue.say(f"{arm.robot.name} is taken to be {build}; to change: --build {', '.join(_BUILDS)}")
     return answers if build is None else answers.model_copy(update={"build": build})
 
 
 def _build(text: str) -> Build:
     if text not in _BUILDS:
-        raise FileError(repr(text), "is no way in which arms are built", f"type {', '.join(_BUILDS)}")
+        raise FileError(repr(text), "is not a known build of arms", f"type {', '.join(_BUILDS)}")
     return text
 
 
@@ -230,7 +230,7 @@ def _tolerance_mm(text: str) -> float:
     except ValueError:
         value = math.nan
     if not 0 <= value <= _MOST_TOLERANCE_MM:
-        raise FileError(repr(text), "is not an error in mm", "type it as 0.25, or 0 for no limits")
+        raise FileError(repr(text), "is not an error in mm", "type for example 0.25, or 0 for unlimited")
     return value
 
 
@@ -240,7 +240,9 @@ def _pose(text: str) -> Pose:
     except ValueError:
         values = []
     if len(values) not in (3, 6) or not all(map(math.isfinite, values)):
-        raise FileError(repr(text), "is not x,y,z or x,y,z,roll,pitch,yaw", "write it as 0,0,150 or 0,0,150,0,90,0")
+        raise FileError(
+            repr(text), "is not x,y,z or x,y,z,roll,pitch,yaw", "write for example 0,0,150 or 0,0,150,0,90,0"
+        )
     fields = {"xyz_mm": values[:3], "rpy_deg": values[3:] or (0.0, 0.0, 0.0)}
     pose: Pose = checked(Pose, fields, "--tool")
     return pose
@@ -262,6 +264,6 @@ def ask_circle(answers: Answers, options: Options, dialogue: Dialogue, rig: Rig)
 
     if options.circle_here is not None:
         return read("y" if options.circle_here else "n")
-    question = f"The circle has a radius of {radius_mm:g} mm; --radius-mm gives another.\n"
-    question += "Does the robot stand at the start of its circle, ball link on? y or n"
+    question = f"The circle has a radius of {radius_mm:g} mm; to change: --radius-mm.\n"
+    question += "Is the robot at the start of the circle, with the ball link? y or n"
     return dialogue.ask(question, "--circle-here", read, "n")

@@ -124,21 +124,21 @@ def circle_through_stands(arm: Arm, bins: Binned, where: str) -> StoodCircle:
     extent = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
     if circle is None or extent[1] < _LINE * extent[0]:
         problem = f"the {len(places)} points at which the robot stood lie on a line"
-        raise FileError(where, problem, "stand at points far apart around the circle")
+        raise FileError(where, problem, "rest at distant points around the circle")
     away = deviations(circle, places)
     if away.largest.max() > _OFF_MM:
         worst = int(away.largest.argmax())
         problem = (
-            f"the {len(places)} stands lie up to {away.largest[worst]:.1f} mm off one circle, most in stand {worst + 1}"
+            f"the {len(places)} stops are up to {away.largest[worst]:.1f} mm from a circle, most in stop {worst + 1}"
         )
-        raise FileError(where, problem, "record only stands on the circle, or the circle itself without stops")
+        raise FileError(where, problem, "record only stops on the circle, or the circle without stops")
     free = 2 * (len(places) - 3)
     squares = float((away.radial**2).sum() + (away.axial**2).sum())
     scatter_mm, doubts = scatter(
         squares, free, float(np.sqrt(np.mean([bins.places[stand.settled].var(axis=0).mean() for stand in bins.stands])))
     )
     if not together.all():
-        doubts = (*doubts, f"{off_circle} stands are not used because they lie off the circle of the others")
+        doubts = (*doubts, f"{off_circle} stops are not used because they are off the circle of the others")
     design = away.design
     covariance: Array = np.asarray(scatter_mm**2 * np.linalg.inv(design.T @ design), dtype=np.float64)
     return StoodCircle(circle, T, q, covariance, doubts)
@@ -151,7 +151,9 @@ def scatter(squares: float, free: int, within_mm: float) -> tuple[float, tuple[s
     squares: sum of squared residuals in mm². free: degrees of freedom. within_mm: scatter within the stops in mm.
     """
     if free <= 0:
-        return within_mm, ("as few points leave no residual: u has only the scatter within the stands; add a point",)
+        return within_mm, (
+            "a fit to so few points has no residual: u includes only the scatter within the stops; add a point",
+        )
     from scipy.special import stdtrit  # noqa: PLC0415 - slow to import, needed here only
 
     return float(np.sqrt(squares / free) * stdtrit(free, 0.975) / 1.96), ()
@@ -216,8 +218,8 @@ def touched_ball(runs: Sequence[Run], rig: Rig) -> TouchedBall:
     q, g_mm, within = (np.concatenate(parts) for parts in zip(*stands, strict=True))
     places = forward(arm_of(rig.robot), q)[:, :3, 3]
     if (apart := len(distinct(places))) < 4:
-        problem = f"the robot stood at {apart} places, and a ball needs four that are not in one plane"
-        raise FileError(where, problem, "stand at more places all over the hemisphere, a second at each")
+        problem = f"the robot stood at {apart} places, but a ball needs four that are not in a plane"
+        raise FileError(where, problem, "rest at more places all over the hemisphere, a second at each")
     # Drop stops far off the sphere of the others one by one.
     near = np.ones(len(places), dtype=bool)
     for _ in range(int(_OTHERS_OF_BALL * len(places))):
@@ -230,22 +232,24 @@ def touched_ball(runs: Sequence[Run], rig: Rig) -> TouchedBall:
     x, design = _sphere(places, g_mm)
     residual = _off(places, g_mm, x)
     if not np.isfinite(x).all() or np.linalg.cond(design) > 1e6:
-        raise FileError(where, "the stands lie in one plane, which determines no ball", "stand higher and lower too")
+        raise FileError(
+            where, "the stops are in a plane, which does not determine a ball", "rest at higher and lower places too"
+        )
     if np.abs(residual).max() > _OFF_BALL_MM:
         worst = int(np.abs(residual).argmax())
         problem = (
-            f"stand {worst + 1} of {len(residual)} lies {abs(residual[worst]):.1f} mm off one sphere about the ball"
+            f"stand {worst + 1} of {len(residual)} lies {abs(residual[worst]):.1f} mm from a sphere about the ball"
         )
-        raise FileError(where, problem, "record only stands at which the link or the ball held the tool")
+        raise FileError(where, problem, "record only stops at which the link or the ball held the tool")
     scatter_mm, of_scatter = scatter(float((residual**2).sum()), len(residual) - 4, float(np.sqrt(np.mean(within**2))))
     covariance: Array = np.asarray(scatter_mm**2 * np.linalg.inv(design.T @ design), dtype=np.float64)
-    used = f"{len(q)} stands on a sphere of {x[3]:.1f} mm"
+    used = f"{len(q)} stops on a sphere of {x[3]:.1f} mm"
     if 2 * (u_mm := float(np.sqrt(np.diag(covariance)[:3]).max())) > _GAUGE_MM:
         problem = f"{used} leave the ball uncertain by {u_mm:.3g} mm (u)"
-        raise FileError(where, problem, "stand at places further apart, all over the hemisphere")
+        raise FileError(where, problem, "rest at more distant places, all over the hemisphere")
     notes = tuple(doubt for of_run in doubts for doubt in of_run) + of_scatter
     if off_sphere:
-        notes = (*notes, f"{off_sphere} stands are not used because they lie off the sphere of the others")
+        notes = (*notes, f"{off_sphere} stops are not used because they are off the sphere of the others")
     return TouchedBall(x[:3], covariance[:3, :3], float(x[3]), float(np.sqrt(covariance[3, 3])), q, places, used, notes)
 
 
@@ -258,7 +262,9 @@ def _stands(run: Run, rig: Rig) -> tuple[tuple[Array, Array, Array], tuple[str, 
     if run.table is not None:
         table = table_from(run.table, manifest.test, manifest.direction, str(path))
         if not isinstance(table, TargetTable):
-            raise FileError(str(path), f"is a {manifest.test} table, without stands about a ball", "give a radial run")
+            raise FileError(
+                str(path), f"is a {manifest.test} table, which lacks stops about a ball", "give a radial run"
+            )
         return (table.q, table.g_mm, np.zeros(len(table.q))), ()
     doubts: tuple[str, ...] = ()
     try:

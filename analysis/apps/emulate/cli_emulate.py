@@ -106,7 +106,7 @@ def replay(
             durable.replace(directory / name, content)
         durable.replace(path, played.rig_text(text).encode())
     except OSError as error:
-        raise FileError(str(directory), error.strerror or str(error), "give another --output") from None
+        raise FileError(str(directory), error.strerror or str(error), "choose a different --output") from None
 
     def attend(ends: SimpleQueue[int]) -> int:
         for name, port in played.cell.ports.items():
@@ -126,7 +126,9 @@ def replay(
         say(f"restarts from the beginning, because the host left a connection before its end: {played.restarts}")
     if played.unmarked:
         raise FileError(
-            str(directory), f"cannot mark the runs that are out of step: {played.unmarked}", "give another --output"
+            str(directory),
+            f"cannot mark the runs that are out of step: {played.unmarked}",
+            "choose a different --output",
         )
     doubt = "; was it captured with another rig file?" if played.otherwise else ""
     say(f"{played.otherwise} pieces from the host differ from the capture{doubt}")
@@ -158,7 +160,7 @@ def simulate(
     directions: tuple[Direction | None, ...] = (direction,) if direction else ("acw", "cw")
     if test not in CIRCLES:
         if direction:
-            raise typer.BadParameter(f"the {test} test has no direction", param_hint="--direction")
+            raise typer.BadParameter(f"the {test} test does not have a direction", param_hint="--direction")
         directions = (None,)
     tests: tuple[TestName, ...] = OF_ISO9283 if test == "iso9283" else (test,)
     for number, way, kind in product(range(seed, seed + times), directions, tests):

@@ -136,7 +136,7 @@ class Pendant:
         try:
             _, corrections = read_yaml(read_text(path, MOST_BYTES), str(path))
         except OSError as error:
-            raise FileError(str(path), error.strerror or str(error), "check the path and its permissions") from None
+            raise FileError(str(path), error.strerror or str(error), "check the path and the permissions") from None
         section = corrections.get("controller") if isinstance(corrections, dict) else None
         name = section.get("name") if isinstance(section, dict) else None
         before = self._of(next((candidate for candidate in makers() if candidate == name), None), str(path))

@@ -422,5 +422,5 @@ def write_cell_files(directory: Path, rig: Rig, robot: EmulatedRobot, text: str)
             durable.replace(directory / name, content)
         durable.replace(path, text.encode())  # last, because the other files identify an emulated cell
     except OSError as error:
-        raise FileError(str(directory), error.strerror or str(error), "give another --output") from None
+        raise FileError(str(directory), error.strerror or str(error), "choose a different --output") from None
     return path

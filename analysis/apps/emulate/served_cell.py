@@ -182,7 +182,7 @@ def locked_cell(directory: Path) -> InstanceLock:
     try:
         directory.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise FileError(str(directory), error.strerror or str(error), "give another --output") from None
+        raise FileError(str(directory), error.strerror or str(error), "choose a different --output") from None
     return InstanceLock.take_cell(directory)
 
 
@@ -193,7 +193,7 @@ def rig_file_of_cell(directory: Path) -> Path:
     """
     path = directory / RIG
     if path.exists() and not any((directory / file).exists() for file in (TRUTH, MARKS)):
-        raise FileError(str(path), "exists already, and is not of an emulated cell", "give another --output")
+        raise FileError(str(path), "exists already, and is not of an emulated cell", "choose a different --output")
     return path
 
 

@@ -44,9 +44,11 @@ def export(
     try:
         output.mkdir(parents=True, exist_ok=True)
     except FileExistsError:
-        raise FileError(str(output), "is a file, and several runs need a directory", "give another --output") from None
+        raise FileError(
+            str(output), "is a file, and several runs need a directory", "choose a different --output"
+        ) from None
     except OSError as error:
-        raise FileError(str(output), error.strerror or str(error), "give another --output") from None
+        raise FileError(str(output), error.strerror or str(error), "choose a different --output") from None
     for_each(paths, lambda path: _export(path, to, output / f"{path.name}.{to}"))
 
 

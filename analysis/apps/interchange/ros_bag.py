@@ -199,7 +199,7 @@ def _read(bag: Bag, rig: Rig) -> Mapping[str, _Track]:
             track.add(message.log_ns, message.sent_ns, message.data)
             if len(track.ns) > _MOST_MESSAGES:
                 problem = f"has more than {_MOST_MESSAGES} messages of {message.topic}"
-                raise FileError(where, problem, "import it in several runs")
+                raise FileError(where, problem, "import the file in several runs")
     for topic, track in tracks.items():
         if len(track.ns) < 2:
             has = ", ".join(f"{name} ({kind})" for name, kind in sorted(kinds.items()))[:300] or "no messages"

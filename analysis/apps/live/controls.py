@@ -190,7 +190,9 @@ def label_of(text: str) -> tuple[Label | None, str]:
     direction: Direction | None = next((way for way in get_args(Direction) if direction_words == [way]), None)
     if (test in CIRCLES) != (direction is not None) or len(direction_words) != (direction is not None):
         problem = (
-            f"a {test} test needs its direction, acw or cw" if test in CIRCLES else f"a {test} test has no direction"
+            f"a {test} test needs its direction, acw or cw"
+            if test in CIRCLES
+            else f"a {test} test does not have a direction"
         )
         return None, problem
     return Label(name, test, direction), ""

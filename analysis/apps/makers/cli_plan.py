@@ -245,4 +245,4 @@ def _write(rig: Rig, planned: PlannedPoses, directory: Path, maker: MakerName | 
     try:
         return write_all_new(directory, files)
     except FileError as error:
-        raise FileError(error.where, error.what, "give another --output") from None
+        raise FileError(error.where, error.what, "choose a different --output") from None

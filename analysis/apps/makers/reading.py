@@ -36,7 +36,7 @@ def program_texts(path: Path) -> tuple[Maker, dict[str, str]]:
         try:
             content = read_bytes(file, MOST_BYTES)
         except OSError as error:
-            raise FileError(str(file), error.strerror or str(error), "check the path and its permissions") from None
+            raise FileError(str(file), error.strerror or str(error), "check the path and the permissions") from None
         if b"\0" in content:
             remedy = "give the program as ASCII, Latin-1 or UTF-8 text"
             raise FileError(str(file), "is a binary file or UTF-16 text", remedy)

@@ -126,7 +126,7 @@ def _targets(
         twice = next(name for name in names if names.count(name) > 1)
         raise FileError(str(path), f"has two columns {twice}", "rename one of them")
     if not rows:
-        raise FileError(str(path), "has a header and no rows", "give the targets")
+        raise FileError(str(path), "has a header without rows", "give the targets")
     problems = [
         TableProblem(line, "", f"has {len(row)} fields, the header {len(names)}")
         for line, row in rows
@@ -210,13 +210,13 @@ def _rows(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
     except UnicodeDecodeError:
         raise FileError(str(path), "is not UTF-8 text", "save it as CSV in UTF-8") from None
     except OSError as error:
-        raise FileError(str(path), error.strerror or str(error), "check the path and its permissions") from None
+        raise FileError(str(path), error.strerror or str(error), "check the path and the permissions") from None
     reader = csv.reader(io.StringIO(text, newline=""), strict=True)
     try:
         rows = [(reader.line_num, fields) for fields in reader if fields]
     except csv.Error as error:
         raise FileError(
-            f"{path}, line {reader.line_num}", f"cannot be split into fields: {error}", "check its quotes"
+            f"{path}, line {reader.line_num}", f"cannot be split into fields: {error}", "check the quotes"
         ) from None
     if not rows:
         raise FileError(str(path), "is empty", "give a table with a header line")

@@ -72,7 +72,7 @@ class Child:
             log.parent.mkdir(parents=True, exist_ok=True)
             opened = log.open("ab")
         except OSError as error:
-            raise FileError(str(log), error.strerror or str(error), "give another --output") from None
+            raise FileError(str(log), error.strerror or str(error), "choose a different --output") from None
         process = subprocess.Popen(  # noqa: S603 - our own program
             [sys.executable, "-c", entry, *map(str, arguments)],
             stdin=subprocess.PIPE if hear else subprocess.DEVNULL,
@@ -114,7 +114,7 @@ class Child:
                 (line for line in reversed(self.log.read_text("utf-8", "replace").splitlines()) if line), ""
             )
         problem = f"ended by itself: {last_line.removeprefix('error: ')}" if last_line else "ended by itself"
-        return CellError(self.name, problem, f"see {self.log}; then the same command goes on")
+        return CellError(self.name, problem, f"see {self.log}; then repeat the command")
 
     @property
     def runs(self) -> bool:

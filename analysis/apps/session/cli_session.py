@@ -31,8 +31,8 @@ def session(
     aim: Annotated[
         Literal["faults", "accuracy", "check"],
         typer.Option(
-            help="What for. faults: what is worn, loose or shifted, until it is known; accuracy: as long as the time "
-            "lasts; check: the circle alone, and no correction."
+            help="Aim. faults: find worn, loose or shifted parts; accuracy: use the whole time; check: only the "
+            "circle, without a correction."
         ),
     ] = "faults",
     maker: Annotated[
@@ -45,8 +45,8 @@ def session(
     correct: Annotated[
         Literal["entries", "programs", "none"] | None,
         typer.Option(
-            help="How the robot is corrected; default: by entries where they take away at least four fifths of what "
-            "programs do."
+            help="Method of the correction; default: entries if they achieve at least four fifths of the gain of "
+            "programs."
         ),
     ] = None,
     entered: Annotated[
@@ -55,10 +55,12 @@ def session(
     wait_min: Annotated[
         float, typer.Option(min=0.1, max=1440, help="Minutes that the robot has to begin a program.")
     ] = _WAIT_MIN,
-    operator: Annotated[str, typer.Option(help="Name of the person who measures; default: the user.")] = "",
+    operator: Annotated[str, typer.Option(help="Name of the operator; default: the user.")] = "",
     emulated: Annotated[
         bool,
-        typer.Option("--emulated", help="Emulate the cell, whose robot drives by itself; no person is needed."),
+        typer.Option(
+            "--emulated", help="Emulate the cell. The emulated robot starts automatically, without an operator."
+        ),
     ] = False,
     effects: Annotated[
         str,
@@ -71,7 +73,7 @@ def session(
         typer.Option("--fast", help="With --emulated: in simulated time, 50 minutes in a few."),
     ] = False,
     seed: Annotated[int, typer.Option(min=0, help="With --emulated: seed of the noise of the gauges.")] = 1,
-    status: Annotated[bool, typer.Option("--status", help="Show how far the session is, and end.")] = False,
+    status: Annotated[bool, typer.Option("--status", help="Show the progress of the session, and end.")] = False,
     as_json: AsJson = False,
 ) -> None:
     """Measure, understand, correct and verify a robot, one program after the other.
@@ -117,7 +119,7 @@ def session(
         with named_by(rig_file, rig):
             done = run_session(rig, text, place, asked, screen)
     except KeyboardInterrupt:
-        screen.say(f"interrupted: what was reached is kept in {place.file}, and the same command goes on")
+        screen.say(f"interrupted: the progress is saved in {place.file}; repeat the command to continue")
         raise typer.Exit(130) from None
     finally:
         screen.clear()
@@ -132,7 +134,7 @@ def _show(place: Place, rig_file: Path | str, rig_text: str, *, as_json: bool) -
 
     kept_session = place.read()
     if kept_session is None:
-        raise FileError(str(place.file), "no session was begun here", f"begin one: {place.command(rig_file)}")
+        raise FileError(str(place.file), "this directory has no session", f"begin one: {place.command(rig_file)}")
     place.hold_whole(kept_session, rig_text)
     if as_json:
         say_json(kept_session.model_dump(mode="json"))

@@ -197,8 +197,10 @@ def _hold_unserved(rig_name: str) -> None:
         except CellError:
             return
         if clock.now_s() > until_s:
-            problem = f"a rigd serves {rig_name} already ({serving}), and a session starts its own"
-            raise CellError("rigd", problem, "stop that one first; as a service: sudo systemctl stop rigd@NAME")
+            problem = f"a rigd serves {rig_name} already ({serving}), but a session starts a separate one"
+            raise CellError(
+                "rigd", problem, "stop the other rigd first; if it is a service: sudo systemctl stop rigd@NAME"
+            )
         clock.sleep(LOOK_S)
 
 
@@ -299,14 +301,14 @@ class _Drive:
                     until_s = now_s + wait_s
                 if now_s > until_s:
                     if silent := self.rigd.silent():
-                        remedy = "see rig doctor; then the same command goes on"
-                        raise CellError(", ".join(silent), "sends no readings", remedy)
-                    where = "stands at its start and was not started" if self.recording else "was not started"
-                    raise CellError(self.asked.program, where, "start it; the same command goes on")
+                        remedy = "see rig doctor; then repeat the command"
+                        raise CellError(", ".join(silent), "does not send readings", remedy)
+                    where = "waits at the start and was not started" if self.recording else "was not started"
+                    raise CellError(self.asked.program, where, "start it, then repeat the command")
                 if now_s > look_s:
                     look_s = now_s + _STATUS_S
                     for name in self.rigd.silent():
-                        self._tell(f"{name} sends no readings: check its cable; see rig doctor")
+                        self._tell(f"{name} does not send readings: check the cable; see rig doctor")
                     if not self.recording:
                         self.screen.show(f"  waiting for {self.asked.program}: {(until_s - now_s) / 60:.0f} min left")
                 clock.sleep(LOOK_S)
@@ -324,20 +326,20 @@ class _Drive:
         if seen == "at_start" and not self.recording:
             self._begin(program, operator)
         elif seen == "driving" and not self.recording:
-            self._tell(f"{program} began before it was recorded: let it end, then start it again")
+            self._tell(f"{program} started before the recording: wait for the end, then restart it")
         elif seen == "driving":
-            self.screen.show(f"  {program}: {100 * self.watch.share:.0f} % of its way, recorded")
+            self.screen.show(f"  {program}: {100 * self.watch.share:.0f} % of the path, recorded")
         elif seen == "ended" and self.recording:
             self.ended = program
             return program, ""
         elif seen in ("ended", "stopped", "astray") and not self.recording:
             self.watch.forget()
         elif seen == "stopped":
-            return program, f"the robot stopped at {100 * self.watch.share:.0f} % of its way"
+            return program, f"the robot stopped at {100 * self.watch.share:.0f} % of the path"
         elif seen == "astray":
-            return program, f"the robot left the way of {program} at {100 * self.watch.share:.0f} % of it"
+            return program, f"the robot left the path of {program} at {100 * self.watch.share:.0f} % of it"
         elif seen == "elsewhere":
-            self._tell(f"the robot drove something that is no program of this stage: start {self.asked.program}")
+            self._tell(f"the robot drove a path of none of the programs of this stage: start {self.asked.program}")
         return None
 
     def _begin(self, program: str, operator: str) -> None:
@@ -346,7 +348,9 @@ class _Drive:
             return
         driven = self.programs[program]
         if program != self.asked.program:
-            self._tell(f"this is {program}, not {self.asked.program}: it is recorded as what it is")
+            self._tell(
+                f"this is {program}, not {self.asked.program}: the run is recorded with the label of that program"
+            )
         try:
             self.rigd.ask(
                 "record_start",
@@ -358,7 +362,7 @@ class _Drive:
                 corrected=driven.corrected,
             )
         except RigError as error:
-            self._tell(f"nothing is recorded: {error}")
+            self._tell(f"rig does not record: {error}")
             self.try_again_s = clock.now_s() + _AGAIN_S
             return
         self.recording = program
@@ -413,7 +417,7 @@ class Person:
         """Ignored: the operator is always present."""
 
     def enter(self, file: Path) -> bool:
-        return self._ask(f"the values of {file} are entered, and checked as it says")
+        return self._ask(f"the values of {file} are entered, and checked as described there")
 
     def leave(self) -> None:
         """Ignored: the cell stays as it is."""

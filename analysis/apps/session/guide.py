@@ -250,7 +250,7 @@ class Guide:
         """Return the reason for not correcting anything; empty if a correction is allowed."""
         answer = _of(session.answer)
         if not answer.model:
-            return f"Nothing can be corrected: {answer.next_step}"
+            return f"A correction is impossible: {answer.next_step}"
         return why_nothing(session) if self.chosen_way in (None, "none") else ""
 
     # ------------------------------------------------------------------------------------------------------------------
@@ -311,7 +311,7 @@ def _adopted(state: State, run: str, program: str) -> Outcome:
         if number is not None:
             return state.tried(number, Try(run=run)), ()
     left_alone = state.keeping(left_alone=(*state.session.left_alone, run))
-    return left_alone, (Say((f"  {run} is of no step of this session, or was cut off: left alone",)),)
+    return left_alone, (Say((f"  {run} does not belong to a step of this session, or was interrupted: ignored",)),)
 
 
 def _number_of(session: Session, program: str, purpose: Purpose) -> int | None:
@@ -324,7 +324,7 @@ def _recorded(state: State, run: Run, minutes: float) -> Outcome:
     """Assign a run to the step of its program. If the run is usable and adds information, start an inference."""
     number, session = _of(state.driving), state.session
     idle = replace(state, driving=None).keeping(driven_minutes=round(session.driven_minutes + minutes, 2))
-    usable = f"not usable: {run.why}; drive it again" if run.why else "usable"
+    usable = f"not usable: {run.why}; repeat the run" if run.why else "usable"
     actions = (Say((f"  {run.name}: {usable}",)),)
     step = session.steps[number]
     of = number if run.program == step.program else _number_of(session, run.program, step.purpose)
@@ -352,9 +352,9 @@ def _failed(step: Step, *, is_emulated: bool) -> tuple[Stop, ...]:
         return ()
     if is_emulated or any(attempt.held_up for attempt in step.tries[-MOST_TRIES:]):
         vain = f"after {MOST_TRIES} failed attempts at {step.program}, the last time: {last}"
-        remedy = "end what keeps it busy, or give rig another computer; the same command goes on here"
-        return (Stop(CellError("this computer", f"was held up, so that readings are missing ({vain})", remedy)),)
-    remedy = "look at the cell (rig doctor); the same command goes on here"
+        remedy = "close other programs, or use a faster computer; then repeat the command here"
+        return (Stop(CellError("this computer", f"was delayed, so that readings are missing ({vain})", remedy)),)
+    remedy = "check the cell (rig doctor); then repeat the command here"
     return (Stop(CellError(step.program, f"failed {MOST_TRIES} times, the last time: {last}", remedy)),)
 
 
@@ -397,7 +397,7 @@ def _answered(state: State, answer: Answer) -> Outcome:
     return changed, actions
 
 
-_ANSWERED, _OPEN = "the question is answered", "the question is open again"
+_ANSWERED, _OPEN = "the question is answered", "the question is open"
 """Reasons for skipping and reopening steps."""
 
 
@@ -405,7 +405,7 @@ def _corrected(state: State, correction: Correction, programs: Mapping[str, str]
     """Store a correction. Its programs, if any, replace those of the verification steps."""
     changed = state
     if correction.way == "none":
-        changed = state.skipping("verify", "nothing was corrected")
+        changed = state.skipping("verify", "the robot was not corrected")
     steps = [
         step.model_copy(update={"program": programs.get(step.program, step.program)})
         if step.purpose == "verify"

@@ -95,11 +95,11 @@ def why_nothing(session: Session) -> str:
 
 
 _WHY_NOTHING = {
-    "unknown_cause": "Correct nothing: what explains most of the error is in no library, and a correction that leaves "
-    "it out may add to the error elsewhere. --correct programs corrects by it all the same.",
-    "not_shown": "Correct nothing: these runs cannot show what is wrong. --correct programs corrects all the same.",
-    "no_gain_elsewhere": "Correct nothing: the model takes away no error where it had no part. --correct programs "
-    "corrects by it all the same.",
+    "unknown_cause": "Do not correct: most of the error has an unknown cause, and a correction may increase the error "
+    "elsewhere. To correct anyway: --correct programs.",
+    "not_shown": "Do not correct: these runs cannot show the cause. To correct anyway: --correct programs.",
+    "no_gain_elsewhere": "Do not correct: the model does not reduce the error on other runs. To correct anyway: "
+    "--correct programs.",
 }
 """Advice for each ground on which a correction is refused (`rigs.calibration.ground_of`)."""
 _REPEATS = 2

@@ -92,12 +92,14 @@ def run_session(
         _hold_same(session, text, asked, place)
         if asked.entered:
             if session.correction is None or session.correction.way != "entries":
-                raise UseError("--entered", "this session has no values to be entered", "leave it out")
+                raise UseError("--entered", "this session does not have values to enter", "leave it out")
             session = session.model_copy(update={"correction": session.correction.model_copy(update={"entered": True})})
         if kept is not None:
             which_session = f"of {kept.began}: aim {kept.aim}, {kept.minutes:g} minutes, for {kept.maker}"
             if kept.report:
-                screen.say(f"this session is at its end ({which_session}); another begins with another --output")
+                screen.say(
+                    f"this session is complete ({which_session}); to start a new session, choose a different --output"
+                )
             else:
                 screen.say(f"going on with the session {which_session}")
         place.write(session)
@@ -283,7 +285,7 @@ class Conductor:
         if not self.driver.enter(file):
             kept = self.state.session
             remedy = f"enter them, then: {self.place.command(kept.rig_file, kept)} --entered"
-            raise CellError(str(file), "no person has confirmed that its values are entered", remedy)
+            raise CellError(str(file), "the operator has not confirmed that the values are entered", remedy)
         return "entered"
 
     def _report(self) -> guide.Reported:
@@ -341,11 +343,15 @@ def _begun(rig: Rig, text: str, asked: Asked, screen: Screen) -> Session:
 def _hold_same(session: Session, text: str, asked: Asked, place: Place) -> None:
     """Raise an error if the stored session belongs to a different cell or was started with other options."""
     if session.rig_sha256 != digest_of(text):
-        problem = f"is a session with the rig file {session.rig_file}, which has changed since or is another"
-        raise FileError(str(place.file), problem, "restore that file, or begin another session with another --output")
+        problem = f"is a session with the rig file {session.rig_file}, which has changed or is a different file"
+        raise FileError(str(place.file), problem, "restore that file, or start a new session with a different --output")
     if (session.emulated is None) != (asked.emulated is None):
         kind = "a real" if session.emulated is None else "an emulated"
-        raise UseError("--emulated", f"this session is of {kind} cell", "go on as it was begun, or give another -o")
+        raise UseError(
+            "--emulated",
+            f"this session is of {kind} cell",
+            "continue with the original options, or choose a different -o",
+        )
 
 
 def _entered_files(session: Session, place: Place) -> list[Path]:

@@ -95,7 +95,7 @@ def planned(
     Raises FileError if the arm cannot drive the circle, and UseError if the time is too short for any session.
     """
     if not rig.gauges.recorded:
-        problem = "has no gauges, and a session drives circles that are read by two"
+        problem = "does not have gauges, but a session needs two gauges to read circles"
         remedy = "measure poses (rig plan RIG --poses 60) or touches (rig record touch), then rig diagnose"
         raise FileError(RigPlace.of(rig.name), problem, remedy)
     require_test(rig, MAIN)
@@ -224,7 +224,7 @@ def _extra(
                 possible.append((words, addition))
     if not possible:
         return []
-    progress("planning: what would further tests show?")
+    progress("planning further tests")
     gains = {gain.test: gain.parts + gain.shows for gain in plan_tests(rig, (MAIN,), 2).gains}
     chosen: list[tuple[Stage, tuple[Step, ...]]] = []
     ranked = sorted(

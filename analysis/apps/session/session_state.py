@@ -32,7 +32,7 @@ from rigs.yaml_text import read_yaml
 
 STATE = "session.yaml"
 _HEAD = """\
-# A session of rig: what is driven, what was found, and how far it is. `rig session RIG -o DIR` goes on with it.
+# A session of rig: programs, results and progress. To continue: `rig session RIG -o DIR`.
 """
 _MOST_BYTES = 1_000_000
 _MOST_MINUTES = 10_000.0
@@ -249,12 +249,12 @@ class Session(Part):
     def _consistent(self) -> Session:
         stage_names = [stage.name for stage in self.stages]
         if len(set(stage_names)) < len(stage_names):
-            raise ValueError("two stages have one name")
+            raise ValueError("two stages have the same name")
         for step in self.steps:
             if step.stage not in stage_names:
-                raise ValueError(f"the step {step.program} is of the stage {step.stage!r}, which is not there")
+                raise ValueError(f"the step {step.program} is of the stage {step.stage!r}, which is missing")
             if (step.direction is None) == (step.test in CIRCLES):
-                raise ValueError(f"the step {step.program} needs a direction, as only circles have one")
+                raise ValueError(f"the step {step.program} needs a direction if and only if it is a circle")
         return self
 
     def stage_of(self, step: Step) -> Stage:
@@ -354,10 +354,10 @@ class Place:
             self.directory.mkdir(parents=True, exist_ok=True)
             self._lock = durable.try_lock(self.directory)
         except OSError as error:
-            raise FileError(str(self.directory), error.strerror or str(error), "give another --output") from None
+            raise FileError(str(self.directory), error.strerror or str(error), "choose a different --output") from None
         if self._lock is None:
-            problem = "another rig session works in this directory"
-            raise CellError(str(self.directory), problem, "end that one, or look at it with --status")
+            problem = "a different rig session uses this directory"
+            raise CellError(str(self.directory), problem, "end that session, or show it with --status")
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -401,7 +401,7 @@ class Place:
         except FileNotFoundError:
             return None
         except OSError as error:
-            raise FileError(str(self.file), error.strerror or str(error), "check its permissions") from None
+            raise FileError(str(self.file), error.strerror or str(error), "check the permissions") from None
         root, data = read_yaml(text, str(self.file))
         try:
             return Session.model_validate(data)
@@ -417,11 +417,13 @@ class Place:
         """
         missing = []
         if session.rig_sha256 != digest_of(rig_text):
-            problem = "is not that of the rig file: it was changed, or this session is of another one"
+            problem = (
+                "does not match the rig file: the rig file was changed, or this session belongs to a different one"
+            )
             missing.append(("rig_sha256", session.rig_sha256, problem))
         names = (attempt.run for step in session.steps for attempt in step.tries)
         missing += [
-            ("run", name, f"there is no run {name} in {self.runs}") for name in names if not self.run(name).is_dir()
+            ("run", name, f"run {name} is missing in {self.runs}") for name in names if not self.run(name).is_dir()
         ]
         if missing:
             lines = read_text(self.file, _MOST_BYTES).splitlines()
@@ -437,7 +439,7 @@ class Place:
             durable.replace(self.file, (_HEAD + text_of(session)).encode())
         except OSError as error:
             problem = f"cannot be written: {error.strerror or error}"
-            raise CellError(str(self.file), problem, "free some space; the same command goes on") from None
+            raise CellError(str(self.file), problem, "free some space, then repeat the command") from None
 
 
 def text_of(session: Session) -> str:

@@ -22,7 +22,7 @@ from analysis.correction.deviation import Deviation, Side
 from analysis.report.texts import texts_of
 from rigs.text import as_argument, counted
 
-_PURPOSES = {"find": "to find errors", "judge": "to judge by, used for nothing else", "verify": "after the correction"}
+_PURPOSES = {"find": "to find errors", "judge": "for validation only", "verify": "after the correction"}
 _BAR = 10
 _WIDTH = 34
 _LONGEST = 46
@@ -93,9 +93,9 @@ def end_lines(session: Session, directory: Path) -> Iterator[str]:
             yield f"accuracy: {(judged or answer).accuracy}"
         elif judged.before_there_um:
             at_other_place = (
-                f"{judged.before_there_um:.0f} µm rms without the model, {judged.calibrated_um:.1f} with it"
+                f"{judged.before_there_um:.0f} µm rms with the nominal arm, {judged.calibrated_um:.1f} with it"
             )
-            yield f"the other place judged, where the model had no part: {at_other_place}"
+            yield f"validation at the second place: {at_other_place}"
         if answer.joined:
             yield f"then its {counted(answer.joined, 'run')} joined the last diagnosis, of {answer.runs} runs"
     if correction:
@@ -113,9 +113,9 @@ def end_lines(session: Session, directory: Path) -> Iterator[str]:
     yield f"report: {directory / session.report}"
     if answer and answer.level != 1:
         rig_file = as_argument(Path(session.rig_file))
-        yield f"what further tests would show in this arm: rig plan {rig_file} --level {max(answer.level, 0.01):.2g}"
+        yield f"to plan further tests of this arm: rig plan {rig_file} --level {max(answer.level, 0.01):.2g}"
     if command := own_programs(session, directory):
-        yield f"the arm itself is unchanged; your own programs: {command}"
+        yield f"the arm itself is unchanged; to correct your programs: {command}"
 
 
 def correction_lines(correction: Correction, sides: Sequence[Side]) -> Iterator[str]:
@@ -130,15 +130,15 @@ def correction_lines(correction: Correction, sides: Sequence[Side]) -> Iterator[
     if is_driven and correction.work:
         work = correction.work
         yield (
-            f"over the whole work: {work.before_um:.0f} µm rms before, {work.after_um:.0f} expected after"
+            f"over the work area: {work.before_um:.0f} µm rms before, {work.after_um:.0f} expected after"
             f" (± {work.u_um:.0f} by the model).{texts_of('en').not_known(work.unknown)}"
         )
 
 
 _DRIVEN: dict[Way, str] = {
     "programs": "The corrected programs were loaded and driven.",
-    "entries": "The values were entered at the controller, and the programs driven with them.",
-    "none": "Nothing was corrected.",
+    "entries": "The values were entered at the controller, and the programs were driven.",
+    "none": "The robot was not corrected.",
 }
 
 
@@ -152,7 +152,7 @@ def status_lines(session: Session, following: Following, directory: Path) -> Ite
     minutes = counted(round(session.driven_minutes), "minute")
     yield f"session of {session.rig}, begun {began}, aim {session.aim}, {minutes} driven"
     for number, step in enumerate(session.steps, start=1):
-        open_state = f"to be driven again: {step.tries[-1].why}" if step.tries else "to be driven"
+        open_state = f"to be repeated: {step.tries[-1].why}" if step.tries else "to be driven"
         state = step.run or (f"left out: {step.skipped}" if step.skipped else open_state)
         yield f"{number:3} {step.program:{_WIDTH}} {state}"
     if session.answer:

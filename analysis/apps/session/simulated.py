@@ -108,7 +108,7 @@ class SimulatedRigd(Rigd):
     def ask(self, command: str, **fields: Any) -> dict[str, Any]:
         """Send a command to the daemon. Raises RigError."""
         if self._daemon is None:
-            raise CellError("rigd", "ended by itself", "see its log; then the same command goes on")
+            raise CellError("rigd", "ended by itself", "see the log, then repeat the command")
         answer: dict[str, Any] = self._daemon.answer({"command": command, **fields})
         return answer
 

@@ -220,7 +220,7 @@ def run_window(asked: Asked, say: Callable[[str], object]) -> None:
         ends.callback(signal.signal, signal.SIGINT, signal.SIG_IGN)
         where = f"[{asked.listen}]" if ":" in asked.listen else asked.listen
         say(f"http://{where}:{sock.getsockname()[1]}{' with control' if controls else ''}; Ctrl-C ends it")
-        remark = "" if shelf.directory.is_dir() else ", which is not there yet"
+        remark = "" if shelf.directory.is_dir() else ", which is missing yet"
         cell = rig.name if rig else "the only cell that rigd serves"
         say(f"showing {cell}, and the runs in {shelf.directory}{remark}")
         serve(app_of(Window(watcher, shelf, place, made, gate, controls)), sock, watcher.board.end)

@@ -63,7 +63,7 @@ def observe_runs(rig: Rig, runs: Sequence[Measured]) -> list[ObservedRun]:
     model = model_of(rig)
     for run in runs:
         if not same_arm(arm_of(run.rig.robot), model.arm):
-            problem = f"is of another robot than {rig.name}: its link constants differ"
+            problem = f"belongs to a different robot than {rig.name}: the link constants differ"
             raise FileError(
                 str(run.path), problem, "give the runs of one robot at a time, or the --rig that they were made with"
             )

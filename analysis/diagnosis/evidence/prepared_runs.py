@@ -132,7 +132,7 @@ def _about_one_rig(rig: Rig, runs: Sequence[Measured]) -> list[ObservedRun]:
             fields = [name for name in type(rig.robot).model_fields if theirs[name] != ours[name]]
             differing = f"its {', '.join(fields)} differ{'s' * (len(fields) == 1)}"
             remedy = "diagnose the runs of one robot at a time, or give the --rig that they were made with"
-            raise FileError(str(run.path), f"is of another robot than {rig.name} ({differing})", remedy)
+            raise FileError(str(run.path), f"belongs to a different robot than {rig.name} ({differing})", remedy)
         cell = run.rig.model_copy(update={"name": rig.name, "description": ""}).modelled_as(rig)
         if cell not in cells:
             cells.append(cell)

@@ -176,7 +176,7 @@ def unknown_distance(distances: Sequence[SocketDistance]) -> tuple[str, ...]:
     first, second = distances[0].between
     return (
         "no distance of two sockets is known, so these touches hardly show how large the arm is: measure that of "
-        f"{first} and {second} and write it into tests.touch.distances; it leaves about a sixth of the error elsewhere",
+        f"{first} and {second} and write it into tests.touch.distances; the error falls to about a sixth elsewhere",
     )
 
 

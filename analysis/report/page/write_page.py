@@ -65,7 +65,7 @@ class Heading:
             if len(text) > _LONGEST:
                 raise UseError(f"--{name}", f"has {len(text)} characters", f"write at most {_LONGEST}")
             if not text.isprintable():
-                raise UseError(f"--{name}", "holds control characters", "write it in one line")
+                raise UseError(f"--{name}", "contains control characters", "write one line")
 
 
 NO_HEADING = Heading()

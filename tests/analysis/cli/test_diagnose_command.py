@@ -143,7 +143,7 @@ def test_wrong_input_is_one_line(case: str, cell: Cell, tmp_path: Path) -> None:
     (tmp_path / "used" / "mine").touch()
     words, told = {
         "missing": ([tmp_path / "no-run"], "no-run"),
-        "all held out": ([run, "--hold-out", run], "leave no run to diagnose"),
+        "all held out": ([run, "--hold-out", run], "exclude every run"),
         "directory": ([run, "-o", tmp_path / "used"], "not empty"),
         "robot": ([*cell.runs, "--rig", other], "another robot"),
         "rig file": ([run, "--rig", tmp_path / "no.yaml"], "no such rig file"),

@@ -81,7 +81,7 @@ def test_a_process_that_was_killed_is_reported(tmp_path: Path, capsys: pytest.Ca
     (error,) = over_runs(die, items, seen.append, doing="dying", jobs=2)
     assert seen == [0, 1, 2] and "killed by signal 9, 2 times" in error.what
     assert capsys.readouterr().err.splitlines() == [
-        "note: item 1: its process was killed, and it was begun again",
+        "note: item 1: the process was killed, and the run was restarted",
         f"error: {error}",
     ]
 

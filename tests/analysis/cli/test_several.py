@@ -71,4 +71,4 @@ def test_several_runs_are_exported_to_a_directory(runs: list[Path], tmp_path: Pa
         f"{run.name}.mcap" for run in (runs[0], runs[2])
     )
     taken = ran("export", runs[0], runs[2], "--to", "mcap", "-o", next((tmp_path / "out").iterdir()))
-    assert taken.exit_code != 0 and "give another --output" in str(taken.exception)
+    assert taken.exit_code != 0 and "choose a different --output" in str(taken.exception)

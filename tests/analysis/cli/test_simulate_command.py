@@ -14,7 +14,7 @@ from analysis.cli import app
     ("asked", "says"),
     [
         (("--test", "pose"), "'pose' is not one of"),
-        (("--test", "radial", "--direction", "cw"), "radial test has no direction"),
+        (("--test", "radial", "--direction", "cw"), "radial test does not have a direction"),
     ],
 )
 def test_what_cannot_be_simulated_is_refused(asked: tuple[str, ...], says: str, tmp_path: Path) -> None:

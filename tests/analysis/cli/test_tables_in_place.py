@@ -30,7 +30,7 @@ def folder(tmp_path: Path) -> Path:
 def test_a_table_is_analysed_by_an_arm_of_the_library(folder: Path) -> None:
     done = ran("analyse", "poses.csv", "--arm", "ur5", "--json", cwd=folder)
     assert done.returncode == 0, done.stderr
-    assert "poses.csv: read as a pose table of ur5, by its columns" in done.stderr
+    assert "poses.csv: read as a pose table of ur5, according to the columns" in done.stderr
     (run,) = json.loads(done.stdout)["runs"]
     assert run["test"] == "pose" and run["figures"]["rms_mm"]["value"] < 0.2
 
@@ -38,12 +38,12 @@ def test_a_table_is_analysed_by_an_arm_of_the_library(folder: Path) -> None:
 def test_a_table_without_an_arm_is_refused_in_a_line(folder: Path) -> None:
     done = ran("diagnose", "poses.csv", cwd=folder)
     assert done.returncode == 3
-    assert done.stderr.startswith("error: poses.csv: is a table, and nothing says of which arm; give --rig")
+    assert done.stderr.startswith("error: poses.csv: is a table without an arm; give --rig")
 
 
 def test_an_import_infers_its_test_and_says_it(folder: Path) -> None:
     done = ran("import", "poses.csv", "--arm", "ur5", "-o", "runs/poses", cwd=folder)
-    assert done.returncode == 0 and "poses.csv: a pose table, by its columns" in done.stderr
+    assert done.returncode == 0 and "poses.csv: a pose table, according to the columns" in done.stderr
     assert ran("analyse", "runs/poses", cwd=folder).returncode == 0
 
 

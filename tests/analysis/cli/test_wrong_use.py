@@ -37,12 +37,12 @@ from tests.support.command_line import ran
         ),
         (
             ("program", "ur10e", "--for", "siemens", "--test", "yaw", "-o", "out"),
-            "rig program: Invalid value for '--for': 'siemens' is no maker whose controllers are known; give ur,",
+            "rig program: Invalid value for '--for': 'siemens' is not a known maker of controllers; give ur,",
         ),
         (("emulate", "ur10e", "--seed", "-5"), "rig emulate: Invalid value for '--seed': it must be greater than"),
         (
             ("import", "t.csv", "--rig", "ur10e", "--test", "radial", "--direction", "cw", "-o", "out"),
-            "--direction: a radial test has no direction; leave it out",
+            "--direction: a radial test does not have a direction; leave it out",
         ),
         (("fleet", "plant", "-o", "page.pdf"), "page.pdf: is not the name of a page"),
     ],
@@ -119,7 +119,7 @@ def test_a_directory_that_may_not_be_read_is_named(tmp_path: Path, monkeypatch: 
 
     monkeypatch.setattr(retention, "is_run", denied)  # root may read everything
     done = ran("runs", tmp_path)
-    assert done.stderr == f"{tmp_path / 'lap'}: not listed: this user may not read it\n" and not done.stdout
+    assert done.stderr == f"{tmp_path / 'lap'}: not listed: this user lacks read permission\n" and not done.stdout
 
 
 def test_what_nothing_recovers_is_reported(tmp_path: Path) -> None:
@@ -141,7 +141,7 @@ def test_what_nothing_recovers_is_reported(tmp_path: Path) -> None:
     done = ran("recover", run)
     assert done.returncode == 3 and "nothing to do" not in done.stdout
     assert done.stderr.splitlines()[-1] == (
-        f"error: {run}: is still not whole, and no more can be recovered; see the lines above"
+        f"error: {run}: is still incomplete, and the rest is unrecoverable; see the lines above"
     )
 
 
@@ -156,10 +156,10 @@ def test_a_missing_directory_is_made(tmp_path: Path) -> None:
 def test_runs_below_are_pointed_out(tmp_path: Path) -> None:
     assert ran("simulate", "paper-fanuc", "--test", "radial", "-o", tmp_path / "runs").returncode == 0
     done = ran("runs", tmp_path)
-    assert done.stdout == f"{tmp_path} holds no runs; {tmp_path / 'runs'} does: rig runs {tmp_path / 'runs'}\n"
+    assert done.stdout == f"{tmp_path} does not contain runs; {tmp_path / 'runs'} does: rig runs {tmp_path / 'runs'}\n"
 
 
 def test_a_simulation_that_has_no_directory_is_not_for_want_of_room(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("mine")
     done = ran("simulate", "paper-fanuc", "--test", "radial", "-o", tmp_path / "file")
-    assert "cannot be written: Not a directory; choose another directory" in done.stderr
+    assert "cannot be written: Not a directory; choose a different directory" in done.stderr

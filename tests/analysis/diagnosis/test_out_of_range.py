@@ -104,7 +104,7 @@ def test_the_first_sentence_names_it_and_the_limit_and_the_act_says_what_to_chec
     headline = AnswerWords(found).headline
     assert headline.startswith("One parameter is out of range: the zero of axis 5 (beta) or length a of axis 5 (beta)")
     assert "9.8132 ± 0.0041 °" in headline and "at most 5 °" in headline
-    assert ActWords(found).next.startswith("Check the rig file, the variant of the arm and its mastering")
+    assert ActWords(found).next.startswith("Check the rig file, the variant of the arm and the mastering")
 
 
 def test_no_model_of_it_is_written(tmp_path: Path) -> None:

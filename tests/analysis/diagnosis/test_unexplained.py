@@ -94,7 +94,7 @@ def test_the_share_of_noise_is_about_zero_and_that_of_a_cause_its_size() -> None
 def test_the_joint_is_named_in_the_first_sentences() -> None:
     unexplained = Unexplained(110.0, (Followed("angle", 2, 0.64), Followed("time", None, 0.05)))
     words = AnswerWords(diagnosis("outside_library", unexplained=unexplained)).headline
-    assert "It follows the angle of axis 2 (W): 64 % of it" in words
+    assert "This error follows the angle of axis 2 (W), which explains 64 % of it" in words
     nothing = Unexplained(110.0, (Followed("angle", 2, 0.1),))
     assert (
         "This error does not depend on angle" in AnswerWords(diagnosis("outside_library", unexplained=nothing)).headline

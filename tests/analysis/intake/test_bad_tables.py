@@ -38,8 +38,8 @@ def with_cell(test: TestName, column: str, row: int, cell: str) -> str:
 
 
 CELLS: list[tuple[TestName, str, str, str]] = [
-    ("yaw", "g1_mm", "", "has no value; fill it in or remove the row"),
-    ("yaw", "g2_mm", "  ", "has no value; fill it in or remove the row"),
+    ("yaw", "g1_mm", "", "is empty; fill in the value or remove the row"),
+    ("yaw", "g2_mm", "  ", "is empty; fill in the value or remove the row"),
     ("roll", "q3_deg", "12,5", "'12,5' is written with a decimal comma; write 12.5"),
     ("radial", "polar_deg", "nan", "'nan' is not a finite number"),
     ("pose", "x_mm", "-Inf", "'-Inf' is not a finite number"),
@@ -131,16 +131,17 @@ def test_time_must_grow() -> None:
 
 def test_one_file_holds_one_direction() -> None:
     assert refusal(with_cell("yaw", "direction", 9, "cw"), "yaw") == [
-        "t.csv, line 11, direction: cw after acw: a file may hold one direction only; split it here; correct the file"
+        "t.csv, line 11, direction: cw after acw: a file may contain only one direction; split the file here; correct "
+        "the file"
     ]
 
 
 def test_the_direction_of_the_command() -> None:
     text = csv_text(plain("yaw", "cw"))
-    assert "the table says cw; leave --direction out" in refusal(text, "yaw", "acw")[0]
+    assert "the table gives cw; leave --direction out" in refusal(text, "yaw", "acw")[0]
     assert parse_csv(text.encode(), "t.csv", "yaw", rig(), "cw").num_rows
     assert refusal(csv_text(plain("radial")), "radial", "cw") == [
-        "t.csv: is of a radial test, which has no direction; leave --direction out"
+        "t.csv: is of a radial test, which does not have a direction; leave --direction out"
     ]
     rows = plain("yaw")
     del rows["direction"]
@@ -172,15 +173,18 @@ def test_columns_missing_or_misnamed() -> None:
         "names and units (--map)"
     )
     assert told("yaw", {"g1_mm": "g1_um", "g2_mm": "G2 [inch]"}) == [
-        "t.csv, line 1, g1_mm: this column is missing; is it 'g1_um'? Then name it g1_mm, in mm",
-        f"t.csv, line 1, g2_mm: this column is missing; is it 'G2 [inch]'? Then name it g2_mm, in mm; {needs}",
+        "t.csv, line 1, g1_mm: this column is missing; does the file contain it as 'g1_um'? Then rename the column to "
+        "g1_mm, in mm",
+        "t.csv, line 1, g2_mm: this column is missing; does the file contain it as 'G2 [inch]'? Then rename the "
+        f"column to g2_mm, in mm; {needs}",
     ]
     assert told("yaw", {"q3_deg": "q3_dge", "g2_mm": None}) == [
         "t.csv, line 1, g2_mm: this column is missing; an angle takes two gauges",
-        f"t.csv, line 1, q3_deg: this column is missing; is it 'q3_dge'? Then name it q3_deg, in degrees; {needs}",
+        "t.csv, line 1, q3_deg: this column is missing; does the file contain it as 'q3_dge'? Then rename the column "
+        f"to q3_deg, in degrees; {needs}",
     ]
-    assert "is it 'q1_rad'? Then name it q1_deg, in degrees" in told("pose", {"q1_deg": "q1_rad"})[0]
-    assert "round: this column is missing; add it" in told("repeatability", {"round": None})[0]
+    assert "is it 'q1_rad'? Then rename the column to q1_deg, in degrees" in told("pose", {"q1_deg": "q1_rad"})[0]
+    assert "round: this column is missing; add the column" in told("repeatability", {"round": None})[0]
     assert (
         "has rx_deg and rz_deg only; give all of rx_deg, ry_deg, rz_deg, or none" in told("pose", {"ry_deg": None})[0]
     )
@@ -195,12 +199,12 @@ def test_another_separator() -> None:
     text = csv_text(plain("pose")).replace('"', "")
     other = text.replace(",", ";").replace(".", ",")
     assert refusal(other, "pose") == [
-        "t.csv: separates its columns by semicolons; "
-        "save it with commas and decimal points: sed 'y/,;/.,/' t.csv > TABLE.csv"
+        "t.csv: separates columns by semicolons; "
+        "save the file with commas and decimal points: sed 'y/,;/.,/' t.csv > TABLE.csv"
     ]
     converted = other.translate(str.maketrans(",;", ".,")).encode()
     assert parse_csv(converted, "t.csv", "pose", rig()).num_rows, "the remedy works"
-    assert "separates its columns by tabs" in refusal(text.replace(",", "\t"), "pose")[0]
+    assert "separates columns by tabs" in refusal(text.replace(",", "\t"), "pose")[0]
 
 
 def test_a_remedy_can_be_copied_whatever_the_file_is_called(tmp_path: Path) -> None:
@@ -216,7 +220,7 @@ def test_a_remedy_can_be_copied_whatever_the_file_is_called(tmp_path: Path) -> N
 def test_the_foreign_data_of_others_are_refused_with_the_remedy(tmp_path: Path) -> None:
     foreign = tmp_path / "series.csv"
     foreign.write_text("Timestamp;Goal x;shoulder_pan_joint;elbow_joint\n2,0E+13;0,0001;-2,78E-05;-1,5\n")
-    with pytest.raises(FileError, match=r"separates its columns by semicolons.* sed 'y/,;/\.,/' .*series\.csv"):
+    with pytest.raises(FileError, match=r"separates columns by semicolons.* sed 'y/,;/\.,/' .*series\.csv"):
         read_file(foreign, "pose", rig())
 
 
@@ -225,14 +229,14 @@ def test_the_foreign_data_of_others_are_refused_with_the_remedy(tmp_path: Path) 
     [
         (b"", "is empty"),
         (b"\n\n", "is empty"),
-        (csv_text(plain("pose")).encode("utf-16"), "is UTF-16; save it as UTF-8"),
+        (csv_text(plain("pose")).encode("utf-16"), "is UTF-16; save the file as UTF-8"),
         (csv_text(plain("pose")).encode() + "\nµ".encode("latin-1"), "line 27 is not UTF-8"),
         (b"PAR1....PAR1", "is a Parquet file"),
         (b"SQLite format 3\0....", "is a bag, from which circles are read, and poses by a map"),
         (MAGIC, "is a bag, from which circles are read, and poses by a map"),
         (csv_text(plain("pose")).encode().replace(b"deg", b"\0eg"), "contains zero bytes"),
-        (csv_text({name: [] for name in plain("pose")}).encode(), "has a header and no rows"),
-        (b"\n".join(csv_text(plain("pose")).encode().replace(b'"', b"").splitlines()[1:]), "has no header line"),
+        (csv_text({name: [] for name in plain("pose")}).encode(), "has a header without rows"),
+        (b"\n".join(csv_text(plain("pose")).encode().replace(b'"', b"").splitlines()[1:]), "lacks a header line"),
     ],
 )
 def test_a_file_that_is_no_table(tmp_path: Path, data: bytes, reason: str) -> None:
@@ -267,7 +271,7 @@ def test_nothing_is_made_of_a_bad_table(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["a\nb", "a\x1b[2Jb", "a\tb"])
 def test_an_operator_with_control_characters_is_refused(tmp_path: Path, name: str) -> None:
     (tmp_path / "t.csv").write_text(csv_text(plain("yaw")))
-    with pytest.raises(UseError, match=r"--operator: .* holds control characters; write it in one line"):
+    with pytest.raises(UseError, match=r"--operator: .* contains control characters; write one line"):
         import_table(tmp_path / "t.csv", tmp_path / "r", rig_file=RIG_FILE, test="yaw", direction=None, operator=name)
     assert not (tmp_path / "r").exists()
 
@@ -300,7 +304,7 @@ def test_a_column_of_another_test_is_not_offered_for_a_missing_one(tmp_path: Pat
 @pytest.mark.parametrize("test", ["yaw", "repeatability"])
 def test_a_table_of_words_and_numbers_without_a_header_is_told(tmp_path: Path, test: TestName) -> None:
     (tmp_path / "t.csv").write_text(csv_text(plain(test)).partition("\n")[2])
-    with pytest.raises(FileError, match="has no header line"):
+    with pytest.raises(FileError, match="lacks a header line"):
         import_table(tmp_path / "t.csv", tmp_path / "r", rig_file=RIG_FILE, test=test, direction=None, operator="")
 
 

@@ -180,7 +180,7 @@ def test_another_arm_is_refused_with_what_it_leaves(tmp_path: Path) -> None:
             "line 6, joint_3: 'nan'",
         ),
         (lambda lines: lines[:8], "too few for the arm to show"),
-        (lambda lines: [line.rsplit(",", 1)[0] for line in lines], "no columns x, y, z of a place"),
+        (lambda lines: [line.rsplit(",", 1)[0] for line in lines], "the columns x, y, z of a place are missing"),
     ],
 )
 def test_a_bad_table_is_refused_in_words(change, says: str, tmp_path: Path) -> None:

@@ -70,7 +70,8 @@ def test_nothing_is_missing_only_where_runs_repeat_and_no_place_differs() -> Non
         ({"where": ()}, "The model is complete"),
         (
             {},
-            f"The model is almost complete: most of the remaining error is scatter between runs. At {len(found.where)} ",
+            "The model is almost complete: most of the remaining error is scatter between runs. At "
+            f"{len(found.where)} ",
         ),
         ({"where": (), "runs": ("a",)}, "The model explains these readings"),
         ({"where": (), "repeated": False}, "The model explains these readings"),
@@ -106,8 +107,8 @@ def test_an_unusual_part_that_is_no_fault_is_said_too() -> None:
 def test_what_remains_after_the_calibration_is_said_of_where_it_was_found() -> None:
     words = AnswerWords(diagnosis())
     assert words.accuracy == (
-        "The error is 6.1 µm rms, at most 21 µm. A calibration reduces the error from 6.3 µm to 1.9 µm rms on runs that "
-        "the model did not use."
+        "The error is 6.1 µm rms, at most 21 µm. A calibration reduces the error from 6.3 µm to 1.9 µm rms on runs "
+        "that the model did not use."
     )
     used = replace(words.diagnosis.accuracy, place="used")
     assert "The error elsewhere is unknown" in AnswerWords(diagnosis(accuracy=used)).accuracy
@@ -146,8 +147,8 @@ def test_a_group_above_a_third_names_its_likeliest_members_and_the_test_that_nam
     none = replace(part, members=(replace(members[1], odds=0.004),))
     assert AnswerWords(replace(found, budget=(none,))).headline == "77 % of the error is geometry and zeros."
     assert ActWords(found).next == (
-        "Run roll on the circle (5 min) to identify the cause of 77 % of the error among geometry and zeros. The cause is "
-        "then 99.8 % certain."
+        "Run roll on the circle (5 min) to identify the cause of 77 % of the error among geometry and zeros. The cause "
+        "is then 99.8 % certain."
     )
 
 

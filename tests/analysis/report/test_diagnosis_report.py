@@ -52,11 +52,9 @@ def test_the_screen_fits_80_columns_and_keeps_its_order(condition: Condition) ->
     text = _printed(diagnosis(condition))
     assert max(map(len, text.splitlines())) <= 80
     headings = ["Error now", "Main causes", "Do next", "Details", "The error is 6.1"]
-    headings += ["Error budget", "What the model leaves", "Still unexplained"]
-    headings += ["What these tests cannot distinguish", "Where model and readings disagree"]
-    headings[6:6] = (
-        ["Faults", "What to do"] if condition in ("named", "ambiguous", "outside_library") else ["What to do"]
-    )
+    headings += ["Error budget", "Residual of the model", "Still unexplained"]
+    headings += ["Effects that these tests cannot distinguish", "Disagreement of model and readings"]
+    headings[6:6] = ["Faults", "All steps"] if condition in ("named", "ambiguous", "outside_library") else ["All steps"]
     if condition == "not_testable_here":
         headings = [one for one in headings if one not in ("Error budget", "Still unexplained")]
     places = [text.index(heading) for heading in headings]

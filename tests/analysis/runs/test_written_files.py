@@ -20,7 +20,7 @@ def test_all_are_written_into_a_directory_that_is_made(tmp_path: Path) -> None:
 
 def test_one_that_exists_leaves_all_as_they_are(tmp_path: Path) -> None:
     (tmp_path / "b").write_bytes(b"old")
-    with pytest.raises(FileError, match="b: exists already; give another --output"):
+    with pytest.raises(FileError, match="b: exists already; choose a different --output"):
         write_all_new(tmp_path, {"a": holding(b"x"), "b": holding(b"y")})
     assert [path.name for path in tmp_path.iterdir()] == ["b"] and (tmp_path / "b").read_bytes() == b"old"
 
@@ -38,7 +38,7 @@ def test_a_file_that_is_not_complete_has_another_name(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("path", [".", "..", "/", "/dev/null"])
 def test_what_is_no_name_for_a_file_exists_already(path: str) -> None:
-    with pytest.raises(FileError, match="exists already; give another --output"):
+    with pytest.raises(FileError, match="exists already; choose a different --output"):
         write_new(Path(path), holding(b"x"))
 
 

@@ -128,7 +128,7 @@ def test_a_gauge_that_goes_silent_while_recording_is_counted_in_the_run(bench: B
     silent, seal, why = done.stderr.splitlines()
     assert silent == f"g2: {run.manifest.counters['g2']['silent']} silent while recording"
     assert seal == f"seal: {judge(path).seal}"
-    assert why == "cannot be analysed: the robot stood still; drive it again"
+    assert why == "cannot be analysed: the robot stood still; repeat the run"
     assert "cannot be analysed: the robot stood still" in bench.status()["last_end"]
     assert any(fault["kind"] == "silent" and fault["stream"] == "g2" for fault in run.faults)
     assert len(run.streams["g2"]["g2_mm"]) > 20
@@ -306,7 +306,7 @@ def test_output_onto_a_full_disk_is_one_line(command: tuple[str, ...]) -> None:
     with Path("/dev/full").open("w") as full:
         done = subprocess.run([BIN / "rig", *command], stdout=full, stderr=subprocess.PIPE, text=True, check=False)
     assert done.returncode == 4
-    assert done.stderr == "error: output: No space left on device; free some space, or write it elsewhere\n"
+    assert done.stderr == "error: output: No space left on device; free some space, or choose a different --output\n"
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1", "utf-8:strict"])

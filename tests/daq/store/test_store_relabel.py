@@ -63,12 +63,12 @@ def test_a_run_that_is_no_circle_any_more_has_no_direction(run: Path) -> None:
 
 def test_what_makes_no_sense_is_refused_and_changes_nothing(run: Path) -> None:
     before = (run / MANIFEST).read_bytes()
-    with pytest.raises(UseError, match="a radial test has no direction; leave it out"):
+    with pytest.raises(UseError, match="a radial test does not have a direction; leave it out"):
         relabel(run, test="radial", direction="acw")
     with pytest.raises(FileError, match="data of a yaw test, which cannot be of a pose test"):
         relabel(run, test="pose")
     for name in ("a\nb", "a\x1b[2Jb", "a\tb"):
-        with pytest.raises(UseError, match=r"--operator: .* holds control characters; write it in one line"):
+        with pytest.raises(UseError, match=r"--operator: .* contains control characters; write one line"):
             relabel(run, operator=name)
     with pytest.raises(UseError, match="--operator: a name of 201 characters; write at most 200"):
         relabel(run, operator="x" * 201)

@@ -107,7 +107,7 @@ def test_an_export_marks_its_run_and_the_list_shows_it(run: Path) -> None:
     )
     narrow = CliRunner().invoke(app, ["runs", str(run.parent)], env={"COLUMNS": "30"}).stdout
     assert str(run) in narrow and len(narrow.splitlines()) == 3, "a directory in pieces cannot be copied"
-    assert CliRunner().invoke(app, ["keep", "--not", str(run)]).stdout == f"{run}: not kept any more\n"
+    assert CliRunner().invoke(app, ["keep", "--not", str(run)]).stdout == f"{run}: no longer kept\n"
     assert '"kept": false' in CliRunner().invoke(app, ["runs", str(run.parent), "--json"]).stdout
 
 

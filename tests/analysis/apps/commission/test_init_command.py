@@ -136,7 +136,7 @@ def test_without_a_terminal_every_question_has_its_option(tmp_path: Path) -> Non
     ]
     assert rig.limits.of("repeatability", "bi_mm") == Limit(watch=0.2, fail=0.4)
     assert f"g1 is {second} (sylvac_opto_rs), on the + side, and counts towards" in done.stdout
-    unpushed = "Push g2 in. If the number goes up, start again with --key g2.counts=towards"
+    unpushed = "Push g2 in. If the number goes up, restart with --key g2.counts=towards"
     assert f"g2 is {first} (sylvac_opto_rs), on the - side. {unpushed}" in done.stdout
     assert "good" in done.stdout and "next:" in done.stdout
     assert "rigd 'My Cell.yaml'" in done.stdout and "rig circle fit --live" in done.stdout
@@ -336,9 +336,7 @@ def test_an_arm_of_a_file_is_asked_how_it_is_built(tmp_path: Path) -> None:
     done = init(tmp_path, *words, "--tool", "30,0,90", "--build", "servo")
     assert done.returncode == 0 and load(tmp_path / "cell.yaml")[0].robot.build == "servo", done.stderr
     done = init(tmp_path, "second.yaml", *words, "--tool", "30,0,90")
-    assert "is taken to be light; state another with --build: industrial, light, torque_sensing, servo" in one_space(
-        done.stdout
-    )
+    assert "is taken to be light; to change: --build industrial, light, torque_sensing, servo" in one_space(done.stdout)
     assert load(tmp_path / "second.yaml")[0].robot.build == "light"
     assert "Invalid value for '--build'" in one_line(init(tmp_path, "third.yaml", *words, "--build", "hobby"), 2)
 

@@ -267,7 +267,7 @@ def test_wrong_use_is_one_line(tmp_path: Path, options: list[str], told: str) ->
 def test_an_unknown_maker_is_refused_with_the_known_ones(tmp_path: Path) -> None:
     cell = _cell(tmp_path, "paper-fanuc", ZEROS)
     done = command_line.ran("correct", cell, "-o", tmp_path / "out", "--for", "cuca")
-    assert done.returncode == 2 and "'cuca' is no maker whose controllers are known; give ur, fanuc" in done.stderr
+    assert done.returncode == 2 and "'cuca' is not a known maker of controllers; give ur, fanuc" in done.stderr
     assert not (tmp_path / "out").exists()
 
 
@@ -284,7 +284,7 @@ def test_effects_that_nobody_measured_are_entered_nowhere_and_the_table_says_why
     cell = _cell(tmp_path, "paper-fanuc", [JointOffset(axis=3, offset_deg=0.05)])
     done = CliRunner().invoke(app, ["correct", str(cell), "-o", str(tmp_path / "out"), "--controller", name.upper()])
     assert done.exit_code == 0, done.output
-    assert done.stdout.startswith("Nothing of the tool's 682 µm over the work can be corrected; the table says why.")
+    assert done.stdout.startswith("Nothing of the tool's 682 µm over the work can be corrected; the table gives why.")
     assert "stands in the rig file without" in done.stdout
     assert not yaml.safe_load((tmp_path / "out" / "corrections.yaml").read_text())["controller"]["entries"]
 

@@ -149,7 +149,7 @@ def test_what_is_known_too_badly_is_not_said_to_be_uncorrectable(tmp_path: Path)
     cell.write_text(extended(load("paper-fanuc")[1], vague, "cell"))
     done = ran("correct", cell, "-o", tmp_path / "out")
     assert done.returncode == 0, done.stderr
-    assert "joint zero" in done.stdout and "the table says why" not in done.stdout
+    assert "joint zero" in done.stdout and "the table gives why" not in done.stdout
 
 
 def test_uncertainty_of_a_target_is_that_of_the_effects_at_its_place(tmp_path: Path) -> None:
@@ -342,7 +342,7 @@ def test_the_command_writes_files_and_says_why_not(tmp_path: Path, monkeypatch: 
         ("x_mm,y_mm,z_mm", "900,0,0", "has no column rx_deg, ry_deg, rz_deg"),
         ("x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg", "9000,0,0,0,180,0", "line 2: is out of the nominal arm's reach"),
         (f"{HEAD},u_um", "A,0,20,10,0,60,0,1", "is the path corrected already?"),
-        (HEAD, "", "has a header and no rows"),
+        (HEAD, "", "has a header without rows"),
     ],
 )
 def test_a_bad_path_is_refused_with_its_line(tmp_path: Path, head: str, row: str, told: str) -> None:

@@ -81,7 +81,7 @@ def test_the_page_opens_the_history_of_each_robot(work: Path) -> None:
 
 
 def test_what_changed_is_empty_where_nothing_did_and_simulated_robots_are_called_so(work: Path) -> None:
-    simulated = "All runs are simulated or of an emulated cell; no robot was measured."
+    simulated = "All runs are simulated or of an emulated cell; no real robot was measured."
     printed = fleet("plant", "-o", "page/plant.html")
     html = (work / "page" / "plant.html").read_text()
     assert simulated in printed and simulated in html and html.count("(simulated)") == 3
@@ -130,7 +130,7 @@ def test_the_table_has_every_figure_of_every_run(work: Path) -> None:
     ("words", "line"),
     [
         (("nowhere",), "error: nowhere: no such directory; give the directory that holds the plant's runs"),
-        (("empty",), "error: empty: holds no runs; give the directory that holds the plant's runs"),
+        (("empty",), "error: empty: does not contain runs; give the directory that holds the plant's runs"),
         (("plant", "--catalogue", "letter"), "error: letter: is not a catalogue of rig fleet; give another"),
         (("plant", "-o", "page.txt"), "error: page.txt: is not the name of a page; give --output FILE.html"),
         (("plant", "--parquet", "empty"), "error: empty: Is a directory; give another --parquet"),

@@ -147,5 +147,5 @@ def test_a_page_is_always_the_same(tmp_path: Path) -> None:
     for name in ("one.html", "two.html"):
         write_page(history, tmp_path / name)
     assert (tmp_path / "one.html").read_bytes() == (tmp_path / "two.html").read_bytes()
-    with pytest.raises(FileError, match="give another --output"):
+    with pytest.raises(FileError, match="choose a different --output"):
         write_page(history, tmp_path / "one.html" / "page.html")

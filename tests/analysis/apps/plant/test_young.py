@@ -92,8 +92,8 @@ def test_runs_of_one_moment_have_no_axis(tmp_path: Path) -> None:
     ("simulated", "runs", "said"),
     [
         (0, 3, ""),
-        (1, 1, "This run is simulated or of an emulated cell; no robot was measured."),
-        (3, 3, "All runs are simulated or of an emulated cell; no robot was measured."),
+        (1, 1, "This run is simulated or of an emulated cell; no real robot was measured."),
+        (3, 3, "All runs are simulated or of an emulated cell; no real robot was measured."),
         (1, 3, "1 of 3 runs is simulated or of an emulated cell; that measured no robot."),
     ],
 )

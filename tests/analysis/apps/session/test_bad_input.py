@@ -46,7 +46,7 @@ def test_status_shows_every_step_and_json_the_whole_state(cell: Path, tmp_path: 
 
 def test_no_session_yet(cell: Path, tmp_path: Path) -> None:
     done = ran("session", cell, "-o", tmp_path / "none", "--status")
-    assert done.returncode == 3 and "no session was begun here" in one_line(done.stderr)
+    assert done.returncode == 3 and "this directory has no session" in one_line(done.stderr)
     assert f"begin one: rig session {cell} -o {tmp_path / 'none'}" in done.stderr
 
 

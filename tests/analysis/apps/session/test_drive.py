@@ -125,17 +125,19 @@ def test_another_program_is_recorded_as_what_it_is(bench: Bench) -> None:
     cell = Cell(bench.time, bench.robot("p02-yaw-cw"))
     assert bench.drive(cell).program == "p02-yaw-cw"
     assert cell.asked[0][1]["direction"] == "cw"
-    assert "this is p02-yaw-cw, not p01-yaw-acw: it is recorded as what it is" in bench.screen.lines
+    assert (
+        "this is p02-yaw-cw, not p01-yaw-acw: the run is recorded with the label of that program" in bench.screen.lines
+    )
 
 
 def test_a_program_that_is_stopped_is_not_usable_and_says_where(bench: Bench) -> None:
     run = bench.drive(Cell(bench.time, bench.robot("p01-yaw-acw", 0.3)))
-    assert run.why.startswith("the robot stopped at 30 % of its way") and "g1: 3 silent" in run.why
+    assert run.why.startswith("the robot stopped at 30 % of the path") and "g1: 3 silent" in run.why
 
 
 def test_a_robot_that_never_starts_ends_with_a_sentence_and_the_recording(bench: Bench) -> None:
     cell = Cell(bench.time, bench.robot("p01-yaw-acw", leaves_s=1e9))
-    with pytest.raises(CellError, match=r"p01-yaw-acw: stands at its start and was not started; start it"):
+    with pytest.raises(CellError, match=r"p01-yaw-acw: waits at the start and was not started; start it"):
         bench.drive(cell)
     assert _WAIT_S < bench.time.now_s < _WAIT_S + 5
     assert [command for command, _ in cell.asked] == ["record_start", "record_stop"]
@@ -146,16 +148,16 @@ def test_a_robot_that_is_elsewhere_is_asked_for_its_program(bench: Bench) -> Non
     cell = Cell(bench.time, lambda now_s: away + min(now_s, 5) * np.array([2.0, 0, 0, 0, 0, 0]))
     with pytest.raises(CellError, match=r"p01-yaw-acw: was not started"):
         bench.drive(cell)
-    assert bench.screen.lines == ["the robot drove something that is no program of this stage: start p01-yaw-acw"]
+    assert bench.screen.lines == ["the robot drove a path of none of the programs of this stage: start p01-yaw-acw"]
     assert not cell.asked
 
 
 def test_a_gauge_that_is_silent_is_reported_once_and_named_at_the_end(bench: Bench) -> None:
     cell = Cell(bench.time, bench.robot("p01-yaw-acw", leaves_s=1e9))
     cell.missing = ["g2"]
-    with pytest.raises(CellError, match=r"g2: sends no readings"):
+    with pytest.raises(CellError, match=r"g2: does not send readings"):
         bench.drive(cell)
-    assert bench.screen.lines == ["g2 sends no readings: check its cable; see rig doctor"]
+    assert bench.screen.lines == ["g2 does not send readings: check the cable; see rig doctor"]
 
 
 def test_a_refused_recording_is_tried_again_while_the_robot_waits(bench: Bench) -> None:

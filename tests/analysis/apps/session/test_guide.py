@@ -249,7 +249,7 @@ def test_the_state_alone_says_what_is_next(tmp_path: Path) -> None:
     assert not why_nothing(known)
     for ground in ("unknown_cause", "no_gain_elsewhere"):
         refused = judged.model_copy(update={"ground": ground})
-        assert why_nothing(known.model_copy(update={"judged": refused})).startswith("Correct nothing: ")
+        assert why_nothing(known.model_copy(update={"judged": refused})).startswith("Do not correct: ")
 
 
 def test_a_computer_that_is_held_up_is_named_before_the_cell(place: Path, tmp_path: Path) -> None:

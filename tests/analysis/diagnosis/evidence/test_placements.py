@@ -98,7 +98,7 @@ def test_a_placement_of_three_poses_takes_the_tool_of_the_others(
 def test_runs_of_two_robots_are_reported_in_one_line(tmp_path: Path, arm: tuple[Cell, np.random.Generator]) -> None:
     first = _run(tmp_path, "first", _poses(arm, 10))
     other = _run(tmp_path, "other", _poses(arm, 10), rig="paper-fanuc")
-    with pytest.raises(FileError, match="is of another robot than ur10e"):
+    with pytest.raises(FileError, match="belongs to a different robot than ur10e"):
         calibrate([load_measured(path) for path in (first, other)], "joint_offset", rig=RIG)
 
 

@@ -144,4 +144,4 @@ def test_touches_in_radians_and_joints_that_the_arm_has_not_are_refused() -> Non
     assert "the table has 7 joints, and the arm of the rig file 6" in str(problem)
     renamed = named | {"socket": pa.chunked_array([["Z", *columns["socket"].to_pylist()[1:]]])}
     (problem,) = check_sequence(renamed, lines, "touch", rig, None)
-    assert "'Z' is no socket of the rig file: A, B" in str(problem)
+    assert "'Z' is not a socket of the rig file: A, B" in str(problem)

@@ -21,7 +21,7 @@ def test_a_finding_says_what_where_and_how_much() -> None:
     (one,) = findings_of(diagnosis("named"), ENGLISH)
     assert one.what == "Axis 1 (Theta) has play of 0.0521 ± 0.0011 °."
     assert "at 237° of the circle" in one.where
-    assert one.share == "It moves the readings by 5.8 µm (rms) and makes 90 % of the error."
+    assert one.share == "It moves the readings by 5.8 µm (rms), 90 % of the error."
     assert one.others == ()
 
 
@@ -32,7 +32,7 @@ def test_rivals_that_cannot_be_excluded_and_twins_are_said() -> None:
     assert rivals.startswith("These tests cannot exclude: Length a of axis 5 (beta) in the rig file: 0.587 ± 0.023 mm")
     twin = replace(PLAY, twins=(JointOffset(axis=2, offset_deg=0.1),))
     (one,) = findings_of(diagnosis("named", effects=(twin,)), ENGLISH)
-    assert one.others == ("Nothing here tells it from zero of axis 2 (W); only what they make up together is known.",)
+    assert one.others == ("These tests cannot separate it from zero of axis 2 (W); only the sum is known.",)
 
 
 def test_the_one_that_moves_most_comes_first_and_what_is_no_fault_is_left_out() -> None:

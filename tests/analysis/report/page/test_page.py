@@ -152,7 +152,7 @@ def test_foreign_text_is_shown_as_text(report: Report) -> None:
 
 def test_runs_that_show_nothing_are_not_called_faultless(report: Report) -> None:
     text = _text(rendered(_small(report), texts_of("en")))
-    assert "Condition: ? NOT VISIBLE HERE These runs cannot show a worn" in text
+    assert "Condition: ? NOT DETECTABLE These runs cannot show a worn" in text
     assert "Error budget" not in text
 
 
@@ -164,7 +164,7 @@ def test_what_stays_has_a_row_for_each_thing_that_it_was_held_against(report: Re
     last = replace(last, measured=replace(last.measured, run=replace(last.measured.run, manifest=manifest)))
     text = _text(rendered(replace(report, results=(last,), found=found), texts_of("en")))
     assert f"· {last.test} " not in text, "a place that is named as its test is said once"
-    assert "108 µm stay beside all that the model knows; the readings scatter by 25" in text
+    assert "has a residual of 108 µm; the readings scatter by 25" in text
     assert "it goes with: the side from which joints came 31 %. Looked for and not found: the posture." in text
     rows = "the posture nothing the side from which joints came 31 % temperature not known of these runs"
     assert rows in text

@@ -71,7 +71,7 @@ def test_runs_that_measured_no_robot_are_called_so(report: Report, *, emulated: 
     measured = replace(result.measured, run=replace(result.measured.run, manifest=manifest), rig=rig)
     page = rendered(replace(report, results=(replace(result, measured=measured),)), texts_of("en"))
     assert measured.is_simulated == (emulated or imported)
-    assert ("simulated or of an emulated cell; no robot was measured" in page) == measured.is_simulated
+    assert ("They do not show a real robot." in page) == measured.is_simulated
 
 
 @pytest.mark.parametrize("text", ["x" * 201, "two\nlines", "\x1b[31m"])

@@ -41,8 +41,7 @@ def test_without_limits_nothing_is_judged(laps: list[Result]) -> None:
     verdict = judge(laps, Limits())
     assert (verdict.overall, verdict.judged) == ("unjudged", ())
     assert (
-        verdict_sentence(verdict, TEXTS)
-        == "The rig file gives no limits for these tests (Yaw), so accuracy was not judged."
+        verdict_sentence(verdict, TEXTS) == "Accuracy was not judged: the rig file has no limits for these tests (Yaw)."
     )
 
 

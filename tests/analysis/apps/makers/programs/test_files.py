@@ -131,7 +131,7 @@ def test_a_directory_that_cannot_be_made_is_one_line(tmp_path: Path, capsys: pyt
     for output in (tmp_path / "file", tmp_path / "file" / "below"):
         assert ended("program", "ur10e", "--for", "ur", "--test", "repeatability", "-o", output) == 3
         (line,) = capsys.readouterr().err.splitlines()
-        assert line.startswith(f"error: {output}: ") and line.endswith("; give another --output")
+        assert line.startswith(f"error: {output}: ") and line.endswith("; choose a different --output")
 
 
 def test_a_rig_without_the_test_and_one_out_of_reach_write_nothing(
