@@ -12,6 +12,7 @@ from analysis.cli.commands import app, command
 from analysis.cli.console import say
 from analysis.cli.options import direction_option, operator_or_user
 from analysis.cli.several import for_each
+from analysis.runs.table_format import format_of
 from analysis.runs.table_layout import SOCKET, JointSource
 from rigs.errors import UseError
 from rigs.schema.vocabulary import CIRCLES, Direction, TestName
@@ -128,11 +129,10 @@ def _by_its_columns(table: Path, rig_file: str) -> TestName:
 def _hold_options(test: TestName, direction: Direction | None, topic: str, socket: str) -> None:
     """Raise UseError for an option that a test does not have."""
     from analysis.intake.table_map import MAPPED
-    from analysis.runs.table_format import kind_named
 
     if direction and test not in CIRCLES:
         raise UseError("--direction", f"a {test} test has no direction", "leave it out")
-    if socket and SOCKET not in kind_named(test).layout().required:
+    if socket and SOCKET not in format_of(test).layout().required:
         raise UseError("--socket", f"is of touches, and the test is {test}", "leave it out")
     if topic and test != MAPPED:
         raise UseError("--topic", f"is of poses, and the test is {test}", "leave it out")

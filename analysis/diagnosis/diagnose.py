@@ -13,6 +13,7 @@ import numpy as np
 from analysis.diagnosis.evidence.blocks import Block
 from analysis.diagnosis.evidence.link_swing import find_vibration
 from analysis.diagnosis.evidence.observation import ObservedRun, rms
+from analysis.diagnosis.evidence.observation_of import observation_of
 from analysis.diagnosis.evidence.prepared_runs import prepare_runs, without_wild
 from analysis.diagnosis.evidence.setups import FittedRuns, fit_run_setups, with_effects, without_a_fold
 from analysis.diagnosis.fit.out_of_range import OutOfRange, find_out_of_range
@@ -53,6 +54,7 @@ from analysis.diagnosis.judge.verdict import (
 from analysis.diagnosis.plan.detectability import FurtherTests, possible_tests, shortest, sigma_between
 from analysis.diagnosis.plan.expected import is_separable
 from analysis.diagnosis.plan.naming_tests import naming_tests
+from analysis.procedures.facts import facts_of, labels_of
 from analysis.robot.kinematics.arm import Array, rail_mm
 from analysis.runs.loading import Measured
 from analysis.runs.table_layout import COMMANDED
@@ -80,16 +82,16 @@ def doubts_of_runs(blocks: Sequence[Block]) -> tuple[str, ...]:
     if driven_once := ", ".join(block.name for block in circles if block.measured and block.count < 2):
         doubts.append(f"{driven_once} was driven once: its noise is assumed equal to that of the other circles")
     unrepeated = [block for block in blocks if not block.sampling and not block.measured]
-    once = {block.name: shows_noise(block) for block in unrepeated if not block.table.kind.never_twice}
-    doubts += [words for block in unrepeated if (words := block.table.kind.never_twice)]
+    once = {block.name: shows_noise(block) for block in unrepeated if not labels_of(block.table.test).no_repeats}
+    doubts += [words for block in unrepeated if (words := labels_of(block.table.test).no_repeats)]
     for name, shows in once.items():
         scatter = "is what the model leaves" if shows else "is assumed"
         doubts.append(f"no target of {name} was visited twice: its scatter {scatter}; visit targets again")
     ways: dict[str, set[str]] = {}
     for block in blocks:
         table = block.table
-        doubts += table.kind.doubts(table, block.model, block.name)
-        if direction := table.kind.direction(table):
+        doubts += observation_of(table).doubts(table, block.model, block.name)
+        if direction := table.driven_direction:
             ways.setdefault(table.test, set()).add(direction)
     rails = [rail_mm(block.model.arm, block.table.q) for block in blocks if block.model.arm.rail is not None]
     if rails and np.ptp(stands := np.concatenate(rails)) == 0:
@@ -97,7 +99,7 @@ def doubts_of_runs(blocks: Sequence[Block]) -> tuple[str, ...]:
     for test, way in [(test, next(iter(seen))) for test, seen in ways.items() if len(seen) == 1]:
         doubts.append(f"{test} was driven {way} only: effects that change with the direction cannot be detected")
     if not circles:
-        sides = any(block.table.kind.sides(block.table) is not None for block in blocks)
+        sides = any(block.table.sides is not None for block in blocks)
         back = "" if sides else ", or on how a joint turns back,"
         doubts.append(f"the robot stood at every reading: effects that depend on the speed{back} hardly show")
     return tuple(dict.fromkeys(doubts))  # each socket of a run is a separate block
@@ -260,7 +262,7 @@ def _temperature(used: Sequence[Measured]) -> Array | None:
 
 def _before(used: Sequence[Measured]) -> tuple[Act, ...]:
     """Return the first action if joints were read too early, depending on the presence of commanded angles."""
-    tables = [run.run.table for run in used if run.table.kind.of_tracker]
+    tables = [run.run.table for run in used if facts_of(run.table.test).of_tracker]
     commanded = any(table is not None and COMMANDED[0] in table.column_names for table in tables)
     return (EARLY_COMMANDED if commanded else EARLY,)
 
@@ -385,7 +387,7 @@ def _completed(
 
 def _hold_enough(runs: Sequence[ObservedRun]) -> None:
     """Raise FileError if there are fewer readings than set-up terms."""
-    terms = sum({run.setup: run.table.kind.setup_terms for run in runs}.values())
+    terms = sum({run.setup: facts_of(run.table.test).setup_terms for run in runs}.values())
     if (count := sum(run.values.size for run in runs)) < terms:
         raise FileError("RUN…", f"{count} readings are fewer than the {terms} terms of the set-up", "give more runs")
 

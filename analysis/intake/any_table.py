@@ -13,7 +13,8 @@ from analysis.intake.read import header_names, read_head, read_whole
 from analysis.intake.table_map import MAPPED
 from analysis.intake.touch_map import needs_touch_map, propose_touch_map
 from analysis.runs.loading import Measured
-from analysis.runs.table_format import kinds
+from analysis.runs.parts_of_tests import TESTS
+from analysis.runs.table_format import format_of
 from analysis.runs.table_layout import SOCKET
 from rigs.errors import FileError
 from rigs.load import load
@@ -51,7 +52,7 @@ def test_of(source: Path, rig: Rig) -> TestName:
     if is_bag(head):
         raise FileError(where, "is a bag, which may hold poses or a circle", _GIVE_TEST)
     names = header_names(head)
-    layouts = {kind.test: set(kind.layout(axes).required) - {"direction"} for kind in kinds()}
+    layouts = {test: set(format_of(test).layout(axes).required) - {"direction"} for test in TESTS}
     ours = [test for test, required in layouts.items() if required <= names]
     ours = [test for test in ours if not any(layouts[test] < layouts[other] for other in ours)]
     if len(ours) == 1:
@@ -59,7 +60,7 @@ def test_of(source: Path, rig: Rig) -> TestName:
     if ours:
         raise FileError(where, f"may be of {' or '.join(ours)}, whose columns are the same", _GIVE_TEST)
     if any(name.lower() == SOCKET for name in names):
-        return next(kind.test for kind in kinds() if SOCKET in kind.layout().required)
+        return next(test for test in TESTS if SOCKET in format_of(test).layout().required)
     lines, text_layout = text_of(read_whole(source), where)
     raw = read_raw(lines, layout_of(lines, text_layout.encoding, where), where)
     groups = groups_of(raw, [axis.name for axis in rig.robot.axes])

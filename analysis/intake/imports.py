@@ -17,10 +17,10 @@ from analysis.intake.raw_table import RawTable, is_workbook, joined, layout_of, 
 from analysis.intake.read import check_sequence, header_names, read_file, read_head, read_whole
 from analysis.intake.table_map import MAPPED, TableMap, map_text
 from analysis.procedures.checks.check_runs import doubts_of, refuse_impossible
-from analysis.procedures.shared.evaluate import hold_alive
+from analysis.procedures.shared.evaluate import evaluation_of, hold_alive
 from analysis.robot.geometry.iso_cube import cube_of
 from analysis.runs.loading import Measured, measured_of
-from analysis.runs.table_format import kind_named
+from analysis.runs.table_format import format_of
 from analysis.runs.table_layout import MEASURED, PLACE, JointSource
 from daq.store import Run, table_run
 from rigs.errors import FileError, UseError
@@ -69,7 +69,7 @@ def is_plain(path: Path, test: TestName) -> bool:
     head = read_head(path)
     if is_bag(head):
         return test != MAPPED
-    ours = header_names(head) & set(kind_named(test).layout().required)
+    ours = header_names(head) & set(format_of(test).layout().required)
     # Rig's own joints beside a place in other columns, as tvec_x … of OpenCV, are read by a map like any others.
     return len(ours) > 1 and (test != MAPPED or bool(ours - set(PLACE) and ours & set(PLACE)))
 
@@ -181,7 +181,7 @@ def read_mapped(  # noqa: PLR0913 - what a run is labelled with
         files[0],
         table,
         test=test,
-        direction=table["direction"][0].as_py() if "direction" in kind_named(test).layout().required else None,
+        direction=table["direction"][0].as_py() if "direction" in format_of(test).layout().required else None,
         rig_name=rig.name,
         rig_text=rig_text,
         operator=operator,
@@ -203,8 +203,8 @@ def _held(run: Run, rig: Rig, where: str, doubts: Iterable[str]) -> Measured:
     refuse_impossible(measured, where)
     refused, table = [], measured.table
     try:
-        table.kind.hold_evaluable(table, rig, where)
-        columns = zip(table.kind.gauges, table.kind.readings(table).T, strict=False)
+        evaluation_of(table.test).require_evaluable(table, rig, where)
+        columns = zip(format_of(table.test).gauges, table.readings.T, strict=False)
         hold_alive(where, **{f"{gauge}_mm": column for gauge, column in columns})
     except FileError as error:  # it is better reported now
         refused = [str(error)]

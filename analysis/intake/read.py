@@ -30,9 +30,10 @@ from analysis.apps.interchange.bags import is_bag
 from analysis.apps.interchange.ros_bag import table_of_bag
 from analysis.intake.cells import Columns, Problems, Row, TableFileError, TableProblem, column_type, columns_of, quoted
 from analysis.intake.table_map import MAPPED
-from analysis.procedures.shared.places_and_targets import target_count
+from analysis.procedures.shared.target_checks import target_count
 from analysis.robot.description.ros_kinematics import ROS_KINEMATICS
-from analysis.runs.table_format import kind_named, kinds
+from analysis.runs.parts_of_tests import TESTS
+from analysis.runs.table_format import format_of
 from analysis.runs.table_layout import (
     COMMANDED,
     JOINTS,
@@ -68,7 +69,7 @@ def check_sequence(
 
     lines: the number of each row's line (n,).
     """
-    columns_of_test = kind_named(test).layout().known
+    columns_of_test = format_of(test).layout().known
     if "t_s" in columns_of_test and "t_s" in columns:
         t_s = columns["t_s"].to_numpy()
         timed = np.flatnonzero(np.isfinite(t_s))
@@ -149,7 +150,7 @@ def check_header(
     if line.count("\t") > 2:
         remedy = f"save it with commas between columns: tr '\\t' ',' < {as_argument(where)} > TABLE.csv"
         raise FileError(where, "separates its columns by tabs", remedy)
-    layout = layout or kind_named(test).layout(axes)
+    layout = layout or format_of(test).layout(axes)
     problems = [
         TableProblem(1, name, "this column occurs twice; remove or rename one")
         for name, count in Counter(names).items()
@@ -159,7 +160,7 @@ def check_header(
     if len(missing) == len(layout.required) and all(re.fullmatch(_CELL, name) for name in names):
         raise FileError(where, "has no header line", f"make this its first line: {','.join(layout.required)}")
     problems += [TableProblem(1, name, _missing(name, names, layout, test)) for name in missing]
-    if not kind_named(test).gauges and RAIL in names and RAIL not in layout.known:
+    if not format_of(test).gauges and RAIL in names and RAIL not in layout.known:
         fact = "the arm of the rig file stands on no rail; add robot.rail to it, or rename this column"
         problems.append(TableProblem(1, RAIL, fact))
     for group in layout.together:
@@ -175,7 +176,7 @@ def check_header(
 def _missing(name: str, names: list[str], layout: Layout, test: TestName) -> str:
     # The extra column that may be the missing one: of the same stem (g1_inch for g1_mm), or written alike.
     # A column that means something in another test is that, and no other one misspelt.
-    of_any = {column for kind in kinds() for column in kind.layout().known}
+    of_any = {column for test in TESTS for column in format_of(test).layout().known}
     extras = [extra for extra in names if extra not in of_any]
     of_same_stem = [extra for extra in extras if _stem(extra) == _stem(name)]
     taken = {_stem(column) for column in layout.known}
@@ -227,7 +228,7 @@ def refuse_comments(where: str, data: bytes, test: TestName) -> None:
     count = next((number for number, line in enumerate(lines) if not line.startswith("#")), len(lines))
     names = {name.strip() for name in lines[count - 1].lstrip("# ").split(",")}
     file = as_argument(where)
-    if len(names & set(kind_named(test).layout().required)) > 1:
+    if len(names & set(format_of(test).layout().required)) > 1:
         before = f"1,{count - 1}d; " if count > 1 else ""
         problem = f"has its header in line {count} behind a #, which makes it a comment"
         raise FileError(where, problem, f"take it off: sed '{before}s/^# *//' {file} > TABLE.csv")
@@ -264,7 +265,7 @@ def read_file(
     that cannot be read, TableFileError with every mistake in it.
     """
     data = read_whole(path)
-    has_direction = "direction" in kind_named(test).layout().required
+    has_direction = "direction" in format_of(test).layout().required
     text, doubts = data, tuple[str, ...]()
     if is_bag(data):
         if not has_direction:
@@ -285,7 +286,7 @@ def parse_csv(
     joints: JointSource = "measured",
 ) -> pa.Table:
     """The table in the bytes of a file; `where` names it in errors. See `read_file`."""
-    if direction and "direction" not in kind_named(test).layout().required:
+    if direction and "direction" not in format_of(test).layout().required:
         raise FileError(where, f"is of a {test} test, which has no direction", "leave --direction out")
     _require_text(where, data)
     rows = _rows(data, where)
@@ -294,7 +295,7 @@ def parse_csv(
         refuse_comments(where, data, test)
     names = _names(header, where, joints)
     axes = len(rig.robot.axes)
-    layout = kind_named(test).layout(axes, rail=rig.robot.rail is not None)
+    layout = format_of(test).layout(axes, rail=rig.robot.rail is not None)
     check_header(where, names, test, direction is not None, axes, layout)
     problems = Problems()
     columns, lines = columns_of(_whole_rows(rows, names, where, problems), names, layout, problems)

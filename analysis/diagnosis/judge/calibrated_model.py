@@ -20,6 +20,7 @@ from analysis.diagnosis.fit.selection_state import background_terms
 from analysis.diagnosis.judge.misses import Widening
 from analysis.diagnosis.judge.result import Diagnosis
 from analysis.diagnosis.judge.validation import Stages
+from analysis.procedures.facts import facts_of
 from analysis.robot.kinematics.arm import Array, rail_mm
 from analysis.robot.model.predict import SetUp
 from analysis.runs.loading import Measured
@@ -70,7 +71,7 @@ def calibrated_model(
     root = wider.factor * _root(covariance_of(result.calibrated_posterior, unknowns))
     arm, q = runs[0].model.arm, np.concatenate([run.table.q[run.rows] for run in runs])
     angles, rail = np.degrees(q[:, : arm.axes]), rail_mm(arm, q)
-    of_poses = {run.setup for run in runs if run.table.kind.of_places}
+    of_poses = {run.setup for run in runs if facts_of(run.table.test).of_places}
     calibrated = CalibratedModel.model_construct(
         format=1,
         rig=rig.name,

@@ -54,7 +54,7 @@ def staircase_of(
         return None
     gaps = (diagnosis.train, diagnosis.held_out, diagnosis.unseen)
     residuals_um = [[gap.before_um if gap else None for gap in gaps]]
-    thin = [[thinned(run.on_lap, _ROWS) if run.table.kind.swept else run for run in runs] for runs in runs_at]
+    thin = [[thinned(run.on_lap, _ROWS) if run.table.swept else run for run in runs] for runs in runs_at]
     residuals_um += _residuals_um_of([effects for _, effects in rungs[1:-1]], thin)
     residuals_um.append([gap.calibrated_um if gap else None for gap in gaps])
     steps = []

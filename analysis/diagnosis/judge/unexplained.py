@@ -17,6 +17,7 @@ from analysis.diagnosis.evidence.blocks import Block
 from analysis.diagnosis.fit.search import SearchResult
 from analysis.diagnosis.judge.misses import LeftOut, share_left_out, sides_of
 from analysis.diagnosis.judge.remains import Followed, Unexplained, What
+from analysis.procedures.facts import facts_of
 from analysis.robot.kinematics.arm import Array, Integers
 from analysis.robot.model.scene import pull
 
@@ -96,7 +97,7 @@ def _load(block: Block, joint: int) -> Array:
 def _speed(block: Block, joint: int) -> Array:
     """Speed, its sign and its square, of a joint that moves while it is read."""
     t_s, q = block.path.t_s, block.path.q[:, joint]
-    if block.table.kind.of_places or not block.sampling or np.diff(t_s).min() <= 0:
+    if facts_of(block.table.test).of_places or not block.sampling or np.diff(t_s).min() <= 0:
         return np.zeros((len(q), 3))
     speed = np.gradient(q, t_s)
     share = speed / max(float(np.abs(speed).max()), 1e-12)
@@ -106,7 +107,7 @@ def _speed(block: Block, joint: int) -> Array:
 def _approach(block: Block, joint: int) -> Array:
     """The side from which a joint came to each place."""
     count = len(block.path.q)
-    if not block.table.kind.of_places:
+    if not facts_of(block.table.test).of_places:
         return np.zeros((count, 1))
     sides = sides_of(block)[:, [joint]]
     return np.repeat(sides, count // len(sides), axis=0)
@@ -122,7 +123,7 @@ def _time(block: Block) -> Array:
 
 def _place(block: Block) -> Array:
     """Errors of each coordinate that are second and third powers of the place, whitened; zero for other tests."""
-    if not block.table.kind.of_tracker:
+    if not facts_of(block.table.test).of_tracker:
         return np.zeros((len(block.y_mm), 3 * 16))
     at = block.values - block.values.mean(axis=0)
     x, y, z = (at / max(float(np.abs(at).max()), 1e-12)).T

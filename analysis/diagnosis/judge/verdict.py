@@ -35,13 +35,13 @@ from analysis.diagnosis.judge.result import (
     Rival,
     fault_rivals,
 )
+from analysis.procedures.facts import facts_of
 from analysis.procedures.pooled import FigureColumn, figure_columns
 from analysis.procedures.pose.evaluate import SAME_RAD, groups
 from analysis.procedures.results import Result, borrowers, by_test, evaluated_again, result_of
 from analysis.procedures.shared.quantity import Quantity
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.loading import Measured
-from analysis.runs.table_format import kind_named
 from rigs.calibration import Judged
 from rigs.errors import RigError
 from rigs.rig import Rig
@@ -423,12 +423,12 @@ def _is_testable(result: SearchResult, *, early: bool) -> bool:
     """Return whether the runs can show effects at all: enough readings, and joints at rest. A posture of poses
     counts three, also if visited again: the cube of ISO 9283 has 450 numbers, of which 15 differ."""
     readings = sum(
-        3 * int(groups(block.table.q, SAME_RAD).max() + 1) if block.table.kind.of_places else len(block.y_mm)
+        3 * int(groups(block.table.q, SAME_RAD).max() + 1) if facts_of(block.table.test).of_places else len(block.y_mm)
         for block in result.linear.blocks
     )
     if readings < _ENOUGH * result.linear.U.shape[1] or not result.columns.forms:
         return False
-    poses_alone = all(block.table.kind.of_places for block in result.linear.blocks)
+    poses_alone = all(facts_of(block.table.test).of_places for block in result.linear.blocks)
     shows = worth(result.linear, result.initial_residual).is_material(result.scatter_limits_um)
     return not (early and poses_alone and shows)
 
@@ -469,7 +469,7 @@ def judged_of(diagnosis: Diagnosis, whole: Gaps, gaps: Gaps, unexplained_mm: flo
     handed over. unexplained_mm: per coordinate; if no places show it, the residual at the judged runs is used."""
     judged = gaps.judged
     excess_um2 = max(judged.calibrated_um**2 - judged.noise_floor_um**2, 0.0)
-    if unexplained_mm is None or any(not kind_named(tested.test).of_places for tested in judged.tests):
+    if unexplained_mm is None or any(not facts_of(tested.test).of_places for tested in judged.tests):
         unexplained_mm = 1e-3 * float(np.sqrt(excess_um2))
     return Judged(
         condition=diagnosis.condition, place=diagnosis.accuracy.place,
