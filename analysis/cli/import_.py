@@ -87,9 +87,9 @@ def import_(
     complete, and nothing is imported.
     """
     from analysis import read_table, save_run
-    from analysis.apps.interchange.bags import file_of
     from analysis.cli.console import progress_of
     from analysis.cli.import_map import mapped_run, needs_map
+    from analysis.intake.readers import file_of
     from analysis.runs.written_files import refuse_existing
 
     operator = operator_or_user(operator)

@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from analysis.apps.interchange.bags import is_bag
 from analysis.intake.column_groups import groups_of
 from analysis.intake.imports import is_plain, propose_map, read_mapped, read_table
 from analysis.intake.raw_table import layout_of, read_raw, text_of
 from analysis.intake.read import header_names, read_head, read_whole
+from analysis.intake.readers import reader_of
 from analysis.intake.table_map import MAPPED
 from analysis.intake.touch_map import needs_touch_map, propose_touch_map
 from analysis.runs.loading import Measured
@@ -49,7 +49,7 @@ def read_any_table(
 def test_of(source: Path, rig: Rig) -> TestName:
     """Return the test that a table is of, by its columns. Raises FileError if it may be of several, or of none."""
     where, axes, head = str(source), len(rig.robot.axes), read_head(source)
-    if is_bag(head):
+    if reader_of(head):
         raise FileError(where, "is a bag, which may hold poses or a circle", _GIVE_TEST)
     names = header_names(head)
     layouts = {test: set(format_of(test).layout(axes).required) - {"direction"} for test in TESTS}

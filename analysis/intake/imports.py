@@ -7,14 +7,13 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from analysis.apps.interchange.bags import is_bag
-from analysis.apps.interchange.pose_bag import stands_of_bag
 from analysis.intake.cells import Problems, TableFileError
 from analysis.intake.cube_stops import with_joints
 from analysis.intake.map_proposal import Proposal, propose
 from analysis.intake.mapped import MappedPoses, poses_of, table_by
 from analysis.intake.raw_table import RawTable, is_workbook, joined, layout_of, read_files, read_raw, sheets_of, text_of
 from analysis.intake.read import check_sequence, header_names, read_file, read_head, read_whole
+from analysis.intake.readers import reader_of
 from analysis.intake.table_map import MAPPED, TableMap, map_text
 from analysis.procedures.checks.check_runs import doubts_of, refuse_impossible
 from analysis.procedures.shared.evaluate import evaluation_of, hold_alive
@@ -67,7 +66,7 @@ def read_table(
 def is_plain(path: Path, test: TestName) -> bool:
     """Whether a file begins with the columns of docs/tables.md, or is a bag of a circle: it is read without a map."""
     head = read_head(path)
-    if is_bag(head):
+    if reader_of(head):
         return test != MAPPED
     ours = header_names(head) & set(format_of(test).layout().required)
     # Rig's own joints beside a place in other columns, as tvec_x … of OpenCV, are read by a map like any others.
@@ -119,8 +118,8 @@ def _proposed(files: Sequence[Path], rig: Rig, join: str, topic: str) -> tuple[P
 
 def _stands_in(data: bytes, where: str, rig: Rig, topic: str) -> tuple[bytes, str, tuple[str, ...]]:
     """The table of the stands in a bag, its topic and doubts; any other file as it is."""
-    if is_bag(data):
-        stands = stands_of_bag(data, where, rig, topic)
+    if reader := reader_of(data):
+        stands = reader.stands_of(data, where, rig, topic)
         return stands.text, stands.topic, stands.doubts
     if topic:
         raise UseError("--topic", f"is of a bag, and {where} is none", "leave it out")

@@ -25,10 +25,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from analysis.apps.interchange.bags import MCAP_MAGIC as MAGIC
-from analysis.apps.interchange.bags import is_bag
-from analysis.apps.interchange.ros_bag import table_of_bag
 from analysis.intake.cells import Columns, Problems, Row, TableFileError, TableProblem, column_type, columns_of, quoted
+from analysis.intake.readers import reader_of
 from analysis.intake.table_map import MAPPED
 from analysis.procedures.shared.target_checks import target_count
 from analysis.robot.description.ros_kinematics import ROS_KINEMATICS
@@ -267,11 +265,11 @@ def read_file(
     data = read_whole(path)
     has_direction = "direction" in format_of(test).layout().required
     text, doubts = data, tuple[str, ...]()
-    if is_bag(data):
+    if reader := reader_of(data):
         if not has_direction:
             problem = "is a bag, from which circles are read, and poses by a map"
             raise FileError(str(path), problem, f"give the table of a {test} test as CSV")
-        text, doubts = table_of_bag(data, str(path), rig, test)
+        text, doubts = reader.table_of(data, str(path), rig, test)
     table = parse_csv(text, str(path), test, rig, direction, joints)
     words = table["direction"][0].as_py() if has_direction else None
     return TableFile(path, hashlib.sha256(data).hexdigest(), words, table, doubts)
@@ -340,10 +338,10 @@ def read_whole(path: Path) -> bytes:
     except OSError as error:
         raise FileError(str(path), error.strerror or str(error), "check the path and its permissions") from None
     except FileError:
-        if path.is_file() and path.stat().st_size > MOST_BYTES and read_from(path, 0, len(MAGIC))[0] == MAGIC:
-            problem = f"is a bag of more than {MOST_BYTES / 1e6:g} MB"
-            remedy = "keep the topics that are read: mcap filter BAG -y /joint_states -y /g1 -y /g2 -o SMALL"
-            raise FileError(str(path), problem, remedy) from None
+        if path.is_file() and path.stat().st_size > MOST_BYTES:
+            head = read_from(path, 0, _HEAD_BYTES)[0]
+            if (reader := reader_of(head)) and (remedy := reader.size_remedy(head)):
+                raise FileError(str(path), f"is a bag of more than {MOST_BYTES / 1e6:g} MB", remedy) from None
         raise
 
 
