@@ -1,4 +1,4 @@
-"""Calibrated model from a diagnosis: the posterior as terms with mean and covariance.
+"""Calibrated model from a verdict: the posterior as terms with mean and covariance.
 
 The fitted effects come first. Then follows every form of the background: its effect at the size of its column, and the
 mean multiple shown by the readings. Single forms are rarely certain, but their sum is: it reaches a tenth of a
@@ -18,7 +18,7 @@ from analysis.diagnosis.fit.refine import Unknown
 from analysis.diagnosis.fit.search import SearchResult
 from analysis.diagnosis.fit.selection_state import background_terms
 from analysis.diagnosis.judge.misses import Widening
-from analysis.diagnosis.judge.result import Diagnosis
+from analysis.diagnosis.judge.result import Verdict
 from analysis.diagnosis.judge.validation import Stages
 from analysis.procedures.facts import facts_of
 from analysis.robot.kinematics.arm import Array, rail_mm
@@ -43,7 +43,7 @@ def covariance_of(posterior: Posterior, unknowns: Sequence[Unknown]) -> Array:
 
 
 def calibrated_model(
-    diagnosis: Diagnosis,
+    verdict: Verdict,
     result: SearchResult,
     used: Sequence[Measured],
     runs: Sequence[ObservedRun],
@@ -59,8 +59,8 @@ def calibrated_model(
     of its
     uncertainty.
     """
-    rig, train, elsewhere = diagnosis.rig, diagnosis.train, diagnosis.unseen or diagnosis.held_out
-    named = [name.effect for name in diagnosis.written]
+    rig, train, elsewhere = verdict.rig, verdict.train, verdict.unseen or verdict.held_out
+    named = [name.effect for name in verdict.written]
     effects, unknowns = result.effects, result.fit.unknowns
     terms = [Term.model_construct(effect=effect, times=1.0, named=effect in named) for effect in effects]
     background = background_terms(result.calibrated_posterior)

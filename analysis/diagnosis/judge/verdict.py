@@ -28,11 +28,11 @@ from analysis.diagnosis.judge.result import (
     Accuracy,
     BudgetPart,
     Condition,
-    Diagnosis,
     Gap,
     Named,
     Remainder,
     Rival,
+    Verdict,
     fault_rivals,
 )
 from analysis.procedures.facts import facts_of
@@ -407,16 +407,15 @@ def condition_of(
     return "uncalibrated" if gaps.gains_elsewhere else "nothing_unusual"
 
 
-def as_scatter(diagnosis: Diagnosis) -> Diagnosis:
-    """Return a diagnosis of an unknown cause as scatter: the unexplained part does not repeat, as far as places
-    visited a single time can show."""
-    merged = [part for part in diagnosis.budget if part.kind in ("unexplained", "scatter")]
+def as_scatter(budget: Sequence[BudgetPart], remainder: Remainder) -> tuple[tuple[BudgetPart, ...], Remainder]:
+    """Return the budget and the remainder of an unknown cause as scatter: the unexplained part does not repeat, as far
+    as places visited a single time can show."""
+    merged = [part for part in budget if part.kind in ("unexplained", "scatter")]
     um = float(np.sqrt(sum(part.um**2 for part in merged)))
     scatter = BudgetPart("scatter", um, 0.0, sum(part.share for part in merged))
-    parts = [*(part for part in diagnosis.budget if part not in merged), scatter]
-    remainder = replace(diagnosis.remainder, um=0.0, share=0.0, words="it follows nothing, as scatter does")
-    budget = tuple(sorted(parts, key=lambda part: -part.share))
-    return replace(diagnosis, condition="nothing_unusual", budget=budget, remainder=remainder)
+    parts = [*(part for part in budget if part not in merged), scatter]
+    of_scatter = replace(remainder, um=0.0, share=0.0, words="it follows nothing, as scatter does")
+    return tuple(sorted(parts, key=lambda part: -part.share)), of_scatter
 
 
 def _is_testable(result: SearchResult, *, early: bool) -> bool:
@@ -464,7 +463,7 @@ def runs_to_decide(result: SearchResult, named: Sequence[Named]) -> int:
     return int(min(max(2, most + 1, np.ceil(most * factor)), _MOST_RUNS))
 
 
-def judged_of(diagnosis: Diagnosis, whole: Gaps, gaps: Gaps, unexplained_mm: float | None) -> Judged:
+def judged_of(verdict: Verdict, whole: Gaps, gaps: Gaps, unexplained_mm: float | None) -> Judged:
     """Return the judgement of the model for the file that is handed over: of the `whole` model and of the part
     handed over. unexplained_mm: per coordinate; if no places show it, the residual at the judged runs is used."""
     judged = gaps.judged
@@ -472,7 +471,7 @@ def judged_of(diagnosis: Diagnosis, whole: Gaps, gaps: Gaps, unexplained_mm: flo
     if unexplained_mm is None or any(not facts_of(tested.test).of_places for tested in judged.tests):
         unexplained_mm = 1e-3 * float(np.sqrt(excess_um2))
     return Judged(
-        condition=diagnosis.condition, place=diagnosis.accuracy.place,
+        condition=verdict.condition, place=verdict.accuracy.place,
         before_um=judged.before_um, names_um=judged.after_um,
         whole_um=whole.judged.calibrated_um, handed_um=judged.calibrated_um, noise_um=judged.noise_floor_um,
         unexplained_um=1e3 * unexplained_mm,
