@@ -366,16 +366,8 @@ class NextTest:
 
 @dataclass(frozen=True, kw_only=True)
 class Verdict:
-    """What the runs show of the arm: condition, accuracy, error budget and named effects.
-
-    `rig` is the initial model and `runs` names the runs used. `effects` lists the effects supported by evidence, faults
-    first, ordered by worth. `budget` contains every part of the gap, the largest first, and `runs_to_decide` the number
-    of runs of each kind that would decide an undecided condition. `given` states whether the effects were given to be
-    fitted. `groups` lists named effects that these tests cannot distinguish, and `not_testable` the names that are
-    invisible here at any size. `repeated` states whether the noise comes from repeats, `shows_noise` whether it comes
-    from repeats or residuals; otherwise it is assumed. `level` is the level of the healthy background, 1 in a typical
-    healthy arm. `unexplained` is the unexplained part, and the subjects it follows if it is large.
-    """
+    """The part of a diagnosis that the gaps decide: condition, accuracy, error budget and named effects, before the
+    calibrated model, doubts and actions. `Diagnosis` explains the fields."""
 
     condition: Condition
     accuracy: Accuracy
@@ -400,6 +392,7 @@ class Verdict:
     given: bool = False
     shows_noise: bool = False
     unexplained: Unexplained | None = None
+    """The unexplained part, and the subjects it follows if it is large."""
 
     @property
     def is_testable(self) -> bool:
@@ -438,10 +431,16 @@ class Verdict:
 
 @dataclass(frozen=True, kw_only=True)
 class Diagnosis(Verdict, Tabular):
-    """The complete result: a verdict, the calibrated model, the doubts, and the actions that follow.
+    """The complete result.
 
-    `calibrated` is the calibrated model. `doubts` lists reasons for limited trust in the result. `staircase` is the gap
-    as parts of the budget are added to the model, None if no part is added.
+    `rig` is the initial model and `runs` names the runs used. `effects` lists the effects supported by evidence, faults
+    first, ordered by worth. `budget` contains every part of the gap, the largest first, and `runs_to_decide` the number
+    of runs of each kind that would decide an undecided condition. `calibrated` is the calibrated model, and `given`
+    states whether the effects were given to be fitted. `groups` lists named effects that these tests cannot
+    distinguish, and `not_testable` the names that are invisible here at any size. `repeated` states whether the noise
+    comes from repeats, `shows_noise` whether it comes from repeats or residuals; otherwise it is assumed. `level` is
+    the level of the healthy background, 1 in a typical healthy arm. `doubts` lists reasons for limited trust in the
+    result. `staircase` is the gap as parts of the budget are added to the model, None if no part is added.
     """
 
     next_test: NextTest | None
