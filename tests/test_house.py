@@ -19,15 +19,17 @@ MOST = {
     # between series, 270 of what an import makes of foreign files; 120 of imports whose names grew with the rings.
     # 2100 of what moved, 1100 of parameters out of range, joint scale, strain wave and the unexplained part,
     # 900 of states of programs, 800 of readiness and tables as they come, 600 of order, turns and signs, 400 of odds.
-    "product lines": 101_200,
-    "product files": 575,  # 24 effects, 23 drivers and 22 of makers stand one a file; 12 more folders, each a package
-    "private functions used once, per mille": 146,  # a fifth are values: readers of statements
-    "isinstance of a table": 19,  # most are of circles: laps, plays and the paper's tests; two of poses: their moves
-    "files that name one test kind": 8,  # pose: commanded angles, moves of places; the paper's: two or three each
-    "names that say nothing": 144,  # 42 in what moved, whose JSON has the field "what"
+    # 800 of the five parts of each test in files of their own, 300 of stages of the diagnosis and readers: heads,
+    # imports and types of 39 files.
+    "product lines": 101_700,
+    "product files": 611,  # 24 effects, 23 drivers, 22 of makers and 28 parts of tests stand one a file
+    "private functions used once, per mille": 145,  # a fifth are values: readers of statements
+    "isinstance of a table": 18,  # most are of circles: laps, plays and the paper's tests
+    "files that name one test kind": 7,  # the tables, rig files and emulated cells; the paper's: two or three each
+    "names that say nothing": 142,  # 42 in what moved, whose JSON has the field "what"
     "circles of modules": 0,
     "files that name one maker": 7,  # outside its own; 18 before a maker owned itself; ros_kinematics reads ur's alone
-    "suppressions": 240,  # 93 slow imports inside of functions, and 79 asserts on what a reader has checked
+    "suppressions": 239,  # 93 slow imports inside of functions, and 79 asserts on what a reader has checked
     "lines of the longest file": 600,
 }
 """The largest value of each number of `scripts/dev house`. Lower it where it fell; raise it with a reason beside it."""

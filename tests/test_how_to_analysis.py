@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from tests.support.how_to import checked, commands, followed, output
+from tests.support.how_to import checked, commands, followed, output, reinstalled
 
 pytestmark = pytest.mark.cpu_limit(300)  # commands and checks of a whole tree, in processes of their own
 EFFECT, MEASUREMENT, MAKER = "add-an-effect.md", "add-a-measurement.md", "add-a-maker.md"
@@ -103,6 +103,7 @@ def test_a_new_maker_passes_the_checks_and_drives_corrects_and_enters(tmp_path: 
 
 def test_a_new_test_kind_passes_the_checks_and_its_commands(tmp_path: Path) -> None:
     files = followed(TEST_KIND, tmp_path)
+    reinstalled(tmp_path)
     checked(tmp_path, files)
     assert "3 passed" in output(tmp_path, *PYTEST, "tests/analysis/procedures/test_height.py")
     said = output(tmp_path, "bash", "-ec", commands(TEST_KIND, "rig import"))

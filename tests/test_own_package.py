@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.how_to import HOW_TO, ROOT, blocks, run
+from tests.support.how_to import HOW_TO, ROOT, blocks, offers, run
 
 pytestmark = pytest.mark.cpu_limit(60)
 PAGES = {
@@ -40,16 +40,6 @@ def installed(site: Path, package: str) -> None:
             text = text.replace("    origin: ", driver, 1)
         (site / name).write_text(text, encoding="utf-8")
     offers(site, project["name"], project["entry-points"])
-
-
-def offers(site: Path, name: str, points: dict[str, dict[str, str]]) -> None:
-    info = site / f"{name.replace('-', '_')}-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n", encoding="utf-8")
-    lines = [
-        f"[{group}]\n" + "".join(f"{key} = {value}\n" for key, value in of.items()) for group, of in points.items()
-    ]
-    (info / "entry_points.txt").write_text("\n".join(lines), encoding="utf-8")
 
 
 @pytest.fixture(scope="module")
@@ -101,9 +91,18 @@ def test_a_test_kind_of_another_package_is_imported_and_evaluated(site: Path) ->
     assert done.returncode == 0, done.stderr
     done = run(site, *rig, "analyse", "heights/monday", "--json")
     assert '"height_band_mm": {' in done.stdout, done.stdout + done.stderr
-    offers(site, "half-kind", {"rig.tests": {"half_kind": "nowhere.at_all:KIND", "touch": "cell_height.kind:KIND"}})
-    done = run(site, *rig, "import", str(table), "--rig", "ur10e", "--test", "half_kind", "-o", "heights/tuesday")
-    assert done.returncode and "cannot be used: No module named 'nowhere'" in " ".join(done.stderr.split())
+    offers(site, "half-kind", {"rig.tests": {"half_kind": "nowhere", "old": "cell.kind:KIND", "touch": "cell_height"}})
+    for test, why in (
+        ("half_kind", "cannot be used: No module named 'nowhere'"),
+        (
+            "old",
+            "cell.kind:KIND, which a package offers, has the form of version 1.1: a test is now a package; offer cell",
+        ),
+    ):
+        done = run(site, *rig, "import", str(table), "--rig", "ur10e", "--test", test, "-o", "heights/tuesday")
+        assert done.returncode == 3 and why in " ".join(done.stderr.split())
+    done = run(site, sys.executable, "-c", "import analysis.runs.parts_of_tests as p; print(p.package_of('touch'))")
+    assert "analysis/procedures/touch" in done.stdout, "a name of rig's own is not taken over"
 
 
 OF_A_MAKER = """

@@ -12,6 +12,7 @@ from analysis.cli.commands import app, command
 from analysis.cli.console import say
 from analysis.cli.options import direction_option, operator_or_user
 from analysis.cli.several import for_each
+from analysis.runs.table_format import format_of
 from analysis.runs.table_layout import SOCKET, JointSource
 from rigs.errors import UseError
 from rigs.schema.vocabulary import CIRCLES, Direction, TestName
@@ -83,9 +84,9 @@ def import_(
     writes the map for you to complete and imports nothing.
     """
     from analysis import read_table, save_run
-    from analysis.apps.interchange.bags import file_of
     from analysis.cli.console import progress_of
     from analysis.cli.import_map import mapped_run, needs_map
+    from analysis.intake.readers import file_of
     from analysis.runs.written_files import refuse_existing
 
     operator = operator_or_user(operator)
@@ -125,11 +126,10 @@ def _by_its_columns(table: Path, rig_file: str) -> TestName:
 def _hold_options(test: TestName, direction: Direction | None, topic: str, socket: str) -> None:
     """Raise UseError for an option that does not apply to a test."""
     from analysis.intake.table_map import MAPPED
-    from analysis.runs.table_format import kind_named
 
     if direction and test not in CIRCLES:
         raise UseError("--direction", f"a {test} test does not have a direction", "leave it out")
-    if socket and SOCKET not in kind_named(test).layout().required:
+    if socket and SOCKET not in format_of(test).layout().required:
         raise UseError("--socket", f"is of touches, and the test is {test}", "leave it out")
     if topic and test != MAPPED:
         raise UseError("--topic", f"is of poses, and the test is {test}", "leave it out")

@@ -5,15 +5,16 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from analysis.apps.interchange.bags import is_bag
 from analysis.intake.column_groups import groups_of
 from analysis.intake.imports import is_plain, propose_map, read_mapped, read_table
 from analysis.intake.raw_table import layout_of, read_raw, text_of
 from analysis.intake.read import header_names, read_head, read_whole
+from analysis.intake.readers import reader_of
 from analysis.intake.table_map import MAPPED
 from analysis.intake.touch_map import needs_touch_map, propose_touch_map
 from analysis.runs.loading import Measured
-from analysis.runs.table_format import kinds
+from analysis.runs.parts_of_tests import TESTS
+from analysis.runs.table_format import format_of
 from analysis.runs.table_layout import SOCKET
 from rigs.errors import FileError
 from rigs.load import load
@@ -48,10 +49,10 @@ def read_any_table(
 def test_of(source: Path, rig: Rig) -> TestName:
     """Return the test of a table, inferred from the columns. Raises FileError if several tests match, or none."""
     where, axes, head = str(source), len(rig.robot.axes), read_head(source)
-    if is_bag(head):
+    if reader_of(head):
         raise FileError(where, "is a bag, which may hold poses or a circle", _GIVE_TEST)
     names = header_names(head)
-    layouts = {kind.test: set(kind.layout(axes).required) - {"direction"} for kind in kinds()}
+    layouts = {test: set(format_of(test).layout(axes).required) - {"direction"} for test in TESTS}
     ours = [test for test, required in layouts.items() if required <= names]
     ours = [test for test in ours if not any(layouts[test] < layouts[other] for other in ours)]
     if len(ours) == 1:
@@ -59,7 +60,7 @@ def test_of(source: Path, rig: Rig) -> TestName:
     if ours:
         raise FileError(where, f"may be of {' or '.join(ours)}, which have the same columns", _GIVE_TEST)
     if any(name.lower() == SOCKET for name in names):
-        return next(kind.test for kind in kinds() if SOCKET in kind.layout().required)
+        return next(test for test in TESTS if SOCKET in format_of(test).layout().required)
     lines, text_layout = text_of(read_whole(source), where)
     raw = read_raw(lines, layout_of(lines, text_layout.encoding, where), where)
     groups = groups_of(raw, [axis.name for axis in rig.robot.axes])

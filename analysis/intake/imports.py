@@ -7,20 +7,19 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from analysis.apps.interchange.bags import is_bag
-from analysis.apps.interchange.pose_bag import stands_of_bag
 from analysis.intake.cells import Problems, TableFileError
 from analysis.intake.cube_stops import with_joints
 from analysis.intake.map_proposal import Proposal, propose
 from analysis.intake.mapped import MappedPoses, poses_of, table_by
 from analysis.intake.raw_table import RawTable, is_workbook, joined, layout_of, read_files, read_raw, sheets_of, text_of
 from analysis.intake.read import check_sequence, header_names, read_file, read_head, read_whole
+from analysis.intake.readers import reader_of
 from analysis.intake.table_map import MAPPED, TableMap, map_text
 from analysis.procedures.checks.check_runs import doubts_of, refuse_impossible
-from analysis.procedures.shared.evaluate import hold_alive
+from analysis.procedures.shared.evaluate import evaluation_of, hold_alive
 from analysis.robot.geometry.iso_cube import cube_of
 from analysis.runs.loading import Measured, measured_of
-from analysis.runs.table_format import kind_named
+from analysis.runs.table_format import format_of
 from analysis.runs.table_layout import MEASURED, PLACE, JointSource
 from daq.store import Run, table_run
 from rigs.errors import FileError, UseError
@@ -70,9 +69,9 @@ def is_plain(path: Path, test: TestName) -> bool:
     directly.
     """
     head = read_head(path)
-    if is_bag(head):
+    if reader_of(head):
         return test != MAPPED
-    ours = header_names(head) & set(kind_named(test).layout().required)
+    ours = header_names(head) & set(format_of(test).layout().required)
     # Joints named by rig with places in foreign columns, such as tvec_x … of OpenCV, need a map.
     return len(ours) > 1 and (test != MAPPED or bool(ours - set(PLACE) and ours & set(PLACE)))
 
@@ -123,8 +122,8 @@ def _stands_in(data: bytes, where: str, rig: Rig, topic: str) -> tuple[bytes, st
     """Return the table of the stationary poses in a bag, the topic and the doubts; other files are returned
     unchanged.
     """
-    if is_bag(data):
-        stands = stands_of_bag(data, where, rig, topic)
+    if reader := reader_of(data):
+        stands = reader.stands_of(data, where, rig, topic)
         return stands.text, stands.topic, stands.doubts
     if topic:
         raise UseError("--topic", f"is of a bag, and {where} is none", "leave it out")
@@ -187,7 +186,7 @@ def read_mapped(  # noqa: PLR0913 - what a run is labelled with
         files[0],
         table,
         test=test,
-        direction=table["direction"][0].as_py() if "direction" in kind_named(test).layout().required else None,
+        direction=table["direction"][0].as_py() if "direction" in format_of(test).layout().required else None,
         rig_name=rig.name,
         rig_text=rig_text,
         operator=operator,
@@ -209,8 +208,8 @@ def _held(run: Run, rig: Rig, where: str, doubts: Iterable[str]) -> Measured:
     refuse_impossible(measured, where)
     refused, table = [], measured.table
     try:
-        table.kind.hold_evaluable(table, rig, where)
-        columns = zip(table.kind.gauges, table.kind.readings(table).T, strict=False)
+        evaluation_of(table.test).require_evaluable(table, rig, where)
+        columns = zip(format_of(table.test).gauges, table.readings.T, strict=False)
         hold_alive(where, **{f"{gauge}_mm": column for gauge, column in columns})
     except FileError as error:  # report it now
         refused = [str(error)]

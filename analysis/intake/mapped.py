@@ -17,9 +17,10 @@ import pyarrow as pa
 from analysis.intake.cells import Problems, TableFileError, TableProblem, value
 from analysis.intake.raw_table import RawTable
 from analysis.intake.table_map import MAPPED, TO_MM, TO_UNIT, Angles, TableMap, Turn
-from analysis.procedures.checks.meanings import FEWEST, RIGHT_MM, RIGHT_SHARE, Meaning, left_mm, meanings
+from analysis.procedures.checks.checks_of_test import Meaning
+from analysis.procedures.checks.meanings import FEWEST, RIGHT_MM, RIGHT_SHARE, left_mm, meanings
 from analysis.robot.kinematics.arm import Arm, Array, forward
-from analysis.runs.table_format import kind_named
+from analysis.runs.table_format import format_of
 from analysis.runs.table_layout import COUNTS, PLACE, SOCKET, TURN, WORDS, joint_columns
 from daq.store.chunk import table_schema
 from rigs.errors import FileError, UseError
@@ -149,7 +150,7 @@ def _columns(template: str, values: Array) -> Columns:
 
 
 def _named(raw: RawTable, table_map: TableMap, test: TestName, axes: int, direction: Direction | None) -> Columns:
-    layout, stated = kind_named(test).layout(axes), table_map.columns
+    layout, stated = format_of(test).layout(axes), table_map.columns
     driven = any(name in layout.required for name in joint_columns(1))
     joints = list(_columns("q{}_deg", np.zeros((1, len(table_map.joints.columns))))) if table_map.joints else []
     missing = [name for name in layout.required if name not in {*stated, *joints, *table_map.constants}]

@@ -24,14 +24,13 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from analysis.apps.interchange.bags import MCAP_MAGIC as MAGIC
-from analysis.apps.interchange.bags import is_bag
-from analysis.apps.interchange.ros_bag import table_of_bag
 from analysis.intake.cells import Columns, Problems, Row, TableFileError, TableProblem, column_type, columns_of, quoted
+from analysis.intake.readers import reader_of
 from analysis.intake.table_map import MAPPED
-from analysis.procedures.shared.places_and_targets import target_count
+from analysis.procedures.shared.target_checks import target_count
 from analysis.robot.description.ros_kinematics import ROS_KINEMATICS
-from analysis.runs.table_format import kind_named, kinds
+from analysis.runs.parts_of_tests import TESTS
+from analysis.runs.table_format import format_of
 from analysis.runs.table_layout import (
     COMMANDED,
     JOINTS,
@@ -67,7 +66,7 @@ def check_sequence(
 
     lines: line numbers of the rows (n,).
     """
-    columns_of_test = kind_named(test).layout().known
+    columns_of_test = format_of(test).layout().known
     if "t_s" in columns_of_test and "t_s" in columns:
         t_s = columns["t_s"].to_numpy()
         timed = np.flatnonzero(np.isfinite(t_s))
@@ -148,7 +147,7 @@ def check_header(
     if line.count("\t") > 2:
         remedy = f"save the file with commas between columns: tr '\\t' ',' < {as_argument(where)} > TABLE.csv"
         raise FileError(where, "separates columns by tabs", remedy)
-    layout = layout or kind_named(test).layout(axes)
+    layout = layout or format_of(test).layout(axes)
     problems = [
         TableProblem(1, name, "this column occurs twice; remove or rename one")
         for name, count in Counter(names).items()
@@ -158,7 +157,7 @@ def check_header(
     if len(missing) == len(layout.required) and all(re.fullmatch(_CELL, name) for name in names):
         raise FileError(where, "lacks a header line", f"insert this first line: {','.join(layout.required)}")
     problems += [TableProblem(1, name, _missing(name, names, layout, test)) for name in missing]
-    if not kind_named(test).gauges and RAIL in names and RAIL not in layout.known:
+    if not format_of(test).gauges and RAIL in names and RAIL not in layout.known:
         fact = "the arm of the rig file has no rail; add robot.rail to the rig file, or rename this column"
         problems.append(TableProblem(1, RAIL, fact))
     for group in layout.together:
@@ -174,7 +173,7 @@ def check_header(
 def _missing(name: str, names: list[str], layout: Layout, test: TestName) -> str:
     # Find an extra column that may be the missing one: with the same stem (g1_inch for g1_mm) or similar spelling.
     # Column names of other tests are not candidates.
-    of_any = {column for kind in kinds() for column in kind.layout().known}
+    of_any = {column for test in TESTS for column in format_of(test).layout().known}
     extras = [extra for extra in names if extra not in of_any]
     of_same_stem = [extra for extra in extras if _stem(extra) == _stem(name)]
     taken = {_stem(column) for column in layout.known}
@@ -230,7 +229,7 @@ def refuse_comments(where: str, data: bytes, test: TestName) -> None:
     count = next((number for number, line in enumerate(lines) if not line.startswith("#")), len(lines))
     names = {name.strip() for name in lines[count - 1].lstrip("# ").split(",")}
     file = as_argument(where)
-    if len(names & set(kind_named(test).layout().required)) > 1:
+    if len(names & set(format_of(test).layout().required)) > 1:
         before = f"1,{count - 1}d; " if count > 1 else ""
         problem = f"has the header in line {count} after a #, which marks a comment"
         raise FileError(where, problem, f"remove the #: sed '{before}s/^# *//' {file} > TABLE.csv")
@@ -272,13 +271,13 @@ def read_file(
     TableFileError with all mistakes in it.
     """
     data = read_whole(path)
-    has_direction = "direction" in kind_named(test).layout().required
+    has_direction = "direction" in format_of(test).layout().required
     text, doubts = data, tuple[str, ...]()
-    if is_bag(data):
+    if reader := reader_of(data):
         if not has_direction:
             problem = "is a bag, from which circles are read, and poses by a map"
             raise FileError(str(path), problem, f"give the table of a {test} test as CSV")
-        text, doubts = table_of_bag(data, str(path), rig, test)
+        text, doubts = reader.table_of(data, str(path), rig, test)
     table = parse_csv(text, str(path), test, rig, direction, joints)
     words = table["direction"][0].as_py() if has_direction else None
     return TableFile(path, hashlib.sha256(data).hexdigest(), words, table, doubts)
@@ -293,7 +292,7 @@ def parse_csv(
     joints: JointSource = "measured",
 ) -> pa.Table:
     """Parse the bytes of a table file; `where` is the name in errors. See `read_file`."""
-    if direction and "direction" not in kind_named(test).layout().required:
+    if direction and "direction" not in format_of(test).layout().required:
         raise FileError(where, f"is of a {test} test, which does not have a direction", "leave --direction out")
     _require_text(where, data)
     rows = _rows(data, where)
@@ -302,7 +301,7 @@ def parse_csv(
         refuse_comments(where, data, test)
     names = _names(header, where, joints)
     axes = len(rig.robot.axes)
-    layout = kind_named(test).layout(axes, rail=rig.robot.rail is not None)
+    layout = format_of(test).layout(axes, rail=rig.robot.rail is not None)
     check_header(where, names, test, direction is not None, axes, layout)
     problems = Problems()
     columns, lines = columns_of(_whole_rows(rows, names, where, problems), names, layout, problems)
@@ -327,7 +326,7 @@ def _names(header: list[str], where: str, joints: JointSource) -> list[str]:
         raise FileError(where, "is empty", "give a table with a header line")
     if len(header) > _MOST_COLUMNS:
         raise FileError(
-            where, f"has {len(header)} columns, more than {_MOST_COLUMNS}", "remove the files that are not needed"
+            where, f"has {len(header)} columns, more than {_MOST_COLUMNS}", "remove the columns that are not needed"
         )
     names = [as_it_was(name) for name in header]
     if joints != "commanded":
@@ -349,10 +348,10 @@ def read_whole(path: Path) -> bytes:
     except OSError as error:
         raise FileError(str(path), error.strerror or str(error), "check the path and the permissions") from None
     except FileError:
-        if path.is_file() and path.stat().st_size > MOST_BYTES and read_from(path, 0, len(MAGIC))[0] == MAGIC:
-            problem = f"is a bag of more than {MOST_BYTES / 1e6:g} MB"
-            remedy = "keep the topics that are read: mcap filter BAG -y /joint_states -y /g1 -y /g2 -o SMALL"
-            raise FileError(str(path), problem, remedy) from None
+        if path.is_file() and path.stat().st_size > MOST_BYTES:
+            head = read_from(path, 0, _HEAD_BYTES)[0]
+            if (reader := reader_of(head)) and (remedy := reader.size_remedy(head)):
+                raise FileError(str(path), f"is a bag of more than {MOST_BYTES / 1e6:g} MB", remedy) from None
         raise
 
 

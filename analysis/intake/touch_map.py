@@ -14,7 +14,7 @@ from analysis.intake.column_groups import groups_of
 from analysis.intake.raw_table import RawTable, layout_of, read_raw, text_of
 from analysis.intake.read import header_names, read_head, read_whole
 from analysis.intake.table_map import Angles, Column, TableMap
-from analysis.runs.table_format import kind_named
+from analysis.runs.table_format import format_of
 from analysis.runs.table_layout import SOCKET, joint_columns
 from rigs.errors import FileError
 from rigs.rig import Rig
@@ -26,7 +26,7 @@ _FULL_TURN = 2 * np.pi
 
 def needs_touch_map(path: Path, test: TestName, socket: str) -> bool:
     """Return whether a table of touches has columns different from docs/tables.md, or the socket is given."""
-    if SOCKET not in kind_named(test).layout().required:
+    if SOCKET not in format_of(test).layout().required:
         return False
     return bool(socket) or not {SOCKET, *joint_columns(FEWEST_AXES)} <= header_names(read_head(path))
 
@@ -41,7 +41,7 @@ def propose_touch_map(path: Path, rig: Rig, test: TestName, socket: str) -> Tabl
     lines, text_layout = text_of(read_whole(path), where)
     layout = layout_of(lines, text_layout.encoding, where)
     raw = read_raw(lines, layout, where)
-    optional = [name for name in kind_named(test).layout(len(rig.robot.axes)).optional if name in raw.names]
+    optional = [name for name in format_of(test).layout(len(rig.robot.axes)).optional if name in raw.names]
     joints = _joints(raw, rig, set(optional))
     column = next((name for name in raw.names if name.strip().lower() == SOCKET), None)
     columns = {name: Column(column=name) for name in optional}

@@ -12,6 +12,7 @@ from analysis.diagnosis.evidence.movements import Movement
 from analysis.diagnosis.evidence.observation import ObservedRun
 from analysis.movement.changes import Step, find_step
 from analysis.movement.runs import observed
+from analysis.procedures.facts import facts_of
 from analysis.robot.kinematics.arm import Mask
 from analysis.runs.loading import Measured
 from rigs.rig import Rig
@@ -28,7 +29,7 @@ def without_moved(rig: Rig, runs: Sequence[Measured]) -> tuple[list[Measured], l
     kept, movements, doubts = list(runs), list[Movement](), list[str]()
     groups: dict[tuple[str, str], list[int]] = {}
     for k, run in enumerate(runs):
-        if run.table.kind.of_places:
+        if facts_of(run.table.test).of_places:
             groups.setdefault((run.table.test, run.run.manifest.placement), []).append(k)
     dropped: set[int] = set()
     for numbers in groups.values():
@@ -90,7 +91,7 @@ def _movement(runs: Sequence[Measured], where: int, row: int, step: Step, piece:
         u_rotation_deg=found.u_rotation_deg,
         run=names[where],
         row=None if row == 0 else int(rows[row]),
-        of_tracker=piece.table.kind.of_tracker,
+        of_tracker=facts_of(piece.table.test).of_tracker,
     )
 
 

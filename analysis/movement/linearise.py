@@ -13,6 +13,7 @@ from analysis.diagnosis.evidence.observation import ObservedRun, part, predicted
 from analysis.diagnosis.evidence.setups import columns_of, moved_setup, placement_of, target_of
 from analysis.movement.causes import Cause
 from analysis.movement.evidence import LinearReadings, Shift
+from analysis.procedures.facts import facts_of
 from analysis.robot.geometry.pose_setup import frame
 from analysis.robot.kinematics.arm import Arm, Array, forward
 from analysis.robot.model.predict import Model, SetUp
@@ -59,11 +60,11 @@ class Workplace:
 
 def selected(runs: Sequence[ObservedRun]) -> list[ObservedRun]:
     """Return runs reduced to the number of readings used for inference, evenly selected."""
-    total = sum(len(run.rows) for run in runs if run.table.kind.of_places)
+    total = sum(len(run.rows) for run in runs if facts_of(run.table.test).of_places)
     chosen = []
     for run in runs:
         most = max(6, int(_MOST_READINGS * len(run.rows) / max(total, 1)))
-        most = most if run.table.kind.of_places else _CIRCLE_ROWS
+        most = most if facts_of(run.table.test).of_places else _CIRCLE_ROWS
         keep = np.zeros(len(run.rows), dtype=bool)
         keep[np.unique(np.linspace(0, len(run.rows) - 1, min(most, len(run.rows))).astype(int))] = True
         chosen.append(_without_rest(part(run, keep)))
@@ -130,10 +131,10 @@ def after(run: ObservedRun, place: Workplace, cause: Cause, change: Array) -> Ar
 def _concerns(cause: Cause, run: ObservedRun) -> bool:
     """Return whether a run uses the socket, target or instrument of a cause."""
     if cause.what == "instrument":
-        return run.table.kind.of_tracker and placement_of(run.setup) == cause.name
-    if cause.what == "target" and run.table.kind.of_tracker:
+        return facts_of(run.table.test).of_tracker and placement_of(run.setup) == cause.name
+    if cause.what == "target" and facts_of(run.table.test).of_tracker:
         return target_of(run.setup) == cause.name
-    return cause.what in ("socket", "target") and not run.table.kind.of_tracker and run.setup == cause.name
+    return cause.what in ("socket", "target") and not facts_of(run.table.test).of_tracker and run.setup == cause.name
 
 
 def _moved_thing(setup: SetUp, cause: Cause, centre_mm: Array, change: Array) -> SetUp:
@@ -154,10 +155,12 @@ def _moved_thing(setup: SetUp, cause: Cause, centre_mm: Array, change: Array) ->
 def causes_of(runs: Sequence[ObservedRun]) -> list[Cause]:
     """Return the possible causes of a movement in the set-ups of reference runs."""
     axes = runs[0].model.arm.axes
-    sockets = sorted({run.setup for run in runs if run.table.kind.of_places and not run.table.kind.of_tracker})
-    balls = sorted({run.setup for run in runs if not run.table.kind.of_places})
-    trackers = sorted({placement_of(run.setup) for run in runs if run.table.kind.of_tracker})
-    targets = sorted({target_of(run.setup) for run in runs if run.table.kind.of_tracker})
+    sockets = sorted(
+        {run.setup for run in runs if facts_of(run.table.test).of_places and not facts_of(run.table.test).of_tracker}
+    )
+    balls = sorted({run.setup for run in runs if not facts_of(run.table.test).of_places})
+    trackers = sorted({placement_of(run.setup) for run in runs if facts_of(run.table.test).of_tracker})
+    targets = sorted({target_of(run.setup) for run in runs if facts_of(run.table.test).of_tracker})
     causes = [Cause("base"), Cause("tool"), *(Cause("zero", axis) for axis in range(1, axes + 1))]
     causes += [Cause("socket", name=name) for name in sockets] + [Cause("target", name=name) for name in balls]
     if len(trackers) > 1 or sockets or balls:
@@ -197,8 +200,8 @@ def _linear(run: ObservedRun, place: Workplace, terms: int, first_row: int) -> L
     by_joint = (zeros[:, :, None] * shapes).reshape(len(base), -1)
     arm_columns = np.concatenate([columns, by_joint], axis=1)
     own = np.zeros((len(base), terms))
-    width_mm = _PLACE_MM if run.table.kind.of_places else _BALL_MM
-    steps = np.full(run.table.kind.setup_terms, width_mm)
+    width_mm = _PLACE_MM if facts_of(run.table.test).of_places else _BALL_MM
+    steps = np.full(facts_of(run.table.test).setup_terms, width_mm)
     own[:, place.names[run.setup]] = _slopes(
         lambda change: _with_arm(run, arm, moved_setup(setup, run.table, change)), base, steps
     )
@@ -210,13 +213,13 @@ def _linear(run: ObservedRun, place: Workplace, terms: int, first_row: int) -> L
 
 
 def _channel(run: ObservedRun) -> int:
-    return 0 if run.table.kind.of_places else 3
+    return 0 if facts_of(run.table.test).of_places else 3
 
 
 def scatter_mm(run: ObservedRun) -> float:
     """Return the assumed scatter of a reading of a run in mm."""
-    kind = run.table.kind
-    return float(kind.assumed_sd_mm) if kind.of_places else SLOW_MM.rms
+    facts = facts_of(run.table.test)
+    return facts.assumed_sd_mm if facts.of_places else SLOW_MM.rms
 
 
 def _slopes(predict: Callable[[Array], Array], base: Array, sizes: Array) -> Array:
@@ -266,7 +269,7 @@ def day_columns(runs: Sequence[ObservedRun], readings: LinearReadings) -> Array:
     gauges, first = [], 0
     for run in runs:
         stop = first + run.values.size
-        if not run.table.kind.of_places:
+        if not facts_of(run.table.test).of_places:
             for channel in range(run.values.shape[1]):
                 column = np.zeros(len(readings.residual))
                 column[first + channel : stop : run.values.shape[1]] = _GAUGE_ZERO_MM

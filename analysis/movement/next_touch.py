@@ -17,6 +17,7 @@ from analysis.movement.causes import LEVELS, NOTHING, Cause, prior_of
 from analysis.movement.evidence import LinearReadings, Prediction, likeliest
 from analysis.movement.inference import Compared, Reference, square_to_name
 from analysis.movement.linearise import day_columns, shift_of
+from analysis.procedures.facts import facts_of
 from analysis.robot.kinematics.arm import Array
 
 _REMAINING = 1e-3
@@ -56,10 +57,10 @@ class Candidates:
 
 def candidates_of(reference: Reference) -> Candidates:
     """Return the postures of a reference that can be touched again; circles have none."""
-    runs = tuple(run for run in reference.runs if run.table.kind.of_places)
+    runs = tuple(run for run in reference.runs if facts_of(run.table.test).of_places)
     every = reference.conditioned.reference
     of_places = np.concatenate([
-        np.full(run.values.size, run.table.kind.of_places) for run in reference.runs
+        np.full(run.values.size, facts_of(run.table.test).of_places) for run in reference.runs
     ])  # fmt: skip
     readings = every.rows(of_places)
     postures = tuple(

@@ -14,6 +14,7 @@ from analysis.movement.evidence import Estimate
 from analysis.movement.inference import MOST_MM, NAMED, Compared, Reference, compare, study
 from analysis.movement.linearise import angles_of, tool_places, with_cause
 from analysis.movement.next_touch import Candidates, Lever, Posture, candidates_of, hidden_causes, next_posture
+from analysis.procedures.facts import facts_of
 from analysis.robot.geometry.pose_setup import frame
 from analysis.robot.kinematics.arm import Array, forward
 from rigs.errors import FileError
@@ -155,7 +156,7 @@ def moved_of(
         tuple(causes), named, rivals, step, hidden,
         sum(len(run.rows) for run in compared.runs) if compared else 0, sum(len(run.rows) for run in reference.runs),
         reference.scatter_mm, _vector(reference.place.centre_mm), wild,
-        any(run.table.kind.of_tracker for run in reference.runs), _zero_bounds(compared), doubts,
+        any(facts_of(run.table.test).of_tracker for run in reference.runs), _zero_bounds(compared), doubts,
     )  # fmt: skip
 
 

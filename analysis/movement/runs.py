@@ -8,6 +8,7 @@ from dataclasses import replace
 from analysis.diagnosis.evidence.observation import ObservedRun, by_socket
 from analysis.diagnosis.evidence.placements import observe_runs
 from analysis.movement.result import Moved, what_moved
+from analysis.procedures.facts import shows_joints
 from analysis.runs.loading import Measured
 from rigs.errors import FileError
 from rigs.rig import Rig
@@ -18,7 +19,7 @@ def observed(rig: Rig, runs: Sequence[Measured]) -> list[ObservedRun]:
 
     Raises FileError for a run of a different robot.
     """
-    with_joints = [run for run in runs if not run.table.kind.without_joints]
+    with_joints = [run for run in runs if shows_joints(run.table.test)]
     return [part for run in observe_runs(rig, with_joints) for part in by_socket(run)]
 
 

@@ -1,22 +1,62 @@
-"""Predicted readings of a table: its set-up, its motion and its readings, as its test asks for them."""
+"""Predicted readings of a table: its set-up, its motion and its readings, as its test asks for them.
+
+Each test implements it as `PART` in the module `predict` of its package, unless it shows no joints of an arm.
+"""
 
 from __future__ import annotations
 
+from abc import abstractmethod
+from functools import cache
+from typing import Protocol, TypeVar
+
+from analysis.procedures.facts import no_joints_error, shows_joints
 from analysis.robot.kinematics.arm import Array
 from analysis.robot.model.predict import Model, Path, SetUp, moved
 from analysis.robot.model.scene import Scene
+from analysis.runs.parts_of_tests import TestPart, part_of
 from analysis.runs.tables import Table
 from rigs.rig import Rig
+from rigs.schema.vocabulary import TestName
+
+T_contra = TypeVar("T_contra", bound=Table, contravariant=True)
+
+
+class Prediction(TestPart, Protocol[T_contra]):
+    """Prediction of a table by the model of an arm."""
+
+    @abstractmethod
+    def setup(self, rig: Rig) -> SetUp:
+        """Return the nominal set-up: ball in the nominal centre, gauges at zero, instrument in the world frame."""
+
+    @abstractmethod
+    def path(self, model: Model, table: T_contra) -> Path:
+        """Return the motion of a table: as recorded, or with the approaches required by the test."""
+
+    @abstractmethod
+    def read(self, model: Model, table: T_contra, path: Path, scene: Scene, setup: SetUp) -> Array:
+        """Return readings (m, k): gauges in mm; for places T_instrument_target, (m, 16) row by row."""
+
+
+def prediction_of(table: Table) -> Prediction[Table]:
+    """Return the prediction of a table. Raises FileError for a test that shows no joints."""
+    return _prediction(table.test)
+
+
+@cache
+def _prediction(test: TestName) -> Prediction[Table]:
+    if not shows_joints(test):
+        raise no_joints_error(test, f"a {test} table")
+    return part_of(test, "predict")
 
 
 def nominal_setup(rig: Rig, table: Table) -> SetUp:
     """Return the nominal set-up: ball in the nominal centre, gauges at zero, instrument in the world frame."""
-    return table.kind.setup(rig)
+    return prediction_of(table).setup(rig)
 
 
 def path_of(model: Model, table: Table) -> Path:
     """Return the motion of a table: as recorded, or with the approaches required by the test."""
-    return table.kind.path(model, table)
+    return prediction_of(table).path(model, table)
 
 
 def predict(model: Model, table: Table, path: Path, setup: SetUp) -> Array:
@@ -26,4 +66,4 @@ def predict(model: Model, table: Table, path: Path, setup: SetUp) -> Array:
 
 def read(model: Model, table: Table, path: Path, scene: Scene, setup: SetUp) -> Array:
     """Return readings (m, k) mm like `predict` from an existing scene, because a set-up does not change the tool."""
-    return table.kind.read(model, table, path, scene, setup)
+    return prediction_of(table).read(model, table, path, scene, setup)

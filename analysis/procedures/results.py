@@ -16,6 +16,7 @@ import pyarrow as pa
 from analysis.procedures.checks.check_runs import doubts_of, why_no_measurement
 from analysis.procedures.circle.evaluate import CircleResult
 from analysis.procedures.circle.long_circle import long_circle
+from analysis.procedures.facts import labels_of
 from analysis.procedures.shared.certificate_uncertainty import with_certificates
 from analysis.procedures.shared.evaluate import Evaluated, evaluate
 from analysis.procedures.shared.quantity import Quantity
@@ -25,6 +26,7 @@ from analysis.runs.align import robot_alone
 from analysis.runs.batch.fetched import fetched
 from analysis.runs.loading import Measured, load_measured, measured_in, measured_of
 from analysis.runs.noise.spectrum import LapNoise
+from analysis.runs.table_format import format_of
 from analysis.runs.tables import CircleTable
 from analysis.runs.tabular import Tabular, for_json, table_of_rows
 from daq.store import read_run
@@ -236,8 +238,9 @@ def _same_cell(first: Result, second: Result) -> bool:
         return False
     if first.measured.run.manifest.placement != second.measured.run.manifest.placement:
         return False
-    kind = first.measured.table.kind  # without gauges, rig files contain no place
-    same_place = not (kind.gauges and kind.part) or getattr(rig.tests, kind.part) == getattr(its.tests, kind.part)
+    test = first.measured.table.test
+    part = labels_of(test).part if format_of(test).gauges else ""  # without gauges, no place is stated
+    same_place = not part or getattr(rig.tests, part) == getattr(its.tests, part)
     return same_place and rig.robot == its.robot
 
 

@@ -6,10 +6,10 @@ import hashlib
 from collections.abc import Sequence
 from pathlib import Path
 
+from analysis.procedures.shared.evaluate import evaluation_of
 from analysis.procedures.shared.simulated_gauges import Noise, Simulation
 from analysis.runs.csv_tables import columns_of
 from analysis.runs.loading import SIMULATED, Measured, measured_of, rig_of
-from analysis.runs.table_format import kind_named
 from analysis.runs.tables import Table
 from daq.store import table_run
 from rigs.effects import Effect
@@ -32,7 +32,7 @@ def simulate(
     cannot do the test.
     """
     require_test(rig, test)
-    return kind_named(test).simulated(rig, direction, Simulation(seed, effects, noise))
+    return evaluation_of(test).simulated(rig, direction, Simulation(seed, effects, noise))
 
 
 def noise_seed(seed: int, direction: Direction | None) -> int:

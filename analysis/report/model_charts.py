@@ -13,6 +13,7 @@ import numpy as np
 from analysis.diagnosis.judge.comparison import Compared, Comparison, Disagreement
 from analysis.diagnosis.judge.residuals import Curve, Map, Place
 from analysis.diagnosis.judge.result import Diagnosis
+from analysis.procedures.facts import labels_of
 from analysis.procedures.repeatability.evaluate import SIDES, RepeatabilityResult
 from analysis.procedures.results import Result
 from analysis.report.chart import Chart, Line, Role, marks_of, stretches
@@ -59,7 +60,7 @@ def compared_chart(before: Sequence[Comparison], after: Sequence[Comparison], te
     drawn += [("simulated_with", "after", _means(after)[2])] if after else []
     return Chart(
         texts("chart_simulated", what=result.title), texts("caption_simulated"),
-        "straight" if is_angle else "targets", texts(_ALONG[result.measured.table.kind.along]),
+        "straight" if is_angle else "targets", texts(_ALONG[labels_of(result.measured.table.test).along]),
         f"{texts('error')} / {unit}", unit,
         tuple(Line(texts(name), role, x, factor * values, points=not is_angle) for name, role, values in drawn),
         ticks=tuple((float(place), name) for place, name in enumerate(places)),

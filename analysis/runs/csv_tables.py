@@ -2,78 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from functools import cached_property
-from itertools import takewhile
-
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
-from analysis.robot.kinematics.arm import RAIL_MM, Array, Integers, Mask
-from analysis.runs.table_format import kind_named
-from analysis.runs.table_layout import RAIL, joint_columns
+from analysis.robot.kinematics.arm import Array, Mask
+from analysis.runs.table_format import format_of
+from analysis.runs.table_rows import Rows
 from analysis.runs.tables import Table
-from daq.store.chunk import array_of
 from rigs.errors import FileError
-from rigs.schema.vocabulary import DRIVEN_AXES, FEWEST_AXES, MOST_AXES, Direction, TestName
-
-
-@dataclass(frozen=True)
-class Rows:
-    """Columns of docs/tables.md for a kind of test, without extra columns."""
-
-    columns: pa.Table
-
-    @cached_property
-    def axes(self) -> int:
-        """Number of joints in the table; cells of unrelated columns, such as a gripper, stay text. Fewer than the
-        minimum means six joints with missing columns."""
-        joints = list(takewhile(self._is_measured, joint_columns(MOST_AXES)))
-        return len(joints) if len(joints) >= FEWEST_AXES else DRIVEN_AXES
-
-    @cached_property
-    def rail(self) -> bool:
-        """Whether the table contains rail positions; an unrelated column of that name stays text."""
-        return self._is_measured(RAIL)
-
-    @property
-    def q(self) -> Array:
-        """Angles (n, axes) rad."""
-        return np.radians(self.stack(joint_columns(self.axes)))
-
-    def has(self, names: tuple[str, ...]) -> bool:
-        """Return whether the table has all of these columns."""
-        return set(names) <= set(self.columns.column_names)
-
-    def floats(self, name: str) -> Array:
-        """Return a column (n,) of numbers."""
-        return np.asarray(array_of(self.columns[name]), dtype=float)
-
-    def stack(self, names: tuple[str, ...]) -> Array:
-        """Return columns of numbers side by side, (n, k)."""
-        return np.stack([self.floats(name) for name in names], axis=1)
-
-    def counts(self, name: str) -> Integers:
-        """Return a column (n,) of counts."""
-        return array_of(self.columns[name])
-
-    def words(self, name: str) -> NDArray[np.str_]:
-        """Return a column (n,) of words without a unit."""
-        return np.array(self.columns[name].to_pylist(), dtype=np.str_)
-
-    def times(self) -> Array:
-        """Return times (n,) s, zeros if the table has none."""
-        return self.floats("t_s") if self.has(("t_s",)) else np.zeros(self.columns.num_rows)
-
-    def with_rail(self, q: Array, name: str = RAIL) -> Array:
-        """Return angles q (n, axes) rad with the rail position in m, if the table contains it."""
-        return np.column_stack([q, self.floats(name) / RAIL_MM]) if self.rail else q
-
-    def _is_measured(self, name: str) -> bool:
-        schema = self.columns.schema
-        return name in schema.names and pa.types.is_floating(schema.field(name).type)
+from rigs.schema.vocabulary import Direction, TestName
 
 
 def table_from(columns: pa.Table, test: TestName, direction: Direction | None, where: str) -> Table:
@@ -81,12 +18,12 @@ def table_from(columns: pa.Table, test: TestName, direction: Direction | None, w
 
     Raises FileError for columns of a different test, for no rows, and for content rejected by imports.
     """
-    rows, kind = Rows(columns), kind_named(test)
-    missing = [name for name in kind.layout(rows.axes).required if name not in columns.column_names]
+    rows, table_format = Rows(columns), format_of(test)
+    missing = [name for name in table_format.layout(rows.axes).required if name not in columns.column_names]
     if missing or not columns.num_rows:
         problem = f"its table has no {', '.join(missing) or 'rows'}"
         raise FileError(where, problem, "import the table again")
-    table = kind.table_of(rows, direction, where)
+    table = table_format.table_of(rows, direction, where)
     hold_table(table, where)
     return table
 
@@ -99,16 +36,7 @@ def u_lag_s_of(columns: pa.Table) -> float:
 
 def columns_of(table: Table) -> pa.Table:
     """Return the columns of docs/tables.md in order: degrees and mm. Times that are all zero are left out."""
-    return pa.table({name: pa.array(values) for name, values in table.kind.columns(table).items()})
-
-
-def joint_cells(
-    q: Array, *, rail: bool, names: Callable[[int], tuple[str, ...]] = joint_columns, rail_name: str = RAIL
-) -> dict[str, Array]:
-    """Return the columns of angles q (n, axes) rad by name, in degrees, followed by a rail in mm."""
-    axes = q.shape[1] - rail
-    cells = dict(zip(names(axes), np.degrees(q[:, :axes]).T, strict=True))
-    return cells | ({rail_name: RAIL_MM * q[:, axes]} if rail else {})
+    return pa.table({name: pa.array(values) for name, values in format_of(table.test).columns(table).items()})
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -135,7 +63,7 @@ def hold_table(table: Table, where: str) -> None:
                 _hold_rows(rows >= 0, name, rows, "below zero", where)
         elif values.dtype.kind == "i":
             _hold_rows(rows >= 1, name, rows, "and it counts from 1", where)
-    if table.kind.in_order_of_time:
+    if table.in_order_of_time:
         t_s = columns["t_s"]
         back = np.flatnonzero(np.diff(t_s) <= 0)
         if len(back):

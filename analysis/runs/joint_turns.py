@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 from analysis.robot.kinematics.arm import Array, Integers, Mask, arm_of
-from analysis.runs.tables import PoseTable, Table, TouchTable, counted_back
+from analysis.runs.tables import PlaceTable, Table
 from rigs.rig import Rig
 from rigs.text import listed
 
@@ -28,7 +28,7 @@ a share g of it free with a probability of at most n (1 - g)^(n - 1)."""
 
 def without_whole_turns(table: Table, rig: Rig) -> tuple[Table, tuple[str, ...]]:
     """Return poses or touches with each joint counted in the same turn, and a message for each joint that was not."""
-    if not isinstance(table, PoseTable | TouchTable):
+    if not isinstance(table, PlaceTable):
         return table, ()
     limits, turned, doubts = arm_of(rig.robot).limits, np.zeros(table.q.shape), list[str]()
     for axis in range(1, min(len(limits), table.q.shape[1]) + 1):
@@ -37,7 +37,7 @@ def without_whole_turns(table: Table, rig: Rig) -> tuple[Table, tuple[str, ...]]
         if turns.any() and not _has_fractional_wave(rig, axis):
             turned[:, axis - 1] = _TURN * turns
             doubts += [_counted_further(table, axis, turns, k) for k in np.unique(turns[turns != 0]).tolist()]
-    return counted_back(table, turned) if doubts else table, tuple(doubts)
+    return table.counted_back(turned) if doubts else table, tuple(doubts)
 
 
 def turns_further(angle: Array, limits: Array) -> Integers:

@@ -26,7 +26,7 @@ from analysis.runs.noise.certificate import (
 from analysis.runs.noise.certificate import doubts_of as certificate_doubts
 from analysis.runs.robot_condition import NOT_SHOWN, Condition, condition_of
 from analysis.runs.stands import one_row_a_stand
-from analysis.runs.table_format import kind_named
+from analysis.runs.table_format import format_of
 from analysis.runs.table_layout import RAIL
 from analysis.runs.tables import CircleTable, Table
 from analysis.runs.tabular import Tabular
@@ -127,14 +127,14 @@ def measured_of(run: Run, rig: Rig | None = None) -> Measured:
         data = align(path, run, rig)
         g_mm, beyond = corrected_gauges(rig, [name for name, _ in rig.gauges][: data.g_mm.shape[1]], data.g_mm)
         doubts += [*data.doubts, *beyond_certificates(rig, beyond, len(g_mm))]
-        kind, direction = kind_named(run.manifest.test), run.manifest.direction
-        table, of_stands = kind.recorded(replace(data, g_mm=g_mm), rig, direction, str(path))
+        test, direction = run.manifest.test, run.manifest.direction
+        table, of_stands = format_of(test).recorded(replace(data, g_mm=g_mm), rig, direction, str(path))
         condition = condition_of(run.streams["robot"]) if "robot" in run.streams else NOT_SHOWN
         doubts = [*doubts, *of_stands, *beyond_limits(table, rig)]
         return measured_as(run, rig, table, data.u_lag_s, doubts, condition)
     doubts = [*known_doubts(run, rig), *_taken_as_corrected(run, rig)]
     table = table_from(run.table, run.manifest.test, run.manifest.direction, str(path))
-    if RAIL in table.kind.layout(rail=True).known and table.rail != (rig.robot.rail is not None):
+    if RAIL in format_of(table.test).layout(rail=True).known and table.rail != (rig.robot.rail is not None):
         if table.rail:
             problem = f"has {RAIL}, and the arm of the rig file stands on no rail"
             raise FileError(str(path), problem, "add robot.rail to it")
@@ -155,14 +155,14 @@ def known_doubts(run: Run, rig: Rig) -> list[str]:
         problem = f"was made from a replay out of step ({out_of_step}), so its figures would be wrong"
         remedy = "replay the capture again on a computer that is less busy, and record that"
         raise FileError(str(run.path), problem, remedy)
-    kind, started = kind_named(run.manifest.test), run.manifest.started
+    certified, started = format_of(run.manifest.test).certified, run.manifest.started
     for missing in missing_gauges(rig, run.manifest.test):
         remedy = f"{missing.remedy}, and import it again"
         raise FileError(str(run.path), f"is a {run.manifest.test} run, and its rig file {missing.problem}", remedy)
-    if not kind.certified:
+    if not certified:
         return _doubts(run)
     try:
-        return [*_doubts(run), *certificate_doubts(rig, kind.certified, dt.date.fromisoformat(started[:10]))]
+        return [*_doubts(run), *certificate_doubts(rig, certified, dt.date.fromisoformat(started[:10]))]
     except ValueError:
         return [*_doubts(run), f"the start time in its manifest is not a date: {started[:30]!r}"]
 
@@ -181,8 +181,8 @@ def _taken_as_corrected(run: Run, rig: Rig) -> list[str]:
 
     Simulated readings need no correction.
     """
-    kind, table = kind_named(run.manifest.test), run.manifest.table
-    names = kind.gauges
+    table_format, table = format_of(run.manifest.test), run.manifest.table
+    names = table_format.gauges
     if not names or table is None or table.file.startswith(SIMULATED):
         return []
     missing = [
@@ -190,7 +190,7 @@ def _taken_as_corrected(run: Run, rig: Rig) -> list[str]:
         for name, gauge in rig.gauges
         if name in names and gauge.certificate and gauge.certificate.valid_mm
     ]
-    if "link" in kind.certified and link_excess_mm(rig):
+    if "link" in table_format.certified and link_excess_mm(rig):
         missing.append(f"the link's {link_excess_mm(rig):+.4f} mm beyond the radius")
     towards = [name for name, gauge in rig.gauges if name in names and gauge.sign < 0]
     turned = f"imported readings are taken to grow with the distance from the ball: counts of {' and '.join(towards)} "
@@ -202,7 +202,7 @@ def _taken_as_corrected(run: Run, rig: Rig) -> list[str]:
 
 
 def _systematic(rig: Rig, table: Table) -> Systematic:
-    return systematic(rig, table.kind.readings(table)) if table.kind.gauges else NO_CERTIFICATE
+    return systematic(rig, table.readings) if format_of(table.test).gauges else NO_CERTIFICATE
 
 
 def _doubts(run: Run) -> list[str]:

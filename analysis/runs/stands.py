@@ -20,6 +20,7 @@ import numpy as np
 from analysis.robot.geometry.driven_programs import TargetProgram
 from analysis.robot.kinematics.arm import Array, Integers, Mask, arm_of, forward
 from analysis.robot.model.motion import standing
+from analysis.runs.table_format import format_of
 from analysis.runs.tables import Table
 from rigs.errors import FileError
 from rigs.rig import Rig
@@ -188,7 +189,7 @@ not averaged."""
 
 def one_row_a_stand(table: Table) -> Table:
     """Return a table with adjacent rows of one standstill averaged; circles are unchanged."""
-    first = _begins(table)
+    first = format_of(table.test).stands(table)
     if first is None or first.all():
         return table
     stand = np.cumsum(first) - 1
@@ -200,24 +201,27 @@ def one_row_a_stand(table: Table) -> Table:
         means = np.stack([np.bincount(stand, column) / count for column in columns], axis=1)
         return means.reshape(len(count), *values.shape[1:])
 
-    return table.kind.averaged(table, first, mean)
+    return format_of(table.test).averaged(table, first, mean)
 
 
 def rows_a_stand(table: Table) -> Integers:
     """Return the number of rows of each standstill, (s,); empty for circles."""
-    first = _begins(table)
+    first = format_of(table.test).stands(table)
     return np.empty(0, dtype=np.int64) if first is None else np.bincount(np.cumsum(first) - 1)
 
 
-def _begins(table: Table) -> Mask | None:
-    """Return a mask (n,) of the rows starting a standstill; None if rows are never repeated readings."""
-    differs = table.kind.differs(table) if len(table.q) else None
-    if differs is None:
-        return None
-    moved = (np.abs(np.diff(table.q, axis=0)) > STANDS_RAD).any(axis=1) | differs
-    if table.kind.of_places and not _neighbours_are_stands(table.q, moved):
-        return np.ones(len(table.q), dtype=bool)
-    return np.concatenate([[True], moved])
+def stand_starts(q: Array, differs: Mask) -> Mask:
+    """Return a mask (n,) of the rows that start a standstill: joints q (n, axes) rad moved, or the row differs from the
+    previous one otherwise (n - 1,)."""
+    if not len(q):
+        return np.ones(0, dtype=bool)
+    return np.concatenate([[True], (np.abs(np.diff(q, axis=0)) > STANDS_RAD).any(axis=1) | differs])
+
+
+def stand_starts_of_visits(q: Array, differs: Mask) -> Mask:
+    """Return a mask (n,) like `stand_starts`, of rows without times, which may be visits in any order."""
+    starts = stand_starts(q, differs)
+    return np.ones(len(q), dtype=bool) if len(q) and not _neighbours_are_stands(q, starts[1:]) else starts
 
 
 def _neighbours_are_stands(q: Array, moved: Mask) -> bool:

@@ -12,11 +12,17 @@ TestName = Literal[
     "touch",
     "path",
 ]
-"""Kinds of tests: modules of `analysis.procedures`, or offered by packages as `rig.tests`."""
-OFFERED_TESTS = {kind.name: kind for kind in entry_points(group="rig.tests") if kind.name not in get_args(TestName)}
-"""Tests of other packages by name. Names of rig are excluded."""
-if not TYPE_CHECKING and OFFERED_TESTS:
-    TestName = Literal[(*get_args(TestName), *sorted(OFFERED_TESTS))]
+"""Kinds of tests. Packages may offer others as entry points `rig.tests`."""
+_RIGS_OWN = "analysis.procedures."
+"""Common prefix of the packages of rig's own tests."""
+TEST_PACKAGES = {
+    offer.name: offer
+    for offer in entry_points(group="rig.tests")
+    if offer.name not in get_args(TestName) or offer.value.startswith(_RIGS_OWN)
+}
+"""Packages of all tests by name. No other package can take over a name of rig's own tests."""
+if not TYPE_CHECKING:
+    TestName = Literal[(*get_args(TestName), *sorted(TEST_PACKAGES.keys() - get_args(TestName)))]
 Direction = Literal["cw", "acw"]
 
 CircleTest = Literal["yaw", "roll"]

@@ -7,7 +7,7 @@ from typing import get_args
 
 import pytest
 
-from analysis.runs.table_format import kind_named
+from analysis.runs.table_format import format_of
 from rigs.load import SHIPPED, parse
 from rigs.readiness import gauges_needed, missing_for, readiness_lines
 from rigs.rig import Rig
@@ -24,7 +24,7 @@ def one_gauge() -> str:
 
 @pytest.mark.parametrize("test", get_args(TestName))
 def test_the_gauges_that_a_rig_file_needs_are_those_that_the_test_reads(test: TestName) -> None:
-    assert gauges_needed(test) == kind_named(test).gauges
+    assert gauges_needed(test) == format_of(test).gauges
 
 
 def test_a_file_without_its_second_gauge_is_ready_for_distances_alone() -> None:

@@ -8,6 +8,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tomllib
 from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
@@ -87,6 +88,23 @@ def edited(text: str, lines: list[str]) -> str:
         if mark == "-":
             text, at = text[:begin] + text[at:], begin
     return text
+
+
+def offers(site: Path, name: str, points: dict[str, dict[str, str]]) -> None:
+    """Write the entry points of a package into a directory of packages, as an installer does."""
+    info = site / f"{name.replace('-', '_')}-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n", encoding="utf-8")
+    lines = [
+        f"[{group}]\n" + "".join(f"{key} = {value}\n" for key, value in of.items()) for group, of in points.items()
+    ]
+    (info / "entry_points.txt").write_text("\n".join(lines), encoding="utf-8")
+
+
+def reinstalled(tree: Path) -> None:
+    """Write the entry points of the tree's pyproject.toml, as a new installation of rig does."""
+    project = tomllib.loads((tree / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    offers(tree, project["name"], project["entry-points"])
 
 
 def checked(tree: Path, files: list[str]) -> None:

@@ -33,6 +33,7 @@ from analysis.apps.interchange.bags import (
     messages_of,
 )
 from analysis.apps.interchange.ros_bag import newest, uneven_header
+from analysis.intake.readers import StandTable
 from analysis.robot.kinematics.arm import Array, Integers
 from analysis.runs.stands import stands_of
 from rigs.errors import FileError
@@ -81,15 +82,6 @@ class _Track:
         self.log_ns.append(log_ns)
         self.sent_ns.append(sent_ns)
         self.values.append(values)
-
-
-@dataclass(frozen=True)
-class StandTable:
-    """A table as text, the topic used for it, and remarks for the user."""
-
-    text: bytes
-    topic: str
-    doubts: tuple[str, ...]
 
 
 def stands_of_bag(data: bytes, where: str, rig: Rig, topic: str = "") -> StandTable:

@@ -16,6 +16,7 @@ from analysis.cli import completion
 from analysis.cli.commands import app, command, taking_all
 from analysis.cli.console import say, say_json
 from analysis.cli.options import AsJson, ModelRig, RobotRunsBelow
+from analysis.procedures.facts import facts_of
 from rigs.errors import FileError, UseError
 
 if TYPE_CHECKING:
@@ -154,7 +155,7 @@ def _rig_of(arm: Path, runs: Sequence[Measured]) -> Rig:
 
     if arm.suffix != ".urdf" and "name" in read_yaml(arm.read_text(encoding="utf-8"), str(arm))[1]:
         return load(arm)[0]
-    if not all(run.table.kind.of_places for run in runs):
+    if not all(facts_of(run.table.test).of_places for run in runs):
         raise FileError(str(arm), "has no tool, which runs of gauges need", "give the rig file of this arm")
     robot = import_urdf(arm).section.robot if arm.suffix == ".urdf" else chosen_arm(str(arm), "tracker").robot
     return runs[0].rig.model_copy(update={"robot": robot, "effects": ()}).with_calibration(None, None)

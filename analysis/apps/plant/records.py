@@ -17,11 +17,11 @@ from typing import get_args
 import numpy as np
 
 from analysis.apps.plant.joint_play import joint_plays
+from analysis.procedures.facts import labels_of
 from analysis.procedures.results import result_of
 from analysis.procedures.shared.quantity import Quantity
 from analysis.runs.loading import load_measured
 from analysis.runs.robot_condition import Condition
-from analysis.runs.table_format import kind_named
 from daq.store import Manifest, RunInfo
 from daq.store.ledger import LEDGER
 from daq.store.manifest import MANIFEST
@@ -134,7 +134,7 @@ def record_of(path: Path, manifest: Manifest, fingerprint: str) -> Record:
             readings, simulated = measured.run.readings_sha256, measured.is_simulated
             # Digest of the robot program: figures of different programs are not comparable
             is_driven = manifest.test in get_args(DrivenTest)
-            part = getattr(measured.rig.tests, kind_named(manifest.test).part) if is_driven else None
+            part = getattr(measured.rig.tests, labels_of(manifest.test).part) if is_driven else None
             driven = part.model_dump(mode="json", exclude=_NOT_OF_THE_PROGRAM) if part else {}
             program = hashlib.sha256(json.dumps(driven, sort_keys=True).encode()).hexdigest()[:8]
             result = result_of(measured)

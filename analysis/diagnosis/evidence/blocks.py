@@ -37,12 +37,14 @@ from analysis.diagnosis.evidence.observation import (
     predicted_in_scene,
     residual_of,
 )
+from analysis.diagnosis.evidence.observation_of import observation_of
 from analysis.diagnosis.evidence.setups import moved_setup, with_effects, without_origin
+from analysis.procedures.facts import facts_of
 from analysis.procedures.pose.evaluate import groups as visits
 from analysis.robot.kinematics.arm import Array, Integers
 from analysis.robot.model.predict import Model, SetUp, driven, posed
 from analysis.robot.model.scene import Scene, apply
-from analysis.runs.table_format import SAME_RAD
+from analysis.runs.tables import SAME_RAD
 from rigs.calibration import is_sine, sine_of
 from rigs.effects import Effect, late_stamps, turned
 from rigs.schema.effect import scaled, size_of
@@ -124,7 +126,10 @@ def blocks_of(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp], effects:
     noise = circle_noise([raw.of_laps() for _, raw in circles], averaged)
     sds = iter(noise.sd_mm)
     # Each set-up has a separate residual strength. All sockets share a strength, because the same ball is seated.
-    kinds = [first.setup if first.table.kind.parts(first.table) is None else first.table.test for first, _ in grouped]
+    kinds = [
+        first.setup if observation_of(first.table).parts(first.table) is None else first.table.test
+        for first, _ in grouped
+    ]
     numbers = {name: k for k, name in enumerate(dict.fromkeys(kinds))}
     return [
         _circle_block(first, raw, next(sds), noise, numbers[kind])
@@ -204,8 +209,8 @@ def _target_block(first: ObservedRun, raw: Repeated, noise: CircleNoise, number:
     """Return the block of repeated runs at targets. `number`: index of the set-up."""
     table, count = first.table, len(raw.rows)
     sd, measured = target_sd(raw.rows, raw.response, _visit_numbers(first))
-    if table.kind.of_places and not measured:
-        sd = np.full(len(sd), table.kind.assumed_sd_mm)
+    if facts_of(table.test).of_places and not measured:
+        sd = np.full(len(sd), facts_of(table.test).assumed_sd_mm)
     scatter = scatter_columns(raw.response, raw.drifting, noise.scatter(raw.setup)) / np.sqrt(count)
     band = np.full(len(sd), number * len(BAND_EDGES))
     return Block(
@@ -217,8 +222,8 @@ def _target_block(first: ObservedRun, raw: Repeated, noise: CircleNoise, number:
 def _visit_numbers(run: ObservedRun) -> Integers:
     """Return an integer per entry (N,), equal for readings of the same place and approach."""
     table, keys = run.table, run.visits
-    if table.kind.of_places:
-        visit, sides = visits(table.q[run.rows], SAME_RAD), table.kind.sides(table)
+    if facts_of(table.test).of_places:
+        visit, sides = visits(table.q[run.rows], SAME_RAD), table.sides
         reached = visit[:, None] if sides is None else np.column_stack([visit, sides[run.rows]])
         keys = np.column_stack([np.repeat(reached, 3, axis=0), np.tile(np.arange(3), len(visit))])
     return np.asarray(np.unique(keys, axis=0, return_inverse=True)[1], dtype=np.int64).ravel()
@@ -310,7 +315,7 @@ class SimulatedBlock:
     @cached_property
     def by_setup(self) -> Array:
         """Change (N, t) of the whitened readings per mm of each set-up term."""
-        steps = _STEP_MM * np.eye(self.block.table.kind.setup_terms)
+        steps = _STEP_MM * np.eye(facts_of(self.block.table.test).setup_terms)
         setups = [moved_setup(self.setup, self.block.table, step) for step in steps]
         changed = np.stack([self.read(self.reference, self.scene, setup) - self.base for setup in setups], axis=2)
         return self.block.whitened(changed) / _STEP_MM

@@ -14,6 +14,7 @@ from itertools import combinations
 import numpy as np
 
 from analysis.diagnosis.evidence.blocks import Block
+from analysis.diagnosis.evidence.observation_of import observation_of
 from analysis.robot.kinematics.arm import Array
 from analysis.robot.model.predict import SetUp
 from analysis.runs.noise.cell_noise import SEAT_MM
@@ -64,7 +65,7 @@ def known_distances_of(blocks: Sequence[Block]) -> KnownDistances:
     Their rows follow the entries (N,) of the blocks.
     """
     distances: dict[tuple[str, str], SocketDistance] = {}
-    touched = [block for block in blocks if block.table.kind.parts(block.table) is not None]
+    touched = [block for block in blocks if observation_of(block.table).parts(block.table) is not None]
     for first, second in combinations(touched, 2):
         touch = first.model.rig.tests.touch
         if touch is None or first.table is not second.table:
@@ -78,7 +79,7 @@ def known_distances_of(blocks: Sequence[Block]) -> KnownDistances:
 
 def _socket(block: Block) -> str:
     """Return the socket name of a block of touches."""
-    sockets = block.table.kind.parts(block.table)
+    sockets = observation_of(block.table).parts(block.table)
     return "" if sockets is None else str(sockets[block.rows[0]])
 
 

@@ -23,6 +23,7 @@ from analysis.diagnosis.evidence.observation import (
     predicted,
     predicted_in_scene,
 )
+from analysis.procedures.facts import facts_of
 from analysis.robot.kinematics.arm import Array, Integers
 from analysis.robot.model.predict import SetUp, moved
 from analysis.runs.noise.cell_noise import BALL_MM, JOINT_DEG, SLOW_MM, TARGET_MM, WHITE_MM
@@ -106,7 +107,7 @@ def scatter_response(run: ObservedRun, setup: SetUp) -> Array:
     for axis in range(1, model.arm.axes + 1):
         off = replace(model, effects=(*model.effects, turned(axis, SCATTER_DEG)))
         columns.append(predicted(replace(run, model=off), setup) - base)
-    if not run.table.kind.of_places:
+    if not facts_of(run.table.test).of_places:
         places = [replace(setup, ball=setup.ball + step) for step in SCATTER_MM * np.eye(3)]
         columns += [predicted_in_scene(model, run, scene, place) - base for place in places]
     return np.stack(columns, axis=2)

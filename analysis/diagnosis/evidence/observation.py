@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from analysis.diagnosis.evidence.observation_of import observation_of
+from analysis.procedures.facts import facts_of, no_joints_error, shows_joints
 from analysis.procedures.prediction import nominal_setup, path_of, read
 from analysis.robot.kinematics.arm import Array, Integers, Mask
 from analysis.robot.model.motion import Motion
@@ -63,13 +65,13 @@ class ObservedRun:
     @property
     def name(self) -> str:
         """Name shared by repeated runs: `yaw cw`, `radial`."""
-        direction = self.table.kind.direction(self.table)
+        direction = self.table.driven_direction
         return f"{self.setup} {direction}" if direction else self.setup
 
     @property
     def visits(self) -> Integers:
         """Integers (m, k) describing place and approach of each reading."""
-        return np.asarray(self.table.kind.visits(self.table)[self.rows], dtype=np.int64)
+        return np.asarray(observation_of(self.table).visits(self.table)[self.rows], dtype=np.int64)
 
     @property
     def targets_key(self) -> bytes:
@@ -97,10 +99,10 @@ def observe(model: Model, table: Table, where: str) -> ObservedRun:
 
     Raises FileError for a table that is not a circle of the rig, or has no joint angles.
     """
-    if table.kind.without_joints:
-        raise table.kind.refused(where)
-    rows = table.kind.rows_used(table, model.rig, where)
-    return ObservedRun(model, table, path_of(model, table), rows, table.kind.readings(table)[rows], table.test)
+    if not shows_joints(table.test):
+        raise no_joints_error(table.test, where)
+    rows = observation_of(table).rows_used(table, model.rig, where)
+    return ObservedRun(model, table, path_of(model, table), rows, table.readings[rows], table.test)
 
 
 def with_placement(run: ObservedRun, placement: str) -> ObservedRun:
@@ -122,7 +124,7 @@ def by_socket(run: ObservedRun) -> list[ObservedRun]:
 
     Each socket position is a separate set-up.
     """
-    parts = run.table.kind.parts(run.table)
+    parts = observation_of(run.table).parts(run.table)
     if parts is None:
         return [run]
     socket = parts[run.rows]
@@ -153,7 +155,7 @@ def in_content_order(run: ObservedRun) -> ObservedRun:
 
     Other runs are unchanged. The table keeps the order of the file.
     """
-    if not run.table.kind.of_places:
+    if not facts_of(run.table.test).of_places:
         return run
     rank = np.argsort(content_order(run.table))
     order = np.argsort(rank[run.rows], kind="stable")
@@ -175,7 +177,7 @@ def predicted(run: ObservedRun, setup: SetUp) -> Array:
 def predicted_in_scene(model: Model, run: ObservedRun, scene: Scene, setup: SetUp) -> Array:
     """Return the readings (m, k) mm predicted from an existing scene, common to all set-ups."""
     values = read(model, run.table, run.path, scene, setup)
-    if run.table.kind.of_places:
+    if facts_of(run.table.test).of_places:
         values = values[:, [3, 7, 11]]
     return values[run.rows]
 
@@ -241,7 +243,7 @@ joint reversal."""
 
 def smooth_path(run: ObservedRun) -> ObservedRun:
     """Return a circle with the path (n, 6) rad smoothed; other runs unchanged."""
-    if not run.table.kind.swept:
+    if not run.table.swept:
         return run
     # A parabola overshoots at start and stop, and would create reversals, so only laps are smoothed.
     laps, t_s, q = run.samples, run.path.t_s, run.path.q

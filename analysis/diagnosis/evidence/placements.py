@@ -28,6 +28,7 @@ from analysis.diagnosis.evidence.observation import (
     without_socket,
 )
 from analysis.diagnosis.evidence.setups import FRAME, fit_setups, placement_of, target_of, targeted
+from analysis.procedures.facts import facts_of
 from analysis.robot.kinematics.arm import Arm, Array, arm_of
 from analysis.robot.model.predict import SetUp, model_of
 from analysis.runs.loading import Measured
@@ -77,12 +78,12 @@ def split_by_frame(runs: Sequence[ObservedRun], names: Sequence[str]) -> tuple[l
     split_up, messages = list(runs), []
     for setup in dict.fromkeys(run.setup for run in runs):
         places = [k for k, run in enumerate(runs) if run.setup == setup]
-        split = _circle_frames if runs[places[0]].table.kind.swept else _target_frames
+        split = _circle_frames if runs[places[0]].table.swept else _target_frames
         frames = sorted(sorted(frame) for frame in split(runs, places))
         for number, frame in enumerate(frames[1:], start=2):
             for k in frame:
                 split_up[k] = replace(split_up[k], setup=f"{setup}{FRAME}{number}")
-        if len(frames) > 1 and not runs[places[0]].table.kind.of_tracker:
+        if len(frames) > 1 and not facts_of(runs[places[0]].table.test).of_tracker:
             messages.append(_of_frames(setup, [[names[k] for k in frame] for frame in frames]))
     return split_up, messages
 
@@ -103,7 +104,7 @@ def split_by_target(runs: Sequence[ObservedRun], names: Sequence[str]) -> tuple[
     split_up = list(runs)
     members: dict[str, list[int]] = {}
     for k, run in enumerate(runs):
-        if run.table.kind.of_tracker:
+        if facts_of(run.table.test).of_tracker:
             members.setdefault(run.setup, []).append(k)
     settled: dict[str, list[ObservedRun]] = {}
     for setup in sorted(members, key=lambda name: -_readings(runs, name)):
@@ -140,7 +141,7 @@ def _settled(settled: dict[str, list[ObservedRun]], setup: str, runs: Sequence[O
     if frame != setup:
         trials[targeted(frame, str(len(targets) + 1))] = [home for home in settled if placement_of(home) == frame]
     # Few poses are not judged: they take the common target.
-    few, fits = sum(run.values.size for run in runs) < runs[0].table.kind.setup_terms + TO_SPARE, []
+    few, fits = sum(run.values.size for run in runs) < facts_of(runs[0].table.test).setup_terms + TO_SPARE, []
     for name, homes in trials.items():
         if homes:
             home = settled[homes[0]]
@@ -162,12 +163,12 @@ def with_enough_readings(runs: Sequence[ObservedRun]) -> tuple[list[int], list[s
     tool_known = {
         (run.table.test, target_of(run.setup))
         for run in runs
-        if _readings(runs, run.setup) > run.table.kind.setup_terms
+        if _readings(runs, run.setup) > facts_of(run.table.test).setup_terms
     }
     reasons: dict[str, str] = {}
     for run in runs:
-        shares = run.table.kind.of_places and (run.table.test, target_of(run.setup)) in tool_known
-        terms = run.table.kind.setup_terms - 3 * shares
+        shares = facts_of(run.table.test).of_places and (run.table.test, target_of(run.setup)) in tool_known
+        terms = facts_of(run.table.test).setup_terms - 3 * shares
         readings = _readings(runs, run.setup)
         if readings <= terms:
             reasons[run.setup] = f"its {readings} readings are too few for the {terms} terms of the set-up alone"
@@ -220,7 +221,7 @@ def _circle_frames(runs: Sequence[ObservedRun], places: Sequence[int]) -> list[l
     ways: dict[str, list[list[int]]] = {}
     for k in places:
         table = runs[k].table
-        frames = ways.setdefault(table.kind.direction(table) or "", [])
+        frames = ways.setdefault(table.driven_direction or "", [])
         home = next((frame for frame in frames if moved_mm(frame[0], k) < _MOVED_MM), None)
         if home is None:
             frames.append([k])
@@ -246,7 +247,7 @@ def _target_frames(runs: Sequence[ObservedRun], places: Sequence[int]) -> list[l
     def is_home(frame: Sequence[int], k: int) -> bool:
         others, last = [runs[j] for j in frame], runs[k]
         together, alone_mm = _residuals([*others, last]), rms(_residuals(others))
-        if last.values.size >= last.table.kind.setup_terms + TO_SPARE:
+        if last.values.size >= facts_of(last.table.test).setup_terms + TO_SPARE:
             alone_mm = max(alone_mm, rms(_residuals([last])))
         apart = max(rms(together[:-1]), rms(together[-1:]))
         return apart < _APART * alone_mm or apart < alone_mm + _APART_MM

@@ -16,12 +16,14 @@ from analysis.diagnosis.evidence.observation import (
     residual_of,
     with_placement,
 )
+from analysis.diagnosis.evidence.observation_of import observation_of
 from analysis.diagnosis.evidence.placements import split_by_frame, split_by_target, with_enough_readings
 from analysis.diagnosis.evidence.setups import fit_run_setups, with_effects
 from analysis.procedures.checks.check_runs import findings_of
 from analysis.procedures.checks.finding import Finding
 from analysis.procedures.checks.gauge_sign import ORDER, SIGN
 from analysis.procedures.checks.lost_poses import left_out
+from analysis.procedures.facts import facts_of, labels_of, shows_joints
 from analysis.robot.kinematics.arm import Array, Mask
 from analysis.robot.model.predict import model_of
 from analysis.runs.loading import Measured
@@ -84,12 +86,14 @@ def _with_joints(uses: Sequence[Sequence[Measured]]) -> tuple[tuple[Sequence[Mea
     """Return the runs of each use except paths, and a message for each path. Raises FileError if the first use
     becomes empty.
     """
-    kept = tuple([run for run in use if not run.table.kind.without_joints] for use in uses)
-    without = [run for use in uses for run in use if run.table.kind.without_joints]
+    kept = tuple([run for run in use if shows_joints(run.table.test)] for use in uses)
+    without = [run for use in uses for run in use if not shows_joints(run.table.test)]
     if without and not kept[0]:
-        why = without[0].table.kind.without_joints
+        why = labels_of(without[0].table.test).unsupported_reason
         raise FileError(str(without[0].path), why, "give poses, touches or circles as well")
-    return kept, [f"{run.run.manifest.name} is left out: it {run.table.kind.without_joints}" for run in without]
+    return kept, [
+        f"{run.run.manifest.name} is left out: it {labels_of(run.table.test).unsupported_reason}" for run in without
+    ]
 
 
 def _doubts_of_gauges(findings: Sequence[Finding], counted: Sequence[tuple[str, int, Table]]) -> list[str]:
@@ -107,7 +111,7 @@ def _doubts_of_gauges(findings: Sequence[Finding], counted: Sequence[tuple[str, 
             f"{meant} in {names[0]}{others}, where repeats cannot show it; every size would be wrong then: press a "
             "probe to see which is which before anything is corrected"
         )
-    circles = [(name, wild, table.kind.readings(table).size) for name, wild, table in counted if table.kind.swept]
+    circles = [(name, wild, table.readings.size) for name, wild, table in counted if table.swept]
     wild, readings = sum(circle[1] for circle in circles), sum(circle[2] for circle in circles)
     if wild > _FEW * readings:
         worst, most, _ = max(circles, key=lambda circle: circle[1])
@@ -151,13 +155,13 @@ def _without_far(
     """
     found, doubts = list(seen), []
     for k, run in enumerate(seen):
-        far = run.table.kind.far(run.table, run.model.arm) if k in kept else None
+        far = observation_of(run.table).outliers(run.table, run.model.arm) if k in kept else None
         if far is None:
             continue
         table = run.table
         if words := far.words(table):
             doubts.append(f"{names[k]}: {words}")
-        out = far.wild | table.kind.lost(table)
+        out = far.wild | table.lost
         if out.any() and not out.all():
             found[k] = part(run, ~out[run.rows])
             doubts.append(f"{names[k]}: {left_out(table, out, far.far_mm)}")
@@ -189,10 +193,10 @@ def without_wild(
     Only readings with others to compare are removed. Returns a message for each affected set-up; `use`: purpose of the
     runs.
     """
-    targets = [k for k, run in enumerate(runs) if not run.table.kind.swept]
+    targets = [k for k, run in enumerate(runs) if not run.table.swept]
     sound, far_mm, doubts = list(runs), dict[str, float](), list[str]()
     away = _away(with_effects([runs[k] for k in targets], effects)) if targets else []
-    far = [spreads > runs[k].table.kind.wild_spreads for k, (_, spreads) in zip(targets, away, strict=True)]
+    far = [spreads > facts_of(runs[k].table.test).wild_spreads for k, (_, spreads) in zip(targets, away, strict=True)]
     kept = _no_accidents([runs[k] for k in targets], far)
     for k, (distance_mm, _), wild in zip(targets, away, far, strict=True):
         run = runs[k]
@@ -211,7 +215,7 @@ def without_wild(
         count = sum(len(runs[k].rows) for k in members)
         wild_count = count - sum(len(sound[k].rows) for k in members)
         kind, check = f"poses of {setup}", "check that the robot stood and that the tracker had the target"
-        if not runs[members[0]].table.kind.of_places:
+        if not facts_of(runs[members[0]].table.test).of_places:
             kind = f"readings at the targets of {setup}"
             check = "check that the robot stands while it is read, that the clocks agree, and that the plunger touches"
         are = "is wild" if wild_count == 1 else "are wild"
@@ -228,7 +232,7 @@ def _no_accidents(runs: Sequence[ObservedRun], wild: Sequence[Mask]) -> set[str]
 
     Gauge readings at targets are excluded: a robot read in motion has many outliers.
     """
-    poses = [k for k, run in enumerate(runs) if run.table.kind.of_places]
+    poses = [k for k, run in enumerate(runs) if facts_of(run.table.test).of_places]
     kept = set()
     for setup in dict.fromkeys(runs[k].setup for k in poses):
         members = [k for k in poses if runs[k].setup == setup]

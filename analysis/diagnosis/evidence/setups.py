@@ -12,12 +12,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from analysis.diagnosis.evidence.observation import ObservedRun, part, predicted, predicted_in_scene, residual_of, rms
+from analysis.procedures.facts import facts_of
 from analysis.procedures.prediction import nominal_setup
 from analysis.robot.geometry.pose_setup import best_rigid, moved_by
 from analysis.robot.kinematics.arm import Array, Integers
 from analysis.robot.model.predict import SetUp, moved
 from analysis.robot.model.scene import Scene
-from analysis.runs.table_format import kinds
+from analysis.runs.parts_of_tests import TESTS
 from analysis.runs.tables import Table
 from rigs.effects import Effect
 
@@ -80,9 +81,9 @@ def targeted(setup: str, target: str) -> str:
 
 def moved_setup(setup: SetUp, table: Table, change: Array) -> SetUp:
     """Return a set-up with the terms changed by (terms,) mm."""
-    if table.kind.of_places:
+    if facts_of(table.test).of_places:
         target = setup.T_tool_target.copy()
-        frame = table.kind.frame_terms
+        frame = facts_of(table.test).frame_terms
         target[:3, 3] += change[frame:]
         turn = change[3:6] / _REACH_MM if frame > 3 else np.zeros(3)
         instrument = moved_by(setup.T_instrument_world, change[:3], turn)
@@ -99,10 +100,10 @@ def columns_of(tables: Mapping[str, Table]) -> dict[str, list[int]]:
     shared: dict[tuple[str, str], list[int]] = {}
     columns: dict[str, list[int]] = {}
     for name, table in tables.items():
-        if table.kind.of_places:
-            parts = [("", placement_of(name), table.kind.frame_terms), (table.test, target_of(name), 3)]
+        if facts_of(table.test).of_places:
+            parts = [("", placement_of(name), facts_of(table.test).frame_terms), (table.test, target_of(name), 3)]
         else:
-            parts = [("", name, table.kind.setup_terms)]
+            parts = [("", name, facts_of(table.test).setup_terms)]
         columns[name] = []
         for kind, part_name, terms in parts:
             first = sum(map(len, shared.values()))
@@ -147,9 +148,9 @@ def fit_setups(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp] | None =
         named.setdefault(run.setup, []).append(run)
     starting = {name: setups[name] for name in named if setups and name in setups}
     places = {
-        kind: [name for name, members in named.items() if members[0].table.kind is kind]
-        for kind in kinds()
-        if kind.of_places
+        test: [name for name, members in named.items() if members[0].table.test == test]
+        for test in TESTS
+        if facts_of(test).of_places
     }
     for own_names in places.values():
         starting |= _starting_pose_setups({name: named[name] for name in own_names}, starting)
@@ -228,7 +229,7 @@ def at_instrument(setup: SetUp, runs: Sequence[ObservedRun]) -> SetUp:
     bare = replace(setup, T_instrument_world=np.eye(4))
     places = np.concatenate([predicted(run, bare) for run in runs])
     seen_there = np.concatenate([run.values for run in runs])
-    if runs[0].table.kind.frame_terms == 3:  # a socket has a place and no rotation
+    if facts_of(runs[0].table.test).frame_terms == 3:  # a socket has a place and no rotation
         return replace(bare, T_instrument_world=_at((seen_there - places).mean(axis=0)))
     return replace(bare, T_instrument_world=best_rigid(places, seen_there))
 
@@ -237,7 +238,7 @@ def _placed(runs: Sequence[ObservedRun], starts: Mapping[str, SetUp]) -> dict[st
     """Return set-ups that share terms, fitted together from their starting values."""
     tables = {run.setup: run.table for run in runs}
     columns = columns_of(tables)
-    poses, count = runs[0].table.kind.of_places, 1 + max(map(max, columns.values()))
+    poses, count = facts_of(runs[0].table.test).of_places, 1 + max(map(max, columns.values()))
     scenes = [moved(run.model, run.path) for run in runs]
 
     def at(change: Array) -> dict[str, SetUp]:
@@ -335,8 +336,8 @@ def constants_apart(runs: Sequence[ObservedRun]) -> bool:
     This applies to touches, and to places too few to name constants that are larger than usual. For 30 poses of a UR10,
     constants of usual size leave a tenth more.
     """
-    of_touches = all(run.table.kind.constants_apart for run in runs)
-    of_poses = all(run.table.kind.of_places for run in runs)
+    of_touches = all(facts_of(run.table.test).constants_apart for run in runs)
+    of_poses = all(facts_of(run.table.test).of_places for run in runs)
     return of_touches or (of_poses and sum(len(run.rows) for run in runs) < FEWEST_PLACES)
 
 
@@ -385,7 +386,7 @@ def without_a_fold(
         q = run.table.q[run.rows]
         # Removed outliers do not turn a run of sixty poses into a run of few.
         few = len(run.table.q) < FEWEST_PLACES or len(_places(q)[0]) < folds * _FEWEST_OF_A_GROUP
-        if not run.table.kind.of_places or few:
+        if not facts_of(run.table.test).of_places or few:
             used.append(run)
             continue
         out = folds_of(q, folds) == fold

@@ -20,6 +20,7 @@ from analysis.diagnosis.fit.departures import initial_play_columns
 from analysis.diagnosis.fit.joint_curves import CurveColumns, JointCurves, curve_columns
 from analysis.diagnosis.fit.responses import Linearisation, Response
 from analysis.robot.kinematics.arm import Array, rail_mm
+from analysis.runs.table_format import format_of
 from rigs.effects import VOCABULARY, Effect, one_sided
 from rigs.schema.effect import Scope, healthy, is_play, name_of, phases, scaled
 
@@ -82,13 +83,13 @@ def candidates_for(linear: Linearisation) -> list[Candidate]:
 def _scope(blocks: Sequence[Block]) -> Scope:
     """Return the observability of effects in the blocks. A circle has two gauges, a target has a single gauge."""
     tables = [block.table for block in blocks]
-    timed = any(table.kind.swept for table in tables)
-    gauges = max((table.kind.gauges for table in tables), key=len)
+    timed = any(table.swept for table in tables)
+    gauges = max((format_of(table.test).gauges for table in tables), key=len)
     twist_deg = np.degrees(blocks[0].model.arm.alpha)
     arm = blocks[0].model.arm
     rail = arm.rail is not None and any(np.ptp(rail_mm(arm, table.q)) > 0 for table in tables)
     # On circles, if any, joints move during the readings.
-    moving = [table for table in tables if table.kind.swept] or tables
+    moving = [table for table in tables if table.swept] or tables
     turned = np.max([np.ptp(table.q, axis=0) for table in moving], axis=0) / (2 * np.pi)
     payload_kg = blocks[0].model.load.payload_kg
     return Scope(timed, gauges, tuple(twist_deg.tolist()), tuple(turned[: arm.axes].tolist()), rail, payload_kg)

@@ -17,6 +17,7 @@ from analysis.diagnosis.evidence.blocks import Block, SharedBlock, SimulatedBloc
 from analysis.diagnosis.evidence.known_distances import KnownDistances, known_distances_of
 from analysis.diagnosis.evidence.observation import GRID, ORDER_OF
 from analysis.diagnosis.evidence.setups import columns_of, moved_setup, tool_shift, without_origin
+from analysis.procedures.facts import facts_of
 from analysis.robot.kinematics.arm import Array, Integers
 from analysis.robot.model.predict import SetUp
 from analysis.robot.model.scene import Scene
@@ -246,7 +247,7 @@ class Linearisation:
     @cached_property
     def terms_of_poses(self) -> set[int]:
         """The columns of U for placements of poses."""
-        poses = [block.setup for block in self.blocks if block.table.kind.of_places]
+        poses = [block.setup for block in self.blocks if facts_of(block.table.test).of_places]
         return {term for name in poses for term in self.terms[name]}
 
     def is_straight(self, moves: Array) -> bool:
@@ -267,7 +268,7 @@ class Linearisation:
         moved, unmoved = (
             self._residual_in((), scenes, self.setups_moved_by(terms)) for terms in (of_poses, np.zeros_like(of_poses))
         )
-        entries = sum(len(block.y_mm) for block in self.blocks if block.table.kind.of_places)
+        entries = sum(len(block.y_mm) for block in self.blocks if facts_of(block.table.test).of_places)
         return bool(np.linalg.norm(moved - unmoved + self.U @ of_poses) <= _BENT * np.sqrt(entries))
 
     @cached_property
@@ -342,7 +343,7 @@ class Linearisation:
         moves, count = np.zeros(self.U.shape[1]), Counter(simulated.block.setup for simulated in self.simulated)
         for simulated, scene in zip(self.simulated, scenes, strict=True):
             seen = simulated.block
-            if not seen.table.kind.of_places:
+            if not facts_of(seen.table.test).of_places:
                 moves[self.terms[seen.setup][:3]] += tool_shift(seen, simulated.scene, scene) / count[seen.setup]
         return moves
 
@@ -555,5 +556,5 @@ def rms_um(block: Block, entries_mm: Array) -> float:
         energy, count = float((entries_mm[: len(ORDER_OF)] ** 2).sum()), 2 * GRID
     else:
         energy = float((entries_mm**2).sum())
-        count = len(entries_mm) // (3 if block.table.kind.of_places else 1)
+        count = len(entries_mm) // (3 if facts_of(block.table.test).of_places else 1)
     return 1e3 * float(np.sqrt(energy / count))

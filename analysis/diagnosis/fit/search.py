@@ -29,9 +29,9 @@ from analysis.diagnosis.fit.responses import (
 from analysis.diagnosis.fit.rivals import RivalOdds, compare_with_rivals
 from analysis.diagnosis.fit.selection import Selection
 from analysis.diagnosis.fit.selection_state import SelectionState, beginnings
+from analysis.procedures.facts import facts_of
 from analysis.robot.kinematics.arm import Array, Mask
 from analysis.robot.model.predict import SetUp
-from analysis.runs.tables import PoseTable, last_moves
 from rigs.effects import Effect
 from rigs.schema.vocabulary import Build
 from rigs.text import counted
@@ -252,7 +252,7 @@ def _starting_setups(
     """
     # The first run of each kind is sufficient as a starting point.
     setups = fit_run_setups(list({run.name: run for run in reversed(runs)}.values()))[0]
-    poses, begun = [run for run in runs if run.table.kind.of_places], None
+    poses, begun = [run for run in runs if facts_of(run.table.test).of_places], None
     for _ in range(_PLACINGS if poses else 0):
         progress("placing instrument and target")
         of_poses = {run.setup: setups[run.setup] for run in poses}
@@ -331,7 +331,7 @@ def early_readings(result: SearchResult) -> tuple[str, ...]:
         share = 1 - energy / max(float(np.sum(y[rows] ** 2)), 1e-300)
         fits.append((share, ahead, sd, A, y, words, unit))
     share, ahead, sd, A, y, words, unit = max(fits, key=lambda fit: fit[0])
-    poses = [block.table.kind.of_tracker for block in linear.blocks]
+    poses = [facts_of(block.table.test).of_tracker for block in linear.blocks]
     um = np.array([plain_worth(linear, A[:, [k]] @ ahead[[k]]).um[poses].max() for k in range(len(joints))])
     early = (ahead > _SURE_SIGMA * sd) & (um > LEAST_MATERIAL_UM)
     if share < _LEAST_SHARE or not early.any() or share < _step_share(linear, rows, free, y):
@@ -343,7 +343,7 @@ def early_readings(result: SearchResult) -> tuple[str, ...]:
 
 def _moves(block: Block) -> Array | None:
     """Return the last moves of joints (n, axes) rad of the poses of a block; None if they do not state them."""
-    return last_moves(block.table) if isinstance(block.table, PoseTable) else None
+    return block.table.last_moves if facts_of(block.table.test).of_tracker else None
 
 
 def _by_angle(linear: Linearisation, shape: Callable[[Array], Array]) -> list[Array]:
@@ -351,7 +351,9 @@ def _by_angle(linear: Linearisation, shape: Callable[[Array], Array]) -> list[Ar
     (N, c) arrays."""
 
     def errors(joint: int, block: Block) -> Array:
-        return np.asarray(np.radians(shape(block.path.q[:, [joint]])) * block.table.kind.of_tracker, dtype=float)
+        return np.asarray(
+            np.radians(shape(block.path.q[:, [joint]])) * facts_of(block.table.test).of_tracker, dtype=float
+        )
 
     return [linear.by_joint(axis, partial(errors, axis - 1)) for axis in range(1, linear.axes + 1)]
 

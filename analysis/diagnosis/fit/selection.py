@@ -37,6 +37,7 @@ from analysis.diagnosis.fit.selection_state import (
     stands_softly,
     starting_effects,
 )
+from analysis.procedures.facts import facts_of
 from analysis.robot.kinematics.arm import Array
 from rigs.effects import Effect, healthy_size
 from rigs.schema.effect import is_wave, name_of, size_of
@@ -180,7 +181,7 @@ class Selection:
     @property
     def _of_tracker(self) -> bool:
         """Whether all readings are poses of a tracker."""
-        return all(block.table.kind.of_tracker for block in self.linear.blocks)
+        return all(facts_of(block.table.test).of_tracker for block in self.linear.blocks)
 
     def state_with(self, effects: Sequence[Effect], previous: SelectionState | None = None) -> SelectionState:
         """Return a state with the given effects fitted, from any initial size and shape.

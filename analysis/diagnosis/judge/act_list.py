@@ -26,7 +26,7 @@ from analysis.diagnosis.judge.result import (
     likely_rivals,
 )
 from analysis.diagnosis.judge.validation import Stages, residual_um
-from analysis.runs.table_format import kind_named
+from analysis.procedures.facts import facts_of
 from rigs.calibration import verdict_of
 from rigs.effects import Effect
 from rigs.schema.effect import label_of, name_of, size_field
@@ -327,7 +327,7 @@ def _may_repeat(diagnosis: Diagnosis, scatter: tuple[int, ...]) -> bool:
     visited twice."""
     if diagnosis.unexplained and diagnosis.unexplained.scatter_um:
         return True
-    of_places = all(kind_named(tested.test).of_places for tested in diagnosis.train.tests)
+    of_places = all(facts_of(tested.test).of_places for tested in diagnosis.train.tests)
     large = any(diagnosis.budget[k].share > LEAST_SHARE for k in scatter)
     return of_places and large and not diagnosis.repeated
 

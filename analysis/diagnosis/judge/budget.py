@@ -16,6 +16,7 @@ from analysis.diagnosis.fit.responses import Linearisation, Response, basis_of, 
 from analysis.diagnosis.fit.search import SearchResult
 from analysis.diagnosis.fit.selection_state import FAULT, combined_effect
 from analysis.diagnosis.judge.result import LARGE_SHARE, SURE_SIGMA, BudgetPart, Gap, Member, Named, Rank, Share
+from analysis.procedures.facts import facts_of
 from analysis.robot.kinematics.arm import Array, Integers
 from rigs.effects import Effect
 from rigs.schema.effect import PartKind, healthy, label_of, scaled, size_field, size_of
@@ -70,7 +71,7 @@ class Measure:
             if block.sampling:
                 factor[: len(ORDER_OF)] = 1 / (2 * GRID)
             else:
-                factor[:] = (3 if block.table.kind.of_places else 1) / len(factor)
+                factor[:] = (3 if facts_of(block.table.test).of_places else 1) / len(factor)
             parts.append(1e3 * block.sd_mm * np.sqrt(share * factor))
         return self.linear.at_entries(parts)
 
@@ -85,7 +86,7 @@ class Measure:
         kept = whole - basis_of(U) @ (basis_of(U).T @ whole)
         precision = np.zeros(U.shape[1])
         for block, rows in zip(self.linear.blocks, self.linear.rows, strict=True):
-            if not block.table.kind.of_places:
+            if not facts_of(block.table.test).of_places:
                 precision[self.linear.terms[block.setup][:3]] += float(kept[rows] @ kept[rows]) / BALL_PRIOR_MM**2
         return U, np.linalg.pinv(U.T @ U + np.diag(precision), rcond=_NO_FREEDOM, hermitian=True) @ U.T
 

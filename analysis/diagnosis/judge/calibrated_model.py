@@ -1,4 +1,4 @@
-"""Calibrated model from a diagnosis: the posterior as terms with mean and covariance.
+"""Calibrated model from a verdict: the posterior as terms with mean and covariance.
 
 The fitted effects come first. They are followed by every form of the background: its effect at the size of the column,
 and the mean multiple shown by the readings. Single forms are rarely certain, but their sum is: it reaches a tenth of a
@@ -18,8 +18,9 @@ from analysis.diagnosis.fit.refine import Unknown
 from analysis.diagnosis.fit.search import SearchResult
 from analysis.diagnosis.fit.selection_state import background_terms
 from analysis.diagnosis.judge.misses import Widening
-from analysis.diagnosis.judge.result import Diagnosis
+from analysis.diagnosis.judge.result import Verdict
 from analysis.diagnosis.judge.validation import Stages
+from analysis.procedures.facts import facts_of
 from analysis.robot.kinematics.arm import Array, rail_mm
 from analysis.robot.model.predict import SetUp
 from analysis.runs.loading import Measured
@@ -44,7 +45,7 @@ def covariance_of(posterior: Posterior, unknowns: Sequence[Unknown]) -> Array:
 
 
 def calibrated_model(
-    diagnosis: Diagnosis,
+    verdict: Verdict,
     result: SearchResult,
     used: Sequence[Measured],
     runs: Sequence[ObservedRun],
@@ -58,8 +59,8 @@ def calibrated_model(
     of the last of the `stages`, the residuals for the runs used and for the validation, and the uncertainty multiplied
     by the factor `wider`.
     """
-    rig, train, elsewhere = diagnosis.rig, diagnosis.train, diagnosis.unseen or diagnosis.held_out
-    named = [name.effect for name in diagnosis.written]
+    rig, train, elsewhere = verdict.rig, verdict.train, verdict.unseen or verdict.held_out
+    named = [name.effect for name in verdict.written]
     effects, unknowns = result.effects, result.fit.unknowns
     terms = [Term.model_construct(effect=effect, times=1.0, named=effect in named) for effect in effects]
     background = background_terms(result.calibrated_posterior)
@@ -70,7 +71,7 @@ def calibrated_model(
     root = wider.factor * _root(covariance_of(result.calibrated_posterior, unknowns))
     arm, q = runs[0].model.arm, np.concatenate([run.table.q[run.rows] for run in runs])
     angles, rail = np.degrees(q[:, : arm.axes]), rail_mm(arm, q)
-    of_poses = {run.setup for run in runs if run.table.kind.of_places}
+    of_poses = {run.setup for run in runs if facts_of(run.table.test).of_places}
     calibrated = CalibratedModel.model_construct(
         format=1,
         rig=rig.name,

@@ -12,6 +12,7 @@ from analysis.diagnosis.evidence.placements import observe_runs, split_by_frame,
 from analysis.diagnosis.evidence.setups import fit_setups
 from analysis.diagnosis.judge.comparison import Compared, Comparison, PoseComparison
 from analysis.procedures.circle.evaluate import CircleResult
+from analysis.procedures.facts import facts_of
 from analysis.procedures.prediction import path_of, predict
 from analysis.procedures.radial.evaluate import RadialResult
 from analysis.procedures.repeatability.evaluate import RepeatabilityResult
@@ -67,13 +68,15 @@ def _compared(runs: Sequence[Measured], rig: Rig, where: str) -> Compared:
     comparisons, poses = [], []
     for (run, _), part in zip(pieces, split_up, strict=True):
         residual = residual_of(part, placed)
-        if run.table.kind.of_places:
+        if facts_of(run.table.test).of_places:
             away_um = 1e3 * np.linalg.norm(residual, axis=1)
             rms_um = float(np.sqrt(np.mean(away_um**2)))
             poses.append(PoseComparison(run.run.manifest.name, len(away_um), rms_um, float(away_um.max())))
         else:
             comparisons.append(_comparison(run, part.model, placed[part.setup], part.rows, residual))
-    setups = {f"{part.setup}{where}": placed[part.setup] for part in split_up if not part.table.kind.of_places}
+    setups = {
+        f"{part.setup}{where}": placed[part.setup] for part in split_up if not facts_of(part.table.test).of_places
+    }
     return Compared(tuple(comparisons), setups, tuple(doubts), tuple(poses))
 
 
@@ -81,7 +84,7 @@ def _comparison(run: Measured, model: Model, setup: SetUp, rows: Integers, resid
     run = run if run.rig == model.rig else replace(run, rig=model.rig)
     result = result_of(run)
     values = predict(model, run.table, path_of(model, run.table), setup)
-    simulated_table = run.table.kind.with_readings(run.table, values)
+    simulated_table = run.table.with_readings(values)
     simulated = evaluate(simulated_table, model.rig, run.u_lag_s, f"{run.path}, simulated", u_gauge_mm=0.0)
     x, measured_curve, unit = curve(result.found, run.table)
     _, simulated_curve, _ = curve(simulated, simulated_table)
@@ -112,5 +115,5 @@ def curve(result: Evaluated, table: Table) -> tuple[Array, Array, str]:
         case RepeatabilityResult():
             mean = np.nanmean(result.readings_mm, axis=2)
             return np.arange(mean.size, dtype=float), mean.ravel(), "mm"
-    readings = table.kind.readings(table).ravel()
+    readings = table.readings.ravel()
     return np.arange(readings.size, dtype=float), readings, "mm"

@@ -9,6 +9,7 @@ import pyarrow as pa
 
 from analysis.diagnosis.judge.residuals import Curve, Map, Place
 from analysis.diagnosis.judge.staircase import Staircase
+from analysis.procedures.facts import labels_of
 from analysis.procedures.results import Result
 from analysis.procedures.shared.evaluate import Evaluated
 from analysis.robot.kinematics.arm import Array, Integers
@@ -63,7 +64,7 @@ class Comparison(Tabular):
     def to_table(self) -> pa.Table:
         """Return the curves side by side: phi_deg, target or place, then measured, simulated and difference in their
         unit."""
-        where = self.result.measured.table.kind.along
+        where = labels_of(self.result.measured.table.test).along
         curves = {"measured": self.measured_curve, "simulated": self.simulated_curve}
         curves["difference"] = self.measured_curve - self.simulated_curve
         return pa.table({where: self.x} | {f"{name}_{self.unit}": values for name, values in curves.items()})

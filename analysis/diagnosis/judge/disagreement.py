@@ -22,7 +22,7 @@ from analysis.diagnosis.fit.selection_state import background_terms
 from analysis.diagnosis.judge.budget import Measure, group_of
 from analysis.diagnosis.judge.comparison import Compared, Disagreement
 from analysis.diagnosis.judge.residuals import curves_of, maps_of, places
-from analysis.diagnosis.judge.result import BudgetPart, Diagnosis
+from analysis.diagnosis.judge.result import BudgetPart, Verdict
 from analysis.diagnosis.judge.staircase import Left, Staircase, Step
 from analysis.diagnosis.judge.validation import FrozenModel, Stages
 from analysis.robot.kinematics.arm import Array
@@ -43,18 +43,18 @@ _ROWS = 256
 
 
 def staircase_of(
-    diagnosis: Diagnosis, result: SearchResult, stages: Stages, *runs_at: Sequence[ObservedRun]
+    verdict: Verdict, result: SearchResult, stages: Stages, *runs_at: Sequence[ObservedRun]
 ) -> Staircase | None:
     """Return the staircase of a diagnosis with known budget and gaps; None if the model has no additions.
 
     `runs_at`: runs used, held out, and at an unseen place, of (m, k) mm.
     """
-    rungs = list(_rungs(diagnosis, result, stages))
+    rungs = list(_rungs(verdict, result, stages))
     if len(rungs) < 2:
         return None
-    gaps = (diagnosis.train, diagnosis.held_out, diagnosis.unseen)
+    gaps = (verdict.train, verdict.held_out, verdict.unseen)
     residuals_um = [[gap.before_um if gap else None for gap in gaps]]
-    thin = [[thinned(run.on_lap, _ROWS) if run.table.kind.swept else run for run in runs] for runs in runs_at]
+    thin = [[thinned(run.on_lap, _ROWS) if run.table.swept else run for run in runs] for runs in runs_at]
     residuals_um += _residuals_um_of([effects for _, effects in rungs[1:-1]], thin)
     residuals_um.append([gap.calibrated_um if gap else None for gap in gaps])
     steps = []
@@ -70,14 +70,14 @@ def staircase_of(
 
 
 def _rungs(
-    diagnosis: Diagnosis, result: SearchResult, stages: Stages
+    verdict: Verdict, result: SearchResult, stages: Stages
 ) -> Iterator[tuple[tuple[int, ...], tuple[Effect, ...]]]:
     """Yield the models, each with the budget indices of the additions and with all effects.
 
     The initial model comes first, then models with each large part added in order of size, then the calibrated model
     with all remaining parts. Scatter, which models cannot remove, has no step.
     """
-    effects, budget = stages.calibrated.effects, diagnosis.budget
+    effects, budget = stages.calibrated.effects, verdict.budget
     # Addition of each part, by label: fitted effects, or multiples of effects with the same kind and joint in the
     # calibrated background.
     names = {label_of(effect): effect for effect in effects if effect in result.effects}
@@ -87,7 +87,7 @@ def _rungs(
         terms.setdefault(BudgetPart(kind, 0.0, 0.0, 0.0, axis=axis).label, []).append((term.effect, term.times))
     added = [k for k, part in enumerate(budget) if part.label in names or part.label in terms]
     added.sort(key=lambda k: -budget[k].um)
-    least_um = _LEAST * diagnosis.train.before_um
+    least_um = _LEAST * verdict.train.before_um
     large = [k for k in added if budget[k].um >= least_um][:_MOST_STEPS]
     yield (), ()
     fitted, shown = list[Effect](), list[tuple[Effect, float]]()

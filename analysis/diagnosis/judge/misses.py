@@ -26,6 +26,7 @@ from analysis.diagnosis.fit.responses import basis_of, linearise
 from analysis.diagnosis.fit.search import SearchResult
 from analysis.diagnosis.judge.remains import Looked, Remains, Subject
 from analysis.diagnosis.judge.validation import Stages, noise_shown
+from analysis.procedures.facts import facts_of
 from analysis.robot.kinematics.arm import Array, Integers
 from analysis.robot.model.predict import SetUp
 
@@ -72,7 +73,7 @@ def places_left_out(result: SearchResult) -> LeftOut | None:
     """Return the prediction of each neighbourhood of the poses used from all others; None if no poses were used."""
     linear, parts, first = result.linear, list[LeftOut](), 0
     for block, of_block in zip(linear.blocks, linear.rows, strict=True):
-        if block.table.kind.of_places:
+        if facts_of(block.table.test).of_places:
             group = _neighbourhoods(block)
             for number in np.unique(group).tolist():
                 rows = of_block.start + np.flatnonzero(group == number)
@@ -214,13 +215,13 @@ def widening_of(
     sets: list[Misses | None] = [left_out, _placements_left_out(result)]
     setups = dict(stages.calibrated.setups)
     for runs in (judges, elsewhere):
-        places = [run for run in runs if run.table.kind.of_places]
+        places = [run for run in runs if facts_of(run.table.test).of_places]
         setups |= stages.calibrated.setups_with(with_effects(places, stages.calibrated.effects))
         sets.append(_misses_of(places, setups, stages, result) if places else None)
     judging = [_Neighbourhoods.of(misses) for misses in sets if misses is not None]
     judging = [neighbourhoods for neighbourhoods in judging if neighbourhoods.stated_mm2.any()]
     wider = max(judging, key=lambda places: places.ratio).parted() if judging else Widening()
-    of_sockets = all(run.table.kind.frame_terms == 3 for run in (*result.linear.blocks, *judges, *elsewhere))
+    of_sockets = all(facts_of(run.table.test).frame_terms == 3 for run in (*result.linear.blocks, *judges, *elsewhere))
     return replace(wider, reach_mm=reach_mm(setups, stages.calibrated.setups) if of_sockets else None)
 
 
@@ -231,7 +232,7 @@ def _placements_left_out(result: SearchResult) -> LeftOut | None:
     Long series are used for prediction but not held out.
     """
     linear, parts, first = result.linear, list[LeftOut](), 0
-    blocks = [k for k, block in enumerate(linear.blocks) if block.table.kind.of_places]
+    blocks = [k for k, block in enumerate(linear.blocks) if facts_of(block.table.test).of_places]
     placement = {k: without_socket(linear.blocks[k].setup) for k in blocks}
     names = sorted(set(placement.values()))
     for name in names if len(names) > 1 else ():
@@ -307,7 +308,7 @@ def remains_of(result: SearchResult, left_out: LeftOut | None, temperature: Arra
     if left_out is None or len(np.unique(left_out.group)) < _FEWEST_GROUPS:
         return None
     warmth: Array | None = None
-    one_table = len({id(block.table) for block in linear.blocks if block.table.kind.of_places}) == 1
+    one_table = len({id(block.table) for block in linear.blocks if facts_of(block.table.test).of_places}) == 1
     if temperature is not None and one_table and np.ptp(temperature) > 0:
         warmth = ((temperature - temperature.mean()) / np.ptp(temperature))[:, None]
     # Possible dependences as functions (n, c) rad at a block's samples, None if not available.
@@ -336,7 +337,7 @@ def _of_places(of_rows: Callable[[Block], Array]) -> _Functions:
 
     def functions(block: Block) -> Array:
         samples = len(block.path.q)
-        if not block.table.kind.of_places:
+        if not facts_of(block.table.test).of_places:
             return np.zeros((samples, of_rows(block).shape[1]))
         values = _UNIT_RAD * of_rows(block)
         return np.repeat(values, samples // len(values), axis=0)
@@ -346,13 +347,13 @@ def _of_places(of_rows: Callable[[Block], Array]) -> _Functions:
 
 def sides_of(block: Block) -> Array:
     """Return the approach direction (n, axes) of each joint as a sign; zero if unknown."""
-    sides = block.table.kind.sides(block.table)
+    sides = block.table.sides
     return np.zeros(block.table.q.shape) if sides is None else sides.astype(float)
 
 
 def _states_sides(block: Block) -> bool:
     """Return whether the rows of a block state the approach direction of each joint."""
-    return block.table.kind.of_places and block.table.kind.sides(block.table) is not None
+    return facts_of(block.table.test).of_places and block.table.sides is not None
 
 
 def share_left_out(columns: Array, off: Array, group: Integers) -> float:

@@ -12,7 +12,9 @@ import pyarrow as pa
 
 from analysis.diagnosis.evidence.blocks import BAND_EDGES, Block
 from analysis.diagnosis.evidence.observation import GRID, ORDER_OF, curve
+from analysis.diagnosis.evidence.observation_of import observation_of
 from analysis.procedures.circle.joint_reversals import turns
+from analysis.procedures.facts import facts_of, labels_of
 from analysis.robot.kinematics.arm import Array, Integers
 from analysis.runs.laps import laps_of
 from analysis.runs.tables import CircleTable
@@ -152,9 +154,7 @@ def bands_above_noise(blocks: Sequence[Block], residual: Array) -> tuple[Residua
                     ", alike in both directions" if correlation > 0 else ", of opposite sign in the other direction"
                 )
             energy_mm2 = float(((of_block[rows] * block.sd_mm[rows]) ** 2).sum())
-            clear.append(
-                (energy_mm2, ResidualBand(table.test, table.kind.direction(table), part, orders, ratio, words))
-            )
+            clear.append((energy_mm2, ResidualBand(table.test, table.driven_direction, part, orders, ratio, words)))
     clear.sort(key=lambda band: -band[0])
     return tuple(band for _, band in clear[:_REPORTED])
 
@@ -165,7 +165,7 @@ def _parity(blocks: Sequence[Block], residual: Array) -> dict[tuple[TestName, st
     begin = 0
     for block in blocks:
         table = block.table
-        if direction := table.kind.direction(table):
+        if direction := table.driven_direction:
             ways[table.test, direction] = residual[begin : begin + len(ORDER_OF)]
         begin += len(block.y_mm)
     correlations: dict[tuple[TestName, str], float] = {}
@@ -225,7 +225,7 @@ def reversals_of(block: Block) -> tuple[tuple[float, int], ...]:
 
 def _on_circle(block: Block, residual: Array, scatter_mm: Array) -> list[Place]:
     table = block.table
-    direction = table.kind.direction(table)
+    direction = table.driven_direction
     drawn = np.column_stack([residual, scatter_mm])[: len(ORDER_OF)] * (ORDER_OF <= _SMOOTH)[:, None]
     curves = [curve(column) for column in drawn.T]
     offsets = np.array([gauge.offset_mm for _, gauge in block.model.rig.gauges])
@@ -317,14 +317,14 @@ def _why(where: Sequence[tuple[float, int]], values: Array, begin_deg: float, en
 
 
 def _at_targets(block: Block, residual: Array, scatter_mm: Array) -> list[Place]:
-    table, coordinates = block.table, 3 if block.table.kind.of_places else 1
+    table, coordinates = block.table, 3 if facts_of(block.table.test).of_places else 1
     variance = block.sd_mm**2 + (scatter_mm**2).sum(axis=1)
     size, noise = (np.sqrt(square.reshape(-1, coordinates).sum(axis=1)) for square in (residual**2, variance))
-    number = table.kind.numbers_of(table)[block.rows]
+    number = table.numbers[block.rows]
     over = size > _SIGMA * noise
     if not over.any():
         return []
-    why = f"{over.sum()} of {len(size)} {table.kind.rows_called} differ, most {number[int(np.argmax(size))]}"
+    why = f"{over.sum()} of {len(size)} {labels_of(table.test).rows} differ, most {number[int(np.argmax(size))]}"
     low, high = float(number[over].min()), float(number[over].max())
     rms_um, sigma = 1e3 * float(np.sqrt(np.mean(size[over] ** 2))), float((size / noise).max())
     return [Place(table.test, None, "distance", low, high, None, why, rms_um, sigma)]
@@ -339,7 +339,7 @@ def curves_of(blocks: Sequence[Block], before: Sequence[Array], after: Sequence[
     curves, phi = [], np.arange(GRID) * 360 / GRID
     for block, was, now in zip(blocks, before, after, strict=True):
         table = block.table
-        if block.sampling and (direction := table.kind.direction(table)):
+        if block.sampling and (direction := table.driven_direction):
             gauges = 1e3 * curve(was), 1e3 * curve(now)
             curves.append(Curve(table.test, direction, phi, *gauges, reversals_of(block)))
     return tuple(curves)
@@ -352,6 +352,8 @@ def maps_of(blocks: Sequence[Block], before: Sequence[Array], after: Sequence[Ar
         table, rows = block.table, block.rows
         if not block.sampling:
             sizes = [1e3 * np.linalg.norm(value.reshape(len(rows), -1), axis=1) for value in values]
-            polar, azimuth = (np.degrees(angles)[rows] for angles in table.kind.angles_of(table, block.model.rig))
-            maps.append(Map(table.test, table.kind.numbers_of(table)[rows].astype(float), polar, azimuth, *sizes))
+            polar, azimuth = (
+                np.degrees(angles)[rows] for angles in observation_of(table).angles_of(table, block.model.rig)
+            )
+            maps.append(Map(table.test, table.numbers[rows].astype(float), polar, azimuth, *sizes))
     return tuple(maps)

@@ -375,18 +375,10 @@ class NextTest:
     expected_sigma: float
 
 
-@dataclass(frozen=True)
-class Diagnosis(Tabular):
-    """The complete result.
-
-    `rig` is the initial model and `runs` names the runs used. `effects` lists the effects supported by evidence, faults
-    first, ordered by worth. `budget` contains every part of the gap, largest first, and `runs_to_decide` the number of
-    runs of each kind that would decide an undecided condition. `calibrated` is the calibrated model, and `given` states
-    whether the effects were given to be fitted. `groups` lists named effects that these tests cannot distinguish, and
-    `not_testable` the names that are invisible here at any size. `repeated` states whether the noise is estimated from
-    repeats, `shows_noise` whether it is estimated from repeats or residuals; otherwise it is assumed. `level` is the
-    level of the healthy background, 1 in a typical healthy arm. `doubts` lists reasons for limited trust in the result.
-    `staircase` is the gap as parts of the budget are added to the model, None if no part is added.
+@dataclass(frozen=True, kw_only=True)
+class Verdict:
+    """The part of a diagnosis that the gaps decide: condition, accuracy, error budget and named effects, before the
+    calibrated model, doubts and actions. `Diagnosis` explains the fields.
     """
 
     condition: Condition
@@ -405,29 +397,14 @@ class Diagnosis(Tabular):
     setups: dict[str, SetUp]
     groups: tuple[tuple[str, ...], ...]
     not_testable: tuple[str, ...]
-    next_test: NextTest | None
     repeated: bool
     level: float
-    doubts: tuple[str, ...]
     curves: tuple[Curve, ...]
     maps: tuple[Map, ...]
-    seconds: float
-    calibrated: CalibratedModel | None = None
     given: bool = False
     shows_noise: bool = False
-    staircase: Staircase | None = None
-    remains: Remains | None = None
-    """Residual of places after the calibrated model, and the subjects compared with it; None if no places were
-    measured.
-    """
-    only_commanded: bool = False
-    """Whether measured joint angles are missing in some run; a name may then be an angle that was not reached."""
     unexplained: Unexplained | None = None
     """The unexplained part, and the subjects it follows if it is large."""
-    acts: tuple[Act, ...] = ()
-    """Actions in order; every output prints this list."""
-    movements: tuple[Movement, ...] = ()
-    """Movements between the runs or between rows of a run."""
 
     @property
     def is_testable(self) -> bool:
@@ -439,11 +416,6 @@ class Diagnosis(Tabular):
         """Whether a calibrated model is written and reported: not if the runs cannot show effects, nor if a
         parameter is out of range."""
         return self.is_testable and self.condition != "out_of_range"
-
-    @property
-    def next_act(self) -> Act | None:
-        """The next action; None if fits of given effects require none."""
-        return self.acts[0] if self.acts else None
 
     @property
     def written(self) -> tuple[Named, ...]:
@@ -468,6 +440,42 @@ class Diagnosis(Tabular):
     def extended_rig(self) -> Rig:
         """The initial rig with the confirmed effects added; of rivals the likeliest."""
         return self.rig.model_copy(update={"effects": (*self.rig.effects, *(name.effect for name in self.written))})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Diagnosis(Verdict, Tabular):
+    """The complete result.
+
+    `rig` is the initial model and `runs` names the runs used. `effects` lists the effects supported by evidence, faults
+    first, ordered by worth. `budget` contains every part of the gap, largest first, and `runs_to_decide` the number of
+    runs of each kind that would decide an undecided condition. `calibrated` is the calibrated model, and `given` states
+    whether the effects were given to be fitted. `groups` lists named effects that these tests cannot distinguish, and
+    `not_testable` the names that are invisible here at any size. `repeated` states whether the noise is estimated from
+    repeats, `shows_noise` whether it is estimated from repeats or residuals; otherwise it is assumed. `level` is the
+    level of the healthy background, 1 in a typical healthy arm. `doubts` lists reasons for limited trust in the result.
+    `staircase` is the gap as parts of the budget are added to the model, None if no part is added.
+    """
+
+    next_test: NextTest | None
+    doubts: tuple[str, ...]
+    seconds: float
+    calibrated: CalibratedModel | None = None
+    staircase: Staircase | None = None
+    remains: Remains | None = None
+    """Residual of places after the calibrated model, and the subjects compared with it; None if no places were
+    measured.
+    """
+    only_commanded: bool = False
+    """Whether measured joint angles are missing in some run; a name may then be an angle that was not reached."""
+    acts: tuple[Act, ...] = ()
+    """Actions in order; every output prints this list."""
+    movements: tuple[Movement, ...] = ()
+    """Movements between the runs or between rows of a run."""
+
+    @property
+    def next_act(self) -> Act | None:
+        """The next action; None if fits of given effects require none."""
+        return self.acts[0] if self.acts else None
 
     def to_table(self) -> pa.Table:
         """Return the effects, a row for each parameter: name, parameter, value, sd, posterior, worth_um, stands."""

@@ -17,6 +17,7 @@ from analysis.diagnosis.evidence.blocks import Block
 from analysis.diagnosis.fit.search import SearchResult
 from analysis.diagnosis.judge.misses import LeftOut, share_left_out, sides_of
 from analysis.diagnosis.judge.remains import Followed, Unexplained, What
+from analysis.procedures.facts import facts_of
 from analysis.robot.kinematics.arm import Array, Integers
 from analysis.robot.model.scene import pull
 from analysis.runs.noise.cell_noise import TARGET_MM
@@ -66,7 +67,7 @@ def unexplained_of(result: SearchResult, left_out: LeftOut | None, rms_um: float
 def unusual_visits_um(result: SearchResult) -> float | None:
     """Return the rms distance in µm between a visit of a target and the mean of its visits, if it exceeds the
     repeatability of arms of this build; None if it does not, or if no target was visited twice."""
-    blocks = [block for block in result.linear.blocks if block.table.kind.of_places and block.measured]
+    blocks = [block for block in result.linear.blocks if facts_of(block.table.test).of_places and block.measured]
     if not blocks:
         return None
     square_mm2 = np.mean(np.concatenate([block.count * block.sd_mm**2 for block in blocks]))
@@ -119,7 +120,7 @@ def _load(block: Block, joint: int) -> Array:
 def _speed(block: Block, joint: int) -> Array:
     """Return speed, sign and signed square of the speed of a joint that moves during the readings."""
     t_s, q = block.path.t_s, block.path.q[:, joint]
-    if block.table.kind.of_places or not block.sampling or np.diff(t_s).min() <= 0:
+    if facts_of(block.table.test).of_places or not block.sampling or np.diff(t_s).min() <= 0:
         return np.zeros((len(q), 3))
     speed = np.gradient(q, t_s)
     share = speed / max(float(np.abs(speed).max()), 1e-12)
@@ -129,7 +130,7 @@ def _speed(block: Block, joint: int) -> Array:
 def _approach(block: Block, joint: int) -> Array:
     """Return the approach side of a joint at each place."""
     count = len(block.path.q)
-    if not block.table.kind.of_places:
+    if not facts_of(block.table.test).of_places:
         return np.zeros((count, 1))
     sides = sides_of(block)[:, [joint]]
     return np.repeat(sides, count // len(sides), axis=0)
@@ -145,7 +146,7 @@ def _time(block: Block) -> Array:
 
 def _place(block: Block) -> Array:
     """Return errors of each coordinate as second and third powers of the place, whitened; zero for other tests."""
-    if not block.table.kind.of_tracker:
+    if not facts_of(block.table.test).of_tracker:
         return np.zeros((len(block.y_mm), 3 * 16))
     at = block.values - block.values.mean(axis=0)
     x, y, z = (at / max(float(np.abs(at).max()), 1e-12)).T

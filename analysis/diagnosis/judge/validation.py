@@ -14,6 +14,7 @@ from analysis.diagnosis.fit.responses import basis_of, limits_um, linearise, noi
 from analysis.diagnosis.fit.search import SearchResult
 from analysis.diagnosis.fit.selection_state import background_effects
 from analysis.diagnosis.judge.result import Gap, TestGap
+from analysis.procedures.facts import facts_of
 from analysis.robot.kinematics.arm import Array
 from analysis.robot.model.predict import SetUp
 from rigs.effects import Effect
@@ -107,7 +108,9 @@ noise was 71.
 
 def shows_noise(block: Block) -> bool:
     """Return whether readings (m, k) show their noise even if not repeated: touches, or enough poses."""
-    return block.table.kind.of_places and (block.table.kind.constants_apart or len(block.rows) >= _SHOW_NOISE)
+    return facts_of(block.table.test).of_places and (
+        facts_of(block.table.test).constants_apart or len(block.rows) >= _SHOW_NOISE
+    )
 
 
 def noise_shown(result: SearchResult) -> Array:

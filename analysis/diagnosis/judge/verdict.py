@@ -28,20 +28,20 @@ from analysis.diagnosis.judge.result import (
     Accuracy,
     BudgetPart,
     Condition,
-    Diagnosis,
     Gap,
     Named,
     Remainder,
     Rival,
+    Verdict,
     fault_rivals,
 )
+from analysis.procedures.facts import facts_of
 from analysis.procedures.pooled import FigureColumn, figure_columns
 from analysis.procedures.pose.evaluate import SAME_RAD, groups
 from analysis.procedures.results import Result, borrowers, by_test, evaluated_again, result_of
 from analysis.procedures.shared.quantity import Quantity
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.loading import Measured
-from analysis.runs.table_format import kind_named
 from rigs.calibration import Judged
 from rigs.errors import RigError
 from rigs.rig import Rig
@@ -453,17 +453,16 @@ def condition_of(
     return "uncalibrated" if gaps.gains_elsewhere else "nothing_unusual"
 
 
-def as_scatter(diagnosis: Diagnosis) -> Diagnosis:
-    """Return a diagnosis of an unknown cause as scatter: the unexplained part does not repeat, as far as single
-    visits of places can show.
+def as_scatter(budget: Sequence[BudgetPart], remainder: Remainder) -> tuple[tuple[BudgetPart, ...], Remainder]:
+    """Return the budget and the remainder of an unknown cause as scatter: the unexplained part does not repeat, as far
+    as places visited a single time can show.
     """
-    merged = [part for part in diagnosis.budget if part.kind in ("unexplained", "scatter")]
+    merged = [part for part in budget if part.kind in ("unexplained", "scatter")]
     um = float(np.sqrt(sum(part.um**2 for part in merged)))
     scatter = BudgetPart("scatter", um, 0.0, sum(part.share for part in merged))
-    parts = [*(part for part in diagnosis.budget if part not in merged), scatter]
-    remainder = replace(diagnosis.remainder, um=0.0, share=0.0, words="it follows nothing, as scatter does")
-    budget = tuple(sorted(parts, key=lambda part: -part.share))
-    return replace(diagnosis, condition="nothing_unusual", budget=budget, remainder=remainder)
+    parts = [*(part for part in budget if part not in merged), scatter]
+    of_scatter = replace(remainder, um=0.0, share=0.0, words="it follows nothing, as scatter does")
+    return tuple(sorted(parts, key=lambda part: -part.share)), of_scatter
 
 
 def _is_testable(result: SearchResult, *, early: bool) -> bool:
@@ -473,12 +472,12 @@ def _is_testable(result: SearchResult, *, early: bool) -> bool:
     which 15 differ.
     """
     readings = sum(
-        3 * int(groups(block.table.q, SAME_RAD).max() + 1) if block.table.kind.of_places else len(block.y_mm)
+        3 * int(groups(block.table.q, SAME_RAD).max() + 1) if facts_of(block.table.test).of_places else len(block.y_mm)
         for block in result.linear.blocks
     )
     if readings < _ENOUGH * result.linear.U.shape[1] or not result.columns.forms:
         return False
-    poses_alone = all(block.table.kind.of_places for block in result.linear.blocks)
+    poses_alone = all(facts_of(block.table.test).of_places for block in result.linear.blocks)
     shows = worth(result.linear, result.initial_residual).is_material(result.scatter_limits_um)
     return not (early and poses_alone and shows)
 
@@ -530,17 +529,17 @@ def runs_to_decide(result: SearchResult, named: Sequence[Named]) -> int:
     return int(min(max(2, most + 1, np.ceil(most * factor)), _MOST_RUNS))
 
 
-def judged_of(diagnosis: Diagnosis, whole: Gaps, gaps: Gaps, unexplained_mm: float | None) -> Judged:
+def judged_of(verdict: Verdict, whole: Gaps, gaps: Gaps, unexplained_mm: float | None) -> Judged:
     """Return the judgement of the model for the calibration file: of the `whole` model and of the part in the file.
 
     unexplained_mm: per coordinate; if no places show it, the residual at the validation runs is used.
     """
     judged = gaps.judged
     excess_um2 = max(judged.calibrated_um**2 - judged.noise_floor_um**2, 0.0)
-    if unexplained_mm is None or any(not kind_named(tested.test).of_places for tested in judged.tests):
+    if unexplained_mm is None or any(not facts_of(tested.test).of_places for tested in judged.tests):
         unexplained_mm = 1e-3 * float(np.sqrt(excess_um2))
     return Judged(
-        condition=diagnosis.condition, place=diagnosis.accuracy.place,
+        condition=verdict.condition, place=verdict.accuracy.place,
         before_um=judged.before_um, names_um=judged.after_um,
         whole_um=whole.judged.calibrated_um, handed_um=judged.calibrated_um, noise_um=judged.noise_floor_um,
         unexplained_um=1e3 * unexplained_mm,

@@ -23,9 +23,10 @@ from analysis.diagnosis.plan.expected import (
     planned_blocks,
     without_bands,
 )
+from analysis.procedures.facts import labels_of
 from analysis.robot.kinematics.arm import Array, transform
 from analysis.robot.model.predict import SetUp
-from analysis.runs.table_format import kinds
+from analysis.runs.parts_of_tests import TESTS
 from rigs.effects import Effect, turned
 from rigs.errors import FileError, UseError
 from rigs.readiness import missing_for, require_test
@@ -75,10 +76,11 @@ def further_tests(rig: Rig, tests: Sequence[TestName]) -> list[FurtherTest]:
     if missing and rig.tests.circle:
         words = f"{' and '.join(missing)} on the circle"
         further.append(FurtherTest(missing, "the tool's other tilt", ((words, rig),)))
-    for kind in kinds():
-        if kind.further and getattr(rig.tests, kind.part, None) and kind.test not in tests:
-            words, why = kind.further
-            further.append(FurtherTest((kind.test,), why, ((words, rig),)))
+    for test in TESTS:
+        labels = labels_of(test)
+        if labels.further and getattr(rig.tests, labels.part, None) and test not in tests:
+            words, why = labels.further
+            further.append(FurtherTest((test,), why, ((words, rig),)))
     if "touch" in tests and (touch := rig.tests.touch) and len(touch.sockets) > 1 and not touch.distances:
         between = touch.sockets[:2]
         apart = touch.model_copy(update={"distances": (SocketDistance(between=between, distance_mm=_APART_MM),)})
@@ -308,7 +310,7 @@ def detectabilities_of(expected: ExpectedPosterior) -> tuple[list[Candidate], li
             column, axis = linear.columns([effect])[:, 0], getattr(effect, "axis", None)
             whole, remaining = float(np.linalg.norm(column)), float(np.linalg.norm(linear.without_set_up(column)))
             if whole > _NOTHING and remaining < _OWN_SHARE * whole:
-                terms = sorted({block.table.kind.setup_words for block in linear.blocks})
+                terms = sorted({labels_of(block.table.test).setup for block in linear.blocks})
                 hidden = f"the set-up absorbs it: {'; '.join(terms)}, which are always fitted"
             elif axis is not None and zeros[axis - 1] < _ON_AXIS * zeros.max():
                 hidden = f"the ball lies on axis {axis}"
@@ -501,7 +503,7 @@ def tests_named(rig: Rig, names: str | None) -> tuple[TestName, ...]:
     Raises UseError for an unknown name, and FileError for a rig that is not set up for a named test, or for any test.
     """
     if names is None:
-        at_targets = next(kind.test for kind in kinds() if kind.part == "hemisphere")
+        at_targets = next(test for test in TESTS if labels_of(test).part == "hemisphere")
         offered: tuple[TestName, ...] = (*CIRCLES, at_targets)
         ready = tuple(test for test in offered if not missing_for(rig, test))
         if not ready and rig.tests.touch:
@@ -509,7 +511,7 @@ def tests_named(rig: Rig, names: str | None) -> tuple[TestName, ...]:
         if not ready:
             require_test(rig, offered[0])
         return ready
-    every: tuple[TestName, ...] = (*CIRCLES, *(kind.test for kind in kinds() if kind.further))
+    every: tuple[TestName, ...] = (*CIRCLES, *(test for test in TESTS if labels_of(test).further))
     asked = [name.strip() for name in names.split(",")]
     for name in asked:
         if name not in every:

@@ -30,6 +30,7 @@ from analysis.diagnosis.fit.candidates import (
 from analysis.diagnosis.fit.refine import refine
 from analysis.diagnosis.fit.responses import Linearisation, linearise
 from analysis.diagnosis.judge.result import ODDS
+from analysis.procedures.facts import facts_of
 from analysis.procedures.prediction import nominal_setup
 from analysis.procedures.simulate import simulate
 from analysis.robot.kinematics.arm import Array, Integers
@@ -238,7 +239,7 @@ def planned_blocks(
     for run in seen:
         if run.sampling and rig.tests.circle:
             setups[run.setup] = replace(nominal := nominal_setup(rig, run.table), ball=nominal.ball + off_mm)
-    setups |= fit_setups([run for run in seen if run.table.kind.of_places])
+    setups |= fit_setups([run for run in seen if facts_of(run.table.test).of_places])
     blocks, few = [], 1 / np.sqrt(runs)
     for block in blocks_of(seen, setups):
         # The noise is assumed, because noise-free simulated visits do not determine it.

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from analysis.procedures.checks.checks_of_test import checks_of, findings_against
 from analysis.procedures.checks.commanded_angles import COMMANDS, command_errors, command_findings
 from analysis.procedures.checks.finding import Convention, Finding
 from analysis.procedures.checks.gauge_sign import ORDER, SIGN, repeat_findings, sign_findings
@@ -13,7 +14,9 @@ from analysis.procedures.checks.lost_poses import DUPLICATES, WILDNESS
 from analysis.procedures.checks.meanings import JOINTS, joint_findings
 from analysis.procedures.checks.place import PLACE, SOURCE, STAMPS, STANDS, stand_findings
 from analysis.procedures.checks.units import UNITS, unit_findings, unsigned_findings
+from analysis.procedures.facts import labels_of, shows_joints
 from analysis.runs.loading import Measured
+from analysis.runs.table_format import format_of
 from rigs.errors import FileError
 
 Runs = Sequence[Measured]
@@ -48,7 +51,7 @@ def check_runs(runs: Runs) -> list[Checked]:
             if with_joints
             else ""
             if convention.name in _SHOWN_BY_PATHS
-            else f"the table {runs[0].table.kind.without_joints}",
+            else f"the table {labels_of(runs[0].table.test).unsupported_reason}",
         )
         for convention in CONVENTIONS
     ]
@@ -57,13 +60,13 @@ def check_runs(runs: Runs) -> list[Checked]:
 def findings_of(runs: Runs) -> list[Finding]:
     """Return the findings against conventions in runs of a robot; for paths, which have neither joints nor gauges,
     only of their places."""
-    with_joints, paths = _with_joints(runs), [run for run in runs if run.table.kind.without_joints]
+    with_joints, paths = _with_joints(runs), [run for run in runs if not shows_joints(run.table.test)]
     findings = [finding for find in _FINDERS for finding in find(with_joints)] if with_joints else []
     return [*findings, *(finding for find in _OF_PATHS for finding in find(paths))]
 
 
 def _with_joints(runs: Runs) -> list[Measured]:
-    return [run for run in runs if not run.table.kind.without_joints]
+    return [run for run in runs if shows_joints(run.table.test)]
 
 
 def doubts_of(run: Measured) -> tuple[str, ...]:
@@ -73,9 +76,9 @@ def doubts_of(run: Measured) -> tuple[str, ...]:
 
 def refuse_impossible(run: Measured, where: str) -> None:
     """Raise FileError for the first finding that no run can have as it is labelled."""
-    if run.table.kind.without_joints:
+    if not shows_joints(run.table.test):
         return
-    for findings in (unit_findings(run.table, run.rig), run.table.kind.findings(SOURCE, run.table, run.rig)):
+    for findings in (unit_findings(run.table, run.rig), findings_against(SOURCE, run.table, run.rig)):
         wrong = [finding for finding in findings if finding.strength == "impossible"]
         if wrong:
             problems, remedies = ([getattr(finding, of) for finding in wrong] for of in ("what", "remedy"))
@@ -95,7 +98,7 @@ def _each(of_run: Callable[[Measured], Iterable[Finding]]) -> Callable[[Runs], I
 
 def _by_kind(convention: str) -> Callable[[Runs], Iterator[Finding]]:
     """The findings about a convention that only some kinds of test can break."""
-    return _each(lambda run: run.table.kind.findings(convention, run.table, run.rig))
+    return _each(lambda run: findings_against(convention, run.table, run.rig))
 
 
 def _of_joints(run: Measured) -> Iterator[Finding]:
@@ -116,25 +119,25 @@ def _gauges(runs: Runs) -> Iterator[Finding]:
 
 
 def _joints_hidden(runs: Runs) -> str:
-    why = [run.table.kind.cannot_tell(run.table, run.rig) for run in runs]
+    why = [checks_of(run.table.test).cannot_tell(run.table, run.rig) for run in runs]
     return "" if "" in why else next(iter(why), "")
 
 
 def _without(convention: str, why: str) -> Callable[[Runs], str]:
     """Return a function giving the reason why runs of no suitable kind cannot break a convention."""
-    return lambda runs: "" if any(convention in dict(run.table.kind.finders) for run in runs) else why
+    return lambda runs: "" if any(convention in dict(checks_of(run.table.test).finders) for run in runs) else why
 
 
 def _no_pair(runs: Runs) -> str:
     ways = {(run.run.manifest.test, run.run.manifest.direction) for run in runs}
     both = any((test, "cw") in ways for test, way in ways if way == "acw")
-    if both or any(run.rig.effects or run.rig.calibrated for run in runs if run.table.kind.gauges):
+    if both or any(run.rig.effects or run.rig.calibrated for run in runs if format_of(run.table.test).gauges):
         return ""
     return "it shows in circles driven both ways, if a joint has play, or where the rig file knows an effect"
 
 
 def _no_stops(runs: Runs) -> str:
-    imported = any(run.run.table is not None and not run.table.kind.swept for run in runs)
+    imported = any(run.run.table is not None and not run.table.swept for run in runs)
     return "" if imported else "no imported targets or poses are among the runs"
 
 

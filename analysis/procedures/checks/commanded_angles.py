@@ -14,8 +14,8 @@ import numpy as np
 from analysis.procedures.checks.finding import Finding
 from analysis.robot.kinematics.arm import Array, arm_of
 from analysis.robot.model.scene import load_of, pull
-from analysis.runs.csv_tables import Rows
 from analysis.runs.loading import Measured
+from analysis.runs.table_rows import Rows
 
 COMMANDS = "commands"
 _LEAST_DEG = 0.01
@@ -58,7 +58,7 @@ def command_errors(run: Measured) -> tuple[CommandError, ...]:
         if axes == len(run.rig.robot.axes)
         else None
     )
-    t_s = Rows(source).times() if source is not None and run.table.kind.swept else None
+    t_s = Rows(source).times() if source is not None and run.table.swept else None
     speed = None if t_s is None else np.gradient(measured, t_s, axis=0)
     return tuple(
         CommandError(

@@ -25,6 +25,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from analysis.procedures.checks.checks_of_test import checks_of, findings_against
 from analysis.procedures.checks.finding import Finding, Misfit, Strength
 from analysis.procedures.prediction import nominal_setup, path_of, read
 from analysis.robot.geometry.circle import frame_of, link_angle, link_readings
@@ -34,6 +35,7 @@ from analysis.robot.model.predict import Model, model_of, moved
 from analysis.runs.laps import is_on_circle, laps_of
 from analysis.runs.loading import Measured
 from analysis.runs.noise.readings import rms
+from analysis.runs.table_format import format_of
 from analysis.runs.tables import CircleTable, Table
 from rigs.errors import FileError
 from rigs.rig import Rig
@@ -268,7 +270,7 @@ _STEP = 1e-4
 
 def sign_findings(runs: Sequence[Measured]) -> Iterator[Finding]:
     """Yield findings against the sign of the gauges of runs of a robot."""
-    gauged = [run for run in runs if run.table.kind.gauges]
+    gauged = [run for run in runs if format_of(run.table.test).gauges]
     groups: list[list[Measured]] = []
     for run in gauged:
         cell = run.rig.gauges, run.rig.robot
@@ -288,14 +290,14 @@ def _known_effects(run: Measured) -> Iterator[Finding]:
     """Yield a run that the effects of the rig file explain only with the gauges negated."""
     model = model_of(run.rig)
     table = run.table
-    if not model.effects or not table.kind.gauges or table.kind.cannot_tell(table, run.rig):
+    if not model.effects or not format_of(table.test).gauges or checks_of(table.test).cannot_tell(table, run.rig):
         return
     as_labelled, as_meant = _left_mm(model, table, 1.0), _left_mm(model, table, -1.0)
     if as_labelled < _KNOWN_MM or as_labelled < _KNOWN * as_meant:
         return
     values = 3 * len(table.q) ** 0.5
     misfit = Misfit(as_labelled, as_meant, values * float(np.log(as_labelled / max(as_meant, 1e-6))))
-    name, gauges = run.run.manifest.name, tuple(f"{gauge}_mm" for gauge in table.kind.gauges)
+    name, gauges = run.run.manifest.name, tuple(f"{gauge}_mm" for gauge in format_of(table.test).gauges)
     fact = (
         f"the effects of the rig file explain its readings only with the gauges counting the other way: "
         f"{1e3 * as_meant:.0f} instead of {1e3 * as_labelled:.0f} µm are left"
@@ -323,7 +325,7 @@ def _left_mm(model: Model, table: Table, sign: float) -> float:
     slopes = [(at(setup.ball + step) - predicted)[screened_rows].ravel() / 0.01 for step in 0.01 * np.eye(3)]
     count = predicted.shape[1]
     zeros = [np.tile(unit, len(predicted[screened_rows])) for unit in np.eye(count)]
-    seen = sign * table.kind.readings(table)
+    seen = sign * table.readings
     residual = (seen - predicted)[screened_rows].ravel()
     finite = np.isfinite(residual)
     design = np.stack([*slopes, *zeros], axis=1)[finite]
@@ -366,7 +368,7 @@ def _leading_play(runs: Sequence[Measured]) -> Iterator[Finding]:
         return
     # Backlash does not distinguish these; the mean and difference of the gauges showing the same ball position decide.
     alike = [meant for meant, energy in zip(_MEANT, energies, strict=True) if energy < _FITS * least]
-    seen = {finding.meant for run in runs for finding in run.table.kind.findings(ORDER, run.table, run.rig)}
+    seen = {finding.meant for run in runs for finding in findings_against(ORDER, run.table, run.rig)}
     if EXCHANGED in seen:
         alike = [meant for meant in alike if meant.columns == (1, 0)] or alike
     else:

@@ -23,6 +23,7 @@ import numpy as np
 
 from analysis.procedures.checks.finding import Finding
 from analysis.procedures.checks.place import FITTED, SPARE, two_placings
+from analysis.procedures.facts import labels_of
 from analysis.robot.geometry.pose_setup import fit_arm, fit_setup, position_error, socket_design
 from analysis.robot.kinematics.arm import Arm, Array, Integers, Mask, arm_of, forward, without_setup
 from analysis.runs.noise.cell_noise import TARGET_MM
@@ -142,7 +143,7 @@ class Kept:
 
 
 @dataclass(frozen=True)
-class Far:
+class Outliers:
     """Poses (n,) far from the arm, their distances in mm (n,), and whether they are accidents of an instrument,
     which are excluded, or errors of the arm or of the labels, which are not."""
 
@@ -159,7 +160,7 @@ class Far:
         """Text for the user about distant rows that are not excluded, empty if there are none."""
         if self.by_accident or not self.far.any():
             return ""
-        fact = f"{self.far.sum()} of {len(self.far)} {table.kind.rows_called} lie far from where the arm was"
+        fact = f"{self.far.sum()} of {len(self.far)} {labels_of(table.test).rows} lie far from where the arm was"
         return (
             f"{fact}, rows {listed(table.rows[self.far].tolist())} up to {_length(self.far_mm[self.far].max())}, and "
             "are not left out: so many, or all in one range of a joint, are no lost points; check whether the robot "
@@ -167,14 +168,14 @@ class Far:
         )
 
 
-def far_poses(table: PoseTable, bare: Arm, fit: Fit | None = None) -> Far:
+def far_poses(table: PoseTable, bare: Arm, fit: Fit | None = None) -> Outliers:
     """Return the poses whose place is far from all others relative to an arm; fit: of places and rotations, of
     places alone if absent. Rows of 0, 0, 0 are no places, and not far."""
     lost = (table.xyz_mm == 0).all(axis=1)
     count = len(lost) - int(lost.sum())
     far, far_mm = np.zeros(len(lost), dtype=bool), np.zeros(len(lost))
     if count <= _KEPT:
-        return Far(far, far_mm, True)
+        return Outliers(far, far_mm, True)
     seen = _of(table, ~lost)
 
     def of_places(of_fit: PoseTable, poses: PoseTable) -> tuple[Array, None]:
@@ -197,7 +198,7 @@ def far_poses(table: PoseTable, bare: Arm, fit: Fit | None = None) -> Far:
     if seen.rpy is not None:
         off |= far_from_fit(distances(1), count, _LEAST_RAD)[1] > SPREADS
     far[~lost], far_mm[~lost] = off, mm
-    return Far(far, far_mm, by_accident(off, seen.q))
+    return Outliers(far, far_mm, by_accident(off, seen.q))
 
 
 def _beside_fitted(seen: PoseTable, bare: Arm, mm: Array, far: Mask) -> tuple[Array, Mask]:
@@ -238,7 +239,7 @@ def _of(table: PoseTable, mask: Mask) -> PoseTable:
     return replace(table, q=table.q[mask], xyz_mm=table.xyz_mm[mask], rpy=rpy, row=row, came_from=came)
 
 
-def far_touches(table: TouchTable, T: Array) -> Far:
+def far_touches(table: TouchTable, T: Array) -> Outliers:
     """Return the touches far from all others of their socket, at tool poses T (n, 4, 4) mm of the arm."""
     names, socket = np.unique(table.socket, return_inverse=True)
     design, seen = socket_design(T, socket.ravel(), len(names)), -T[:, :3, 3].ravel()
@@ -249,10 +250,10 @@ def far_touches(table: TouchTable, T: Array) -> Far:
         return np.asarray(np.linalg.norm((design @ terms - seen).reshape(-1, 3), axis=1))
 
     if len(seen) < 3 * _KEPT + design.shape[1]:
-        return Far(np.zeros(len(T), dtype=bool), np.zeros(len(T)), True)
+        return Outliers(np.zeros(len(T), dtype=bool), np.zeros(len(T)), True)
     far_mm, spreads = far_from_fit(distances, len(T), TARGET_MM.high)
     far = spreads > SPREADS
-    return Far(far, far_mm, by_accident(far, table.q))
+    return Outliers(far, far_mm, by_accident(far, table.q))
 
 
 def left_out(table: Table, out: Mask, far_mm: Array) -> str:
@@ -260,7 +261,11 @@ def left_out(table: Table, out: Mask, far_mm: Array) -> str:
     rows = np.sort(table.rows[out]).tolist()
     shown = listed(rows)
     far = _length(far_mm[out].max())
-    called, where, check = table.kind.rows_called, table.kind.away_from, table.kind.when_far
+    called, where, check = (
+        labels_of(table.test).rows,
+        labels_of(table.test).distance_from,
+        labels_of(table.test).outlier_check,
+    )
     if len(rows) == 1:
         return f"1 of {len(out)} {called} left out: row {shown} is {far} {where}; {check}"
     return f"{len(rows)} of {len(out)} {called} left out: rows {shown} are up to {far} {where}; {check}"

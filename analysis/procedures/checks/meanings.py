@@ -11,12 +11,14 @@ inverted axis; two exchanged columns; another zero.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations, product
 
 import numpy as np
 
+from analysis.procedures.checks.checks_of_test import JudgedMeaning, Meaning, Verdict, checks_of
 from analysis.procedures.checks.finding import Finding, Misfit
+from analysis.procedures.facts import facts_of, labels_of
 from analysis.robot.geometry.pose_setup import PoseSetUp, fit_setup, position_error
 from analysis.robot.kinematics.arm import Arm, Array, Integers, arm_of, forward, without_setup
 from analysis.runs.noise.readings import rms
@@ -25,25 +27,6 @@ from rigs.rig import Rig
 
 _ZEROS_DEG = (90.0, -90.0, 180.0)
 """Other zeros used in practice: a quarter or half a turn away."""
-
-
-@dataclass(frozen=True)
-class Meaning:
-    """Other reading of joint columns: q (n, axes) as labelled to q = q M' + c, with M (axes, axes), c (axes,) rad.
-
-    words: the meaning in place of the label; remedy: the action if it is right.
-    """
-
-    columns: tuple[str, ...]
-    words: str
-    remedy: str
-    matrix: Array
-    offset: Array
-
-    def of(self, q: Array) -> Array:
-        """The angles (n, axes) rad that are meant by angles q (n, axes) rad."""
-        axes = len(self.offset)
-        return np.column_stack([q[:, :axes] @ self.matrix.T + self.offset, q[:, axes:]])
 
 
 def meanings(axes: int) -> list[Meaning]:
@@ -105,31 +88,17 @@ _ROWS = 2000
 """Rows of a circle that show the path."""
 
 
-@dataclass(frozen=True)
-class _Judged:
-    """Residual of a meaning, rms in mm of `values` redundant readings."""
-
-    meaning: Meaning
-    left_mm: float
-    values: int
-
-
-Verdict = tuple[_Judged | None, float, list[_Judged]]
-"""The meaning that fits although the labelled meaning does not, None if there is none; the residual of the labelled
-meaning, rms mm; and the meanings that fit as well as the best."""
-
-
 def joint_findings(table: Table, rig: Rig) -> Iterator[Finding]:
     """Yield findings against the labels of the joint columns of a table: their order, signs, zeros or coupling."""
-    if table.kind.cannot_tell(table, rig):
+    if checks_of(table.test).cannot_tell(table, rig):
         return
-    best, as_labelled, as_good = table.kind.judged_joints(table, rig)
+    best, as_labelled, as_good = checks_of(table.test).judged_joints(table, rig)
     if best is None:
         yield from _far_off(table, as_labelled)
         return
     if as_labelled < _NOTHING_MM:
         return
-    rows = table.kind.joints_fit
+    rows = labels_of(table.test).joints_fit
     words = " or ".join(judged.meaning.words for judged in (best, *as_good))
     fact = (
         f"only with {words} do these {rows}: {_length(best.left_mm)} instead of {_length(as_labelled)}; order, signs, "
@@ -148,9 +117,9 @@ def joint_findings(table: Table, rig: Rig) -> Iterator[Finding]:
 def _far_off(table: Table, left_mm: float) -> Iterator[Finding]:
     """Yield a finding if places of a tracker leave more, rms mm, than the nominal constants of an arm, in every
     meaning."""
-    if not table.kind.of_tracker:
+    if not facts_of(table.test).of_tracker:
         return
-    places = table.kind.readings(table)
+    places = table.readings
     places = places[(places != 0).any(axis=1)]
     apart_mm = float(np.sqrt(3)) * rms(places - places.mean(axis=0))  # of places, not of coordinates
     if left_mm <= min(RIGHT_MM, RIGHT_SHARE * apart_mm):
@@ -175,14 +144,14 @@ def judged_by_path(table: Table, rig: Rig) -> Verdict:
     part = replace(table, **{name: column[rows] for name, column in columns.items()})
 
     def off(read: Callable[[Array], Array]) -> tuple[float, bool]:
-        path = part.kind.off_path(part, rig, forward(arm, read(part.q)))
+        path = checks_of(part.test).off_path(part, rig, forward(arm, read(part.q)))
         return (0.0, True) if path is None else (path.off_mm, path.on)
 
     as_labelled, is_on = off(lambda q: q)
     if is_on:
         return None, as_labelled, []
     judged = [
-        _Judged(meaning, off_mm, len(part.q))
+        JudgedMeaning(meaning, off_mm, len(part.q))
         for meaning in meanings(arm.axes)
         for off_mm, on in [off(meaning.of)]
         if on
@@ -204,14 +173,16 @@ def judged_by_places(rig: Rig, q: Array, xyz_mm: Array, rpy: Array | None) -> Ve
 
         screened = sorted(meanings(bare.axes), key=lambda meaning: misfit(few, meaning.of(q[few]), _STEPS))
         values = int(3 * _KEPT * len(q)) - 9
-        judged = [_Judged(meaning, misfit(many, meaning.of(q[many]), 100), values) for meaning in screened[:_BEST]]
+        judged = [
+            JudgedMeaning(meaning, misfit(many, meaning.of(q[many]), 100), values) for meaning in screened[:_BEST]
+        ]
         return _decided(judged, misfit(many, q[many], 100), RIGHT_MM)
 
     by_places = verdict(None)
     return by_places if by_places[0] or rpy is None else verdict(rpy)
 
 
-def _decided(judged: Sequence[_Judged], as_labelled: float, right_mm: float) -> Verdict:
+def _decided(judged: Sequence[JudgedMeaning], as_labelled: float, right_mm: float) -> Verdict:
     best, *others = sorted(judged, key=lambda meaning: meaning.left_mm)
     if best.left_mm > right_mm or as_labelled < CLEARLY * best.left_mm:
         return None, as_labelled, []

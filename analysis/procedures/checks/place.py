@@ -15,11 +15,12 @@ residual, something was moved.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.procedures.checks.checks_of_test import PathDeviation, checks_of
 from analysis.procedures.checks.finding import Finding, Misfit
 from analysis.procedures.checks.meanings import FEWEST, RIGHT_MM
 from analysis.robot.geometry.circle import frame_of
@@ -137,14 +138,14 @@ def stamp_findings(table: CircleTable, rig: Rig) -> Iterator[Finding]:
 
 def place_findings(table: Table, rig: Rig) -> Iterator[Finding]:
     """Yield the first reading that the nominal arm puts elsewhere than at the target."""
-    places = table.kind.targets(table, rig)
+    places = checks_of(table.test).targets(table, rig)
     if places is None:
         return
     away = np.linalg.norm(forward(arm_of(rig.robot), table.q)[:, :3, 3] - places, axis=1)
     far = away > _NEAR_MM
     if far.any():
         row = int(np.argmax(far))
-        target = table.kind.numbers_of(table)[row]
+        target = table.numbers[row]
         fact = (
             f"by the nominal arm the tool was {away[row]:.0f} mm from target {target} in row {row + 1}, and "
             f"further than {_NEAR_MM:g} mm in {far.sum()} of {len(far)} rows"
@@ -158,7 +159,7 @@ STANDS = "stands"
 def stand_findings(run: Measured) -> Iterator[Finding]:
     """Yield a finding with the number of rows of an imported run that were several readings of a standstill."""
     manifest, table = run.run.manifest, run.run.table
-    if table is None or run.table.kind.swept:
+    if table is None or run.table.swept:
         return
     counts = rows_a_stand(table_from(table, manifest.test, manifest.direction, str(run.path)))
     several = counts[counts > 1]
@@ -232,27 +233,17 @@ _UPRIGHT = 0.3
 """Radians by which the tool may deviate from the orientation of the test; a misread joint causes more."""
 
 
-@dataclass(frozen=True)
-class Off:
-    """off_mm: median distance from the path; off: the same as a share of the path size; on: whether this counts as
-    on the path, with the tool oriented as the test prescribes."""
-
-    off_mm: float
-    off: float
-    on: bool
-
-
-def off_sockets(T: Array, socket: NDArray[np.str_]) -> Off | None:
+def off_sockets(T: Array, socket: NDArray[np.str_]) -> PathDeviation | None:
     """Return the distance of the ball from the sockets at tool poses T (n, 4, 4), for any position of sockets and
     ball."""
     size = float(np.linalg.norm(T[:, :3, 3] - T[:, :3, 3].mean(axis=0), axis=1).mean())
     if size <= 0:
         return None
     off_mm = float(np.median(np.linalg.norm(left_in_sockets(T, socket), axis=1)))
-    return Off(off_mm, off_mm / size, off_mm / size < _IN_SOCKET)
+    return PathDeviation(off_mm, off_mm / size, off_mm / size < _IN_SOCKET)
 
 
-def off_places(T: Array, xyz_mm: Array) -> Off | None:
+def off_places(T: Array, xyz_mm: Array) -> PathDeviation | None:
     """Return the difference between the mutual distances of tool poses T (n, 4, 4) and of measured places xyz_mm (n,
     3)."""
     rows = far_rows(xyz_mm)
@@ -260,10 +251,10 @@ def off_places(T: Array, xyz_mm: Array) -> Off | None:
     if size <= 0:
         return None
     off_mm = float(np.median(np.abs(steps(T[:, :3, 3], rows) - steps(xyz_mm, rows))))
-    return Off(off_mm, off_mm / size, off_mm / size < _ON_TRACK)
+    return PathDeviation(off_mm, off_mm / size, off_mm / size < _ON_TRACK)
 
 
-def off_circle(T: Array, circle: Circle) -> Off:
+def off_circle(T: Array, circle: Circle) -> PathDeviation:
     """Return the distance of tool poses T (n, 4, 4) from a circle. The x axis of the tool points to the ball along
     the normal of the circle; in another orientation the distance is an arc."""
     frame = frame_of(circle)
@@ -274,16 +265,16 @@ def off_circle(T: Array, circle: Circle) -> Off:
     trace = np.einsum("nij,nij->n", R_nominal, T[:, :3, :3])
     turned = float(np.median(np.arccos(np.clip((trace - 1) / 2, -1.0, 1.0))))
     off_mm = max(off, circle.radius_mm * turned * (turned > _UPRIGHT))
-    return Off(off_mm, off_mm / circle.radius_mm, off_mm < _ON_PATH * circle.radius_mm)
+    return PathDeviation(off_mm, off_mm / circle.radius_mm, off_mm < _ON_PATH * circle.radius_mm)
 
 
-def off_targets(T: Array, targets: Array | None, hemisphere: Hemisphere) -> Off:
+def off_targets(T: Array, targets: Array | None, hemisphere: Hemisphere) -> PathDeviation:
     """Return the distance of tool poses T (n, 4, 4) from their targets (n, 3) mm, or from the sphere if these are
     unknown."""
     frame, places = hemisphere_frame(hemisphere), T[:, :3, 3]
     away = np.abs(np.linalg.norm(places - frame.centre, axis=1) - frame.radius)
     off_mm = float(np.median(away if targets is None else np.linalg.norm(places - targets, axis=1)))
-    return Off(off_mm, off_mm / frame.radius, off_mm < _ON_PATH * frame.radius)
+    return PathDeviation(off_mm, off_mm / frame.radius, off_mm < _ON_PATH * frame.radius)
 
 
 def far_rows(places: Array) -> int:

@@ -18,12 +18,14 @@ from itertools import product
 
 import numpy as np
 
+from analysis.procedures.checks.checks_of_test import PathDeviation, checks_of
 from analysis.procedures.checks.finding import Finding, Misfit
 from analysis.procedures.checks.meanings import CLEARLY, FEWEST, RIGHT_MM, left_mm
-from analysis.procedures.checks.place import Off, far_rows, off_circle, off_places, steps
+from analysis.procedures.checks.place import far_rows, off_circle, off_places, steps
 from analysis.robot.geometry.circle import frame_of
 from analysis.robot.kinematics.arm import Array, arm_of, forward, rail_mm, without_setup
 from analysis.robot.kinematics.joint_limits import impossible_rad
+from analysis.runs.table_format import format_of
 from analysis.runs.tables import CircleTable, PoseTable, Table
 from rigs.rig import Rig
 from rigs.schema.modbus import ValueRegister
@@ -128,7 +130,7 @@ def tracker(table: PoseTable, T: Array) -> Iterator[tuple[str, str]]:
         yield fact, "convert them to roll-pitch-yaw about fixed axes, R = Rz Ry Rx"
 
 
-def off_in_its_unit(T: Array, xyz_mm: Array) -> Off | None:
+def off_in_its_unit(T: Array, xyz_mm: Array) -> PathDeviation | None:
     """Return the distance of tool poses T (n, 4, 4) from places (n, 3), in the best-fitting unit of the places."""
     units = (1.0, *FACTORS.values(), *_OF_TRACKERS.values(), *_TAKEN_FOR.values())
     every = [off for factor in units if (off := off_places(T, xyz_mm / factor))]
@@ -217,25 +219,25 @@ def unit_findings(table: Table, rig: Rig) -> Iterator[Finding]:
         fact = f"a joint would stand at {np.degrees(most):.0f}°: degrees were read as radians"
         yield Finding(UNITS, "impossible", columns, "degrees", fact, "read them as degrees")
         return
-    table = table.kind.thinned(table, _ROWS)
+    table = table.thinned(_ROWS)
     arm = arm_of(rig.robot)
     places = forward(arm, table.q)
     # Whether the robot does the test only if q, read as degrees, was in rad.
     degrees = np.degrees(table.q)
     ways: tuple[Array, ...] = (places, forward(arm, degrees)) if np.abs(degrees).max() <= _TURN_RAD else ()
-    wrong, right = [table.kind.off_path(table, rig, T) for T in ways] or (None, None)
+    wrong, right = [checks_of(table.test).off_path(table, rig, T) for T in ways] or (None, None)
     if wrong and right and right.on and wrong.off > _MUCH_MORE * right.off:
         columns = tuple(f"q{axis}_deg" for axis in range(1, arm.axes + 1))
         fact = f"q1_deg … {columns[-1]} are radians: only then does the robot of the rig file follow the program"
         yield Finding(UNITS, "impossible", columns, "radians", fact, "convert them to degrees")
-        yield from table.kind.unit_findings(table, rig, forward(arm, degrees))
+        yield from checks_of(table.test).unit_findings(table, rig, forward(arm, degrees))
         return
-    yield from table.kind.unit_findings(table, rig, places)
+    yield from checks_of(table.test).unit_findings(table, rig, places)
 
 
 def unsigned_findings(table: Table, rig: Rig) -> Iterator[Finding]:
     """Yield findings about gauges with signed values read as unsigned."""
-    readings, gauges = table.kind.readings(table), table.kind.gauges
+    readings, gauges = table.readings, format_of(table.test).gauges
     for name, column in zip(gauges, readings.T, strict=False):
         value = getattr(dict(rig.gauges).get(name), "value", None)
         shown = unsigned_readings(column, [value.scale] if isinstance(value, ValueRegister) else [])

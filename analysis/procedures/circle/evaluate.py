@@ -6,41 +6,33 @@ range the error band. Yaw and roll define their additional figures.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from importlib import import_module
+from typing import cast
 
 import numpy as np
 
-from analysis.procedures.checks.finding import Finding
-from analysis.procedures.checks.meanings import PLACE_UNKNOWN, Verdict, judged_by_path
-from analysis.procedures.checks.place import STAMPS, Off, off_circle, stamp_findings
-from analysis.procedures.checks.units import circle_gauges, impossible
 from analysis.procedures.circle.circularity import Circularity
 from analysis.procedures.circle.circularity import evaluate as evaluate_distance
-from analysis.procedures.shared.evaluate import Instruments, hold_alive, hold_numbers, hold_radius
+from analysis.procedures.shared.evaluate import Evaluation, Instruments, hold_alive, hold_numbers, hold_radius
 from analysis.procedures.shared.lap_curve import SEED, LapCurve, at_resolution, curve_of, figures
 from analysis.procedures.shared.quantity import Quantity
 from analysis.procedures.shared.reduction import PHI, Reduced, nodes_of, reduced
 from analysis.procedures.shared.result_curves import CircleCurve
 from analysis.procedures.shared.simulated_gauges import Simulation, read_by_gauges
-from analysis.robot.geometry.circle import frame_of, link_angle, link_readings
+from analysis.robot.geometry.circle import link_angle
 from analysis.robot.geometry.driven_programs import circle_laps, circle_of
-from analysis.robot.kinematics.arm import Array, Integers
-from analysis.robot.model.motion import Motion
-from analysis.robot.model.predict import Model, Path, SetUp, gauged
-from analysis.robot.model.scene import Scene, apply
-from analysis.runs.align import Aligned
-from analysis.runs.csv_tables import Rows, joint_cells
+from analysis.robot.kinematics.arm import Array
+from analysis.robot.model.predict import SetUp
 from analysis.runs.laps import Laps, laps_of
 from analysis.runs.noise.spectrum import DRAWS, NODES, LapNoise
-from analysis.runs.table_format import Kind
-from analysis.runs.table_layout import JOINTS, TIME_U, Layout
 from analysis.runs.tables import CircleTable
 from rigs.errors import FileError
 from rigs.readiness import require_test
 from rigs.rig import Rig
-from rigs.schema.vocabulary import CircleTest, Direction
+from rigs.schema.vocabulary import CircleTest, Direction, TestName
 
 
 def angle_of_gauges(g_mm: Array, baseline_mm: float) -> Array:
@@ -275,66 +267,25 @@ def planted_setup(rig: Rig) -> SetUp:
     return SetUp(ball, np.zeros(2), np.eye(4), np.eye(4))
 
 
-class CircleKind(Kind[CircleTable]):
-    """Yaw or roll."""
+class CircleEvaluation(Evaluation[CircleTable]):
+    """Figures of yaw or roll, by the `ANGLE` of the module with the name of the test."""
 
-    gauges = ("g1", "g2")
-    certified = ("g1", "g2", "ball")
-    swept = in_order_of_time = True
-    setup_terms = 5
-    example = ("circular_deviation_mm", 0.05, 0.10)
-    part, along = "circle", "phi_deg"
-
-    def __init__(
-        self, test: CircleTest, angle: AngleTest, *finders: tuple[str, Callable[[CircleTable, Rig], Iterable[Finding]]]
-    ) -> None:
+    def __init__(self, test: TestName) -> None:
         super().__init__(test)
-        self._test: CircleTest = test
-        self._angle, self.finders = angle, ((STAMPS, stamp_findings), *finders)
+        self._test = cast("CircleTest", test)
+        self._angle: AngleTest = import_module(f"{__package__}.{test}").ANGLE
 
-    def layout(self, axes: int = 6, *, rail: bool = False) -> Layout:
-        return Layout(("t_s", "direction", *JOINTS, "g1_mm", "g2_mm"), ("phi_deg", *TIME_U))
+    def evaluate(self, table: CircleTable, rig: Rig, where: str, instruments: Instruments) -> CircleResult:
+        gauges = rig.gauges
+        if gauges.g2 is None:
+            raise FileError(where, "has one gauge, and an angle needs two", "add gauges.g2 to the rig file")
+        laps = laps_of(table, rig, where)
+        lag_and_noise = (instruments.u_lag_s, where, instruments.like, instruments.reduced)
+        return self._angle.evaluate(laps, gauges.baseline_mm, gauges.baseline_u_mm, *lag_and_noise)
 
-    def table_of(self, rows: Rows, direction: Direction | None, where: str) -> CircleTable:
-        if direction is None:
-            raise FileError(where, "lacks a direction, which a circle needs", "import it with --direction cw or acw")
-        u_t_s = rows.floats("u_t_s") if rows.has(("u_t_s",)) else None
-        return CircleTable(self._test, direction, rows.floats("t_s"), rows.q, rows.stack(("g1_mm", "g2_mm")), u_t_s)
-
-    def columns(self, table: CircleTable) -> Mapping[str, Array | Sequence[str]]:
-        gauges = {f"g{k}_mm": g_mm for k, g_mm in enumerate(table.g_mm.T, start=1)}
-        stamps = {"t_s": table.t_s, "direction": [table.direction] * len(table.t_s)}
-        return {**stamps, **joint_cells(table.q, rail=False), **gauges}
-
-    def readings(self, table: CircleTable) -> Array:
-        return table.g_mm
-
-    def recorded(
-        self, data: Aligned, rig: Rig, direction: Direction | None, where: str
-    ) -> tuple[CircleTable, list[str]]:
-        if direction is None:
-            remedy = "give it one: rig relabel RUN --direction acw or cw"
-            raise FileError(where, "lacks a direction, which a circle needs", remedy)
-        return CircleTable(self._test, direction, data.t_s, data.q, data.g_mm, data.u_t_s), []
-
-    def setup(self, rig: Rig) -> SetUp:
-        return SetUp(np.array(circle_of(rig).centre_mm), np.zeros(2), np.eye(4), np.eye(4))
-
-    def path(self, model: Model, table: CircleTable) -> Path:
-        return Path(Motion(table.t_s, table.q), np.arange(len(table.q)))
-
-    def read(self, model: Model, table: CircleTable, path: Path, scene: Scene, setup: SetUp) -> Array:
-        """Return the readings of both gauges (m, 2) mm."""
-        to_tool = scene.T[:, :3, 3] - setup.ball
-        circle = frame_of(circle_of(model.rig))
-        offsets = np.array([gauge.offset_mm for _, gauge in model.rig.gauges])
-        contact = np.arctan2(to_tool @ circle.v, to_tool @ circle.u)
-        scene = apply(model.effects, "setup", replace(scene, contact=contact, offsets_mm=offsets))
-        g_mm = link_readings(scene.T, setup.ball, scene.offsets_mm, table.test, circle.radius, scene.form_mm)
-        return gauged(model, path, scene, setup, g_mm)
-
-    def with_readings(self, table: CircleTable, values: Array) -> CircleTable:
-        return replace(table, g_mm=values)
+    def require_evaluable(self, table: CircleTable, rig: Rig, where: str) -> None:
+        """Check for laps."""
+        laps_of(table, rig, where)
 
     def simulated(self, rig: Rig, direction: Direction | None, run: Simulation) -> CircleTable:
         require_test(rig, self.test)
@@ -345,38 +296,5 @@ class CircleKind(Kind[CircleTable]):
         table = CircleTable(self._test, direction, t_s, laps.at(t_s), np.empty((0, 2)))
         return replace(table, g_mm=read_by_gauges(rig, table, planted_setup(rig), run))
 
-    def unit_findings(self, table: CircleTable, rig: Rig, T_tool: Array) -> Iterable[Finding]:
-        return impossible(circle_gauges(table, rig, T_tool))
 
-    def cannot_tell(self, table: CircleTable, rig: Rig) -> str:
-        return "" if rig.tests.circle else PLACE_UNKNOWN
-
-    def judged_joints(self, table: CircleTable, rig: Rig) -> Verdict:
-        return judged_by_path(table, rig)
-
-    def off_path(self, table: CircleTable, rig: Rig, T_tool: Array) -> Off | None:
-        return off_circle(T_tool, rig.tests.circle) if rig.tests.circle else None
-
-    def thinned(self, table: CircleTable, count: int) -> CircleTable:
-        if len(table.q) <= count:
-            return table
-        rows = slice(None, None, len(table.q) // count)
-        return CircleTable(table.test, table.direction, table.t_s[rows], table.q[rows], table.g_mm[rows])
-
-    def rows_used(self, table: CircleTable, rig: Rig, where: str) -> Integers:
-        return np.searchsorted(table.t_s, laps_of(table, rig, where).t_s)
-
-    def evaluate(self, table: CircleTable, rig: Rig, where: str, instruments: Instruments) -> CircleResult:
-        gauges = rig.gauges
-        if gauges.g2 is None:
-            raise FileError(where, "has one gauge, and an angle needs two", "add gauges.g2 to the rig file")
-        laps = laps_of(table, rig, where)
-        lag_and_noise = (instruments.u_lag_s, where, instruments.like, instruments.reduced)
-        return self._angle.evaluate(laps, gauges.baseline_mm, gauges.baseline_u_mm, *lag_and_noise)
-
-    def hold_evaluable(self, table: CircleTable, rig: Rig, where: str) -> None:
-        """Check for laps."""
-        laps_of(table, rig, where)
-
-    def direction(self, table: CircleTable) -> Direction:
-        return table.direction
+PART = CircleEvaluation

@@ -18,7 +18,6 @@ import numpy as np
 from analysis.procedures.circle.evaluate import (
     SINE,
     AngleTest,
-    CircleKind,
     CircleResult,
     Measure,
     eccentricities,
@@ -63,8 +62,5 @@ MEASURES = (
     SINE,
     Measure(range_figures, frozenset({"range_deg"})),
 )
-_TEST = AngleTest(MEASURES, _notes)
-evaluate, plain_figures = _TEST.evaluate, _TEST.plain_figures
-
-
-KIND = CircleKind("roll", _TEST)
+ANGLE = AngleTest(MEASURES, _notes)
+evaluate, plain_figures = ANGLE.evaluate, ANGLE.plain_figures

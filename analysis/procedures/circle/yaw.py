@@ -15,11 +15,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from analysis.procedures.checks.gauge_sign import ORDER, order_findings
 from analysis.procedures.circle.evaluate import (
     SINE,
     AngleTest,
-    CircleKind,
     CircleResult,
     Measure,
     eccentricities,
@@ -58,8 +56,5 @@ MEASURES = (
     SINE,
     Measure(eccentricity_figures),
 )
-_TEST = AngleTest(MEASURES, _notes)
-evaluate, plain_figures = _TEST.evaluate, _TEST.plain_figures
-
-
-KIND = CircleKind("yaw", _TEST, (ORDER, order_findings))
+ANGLE = AngleTest(MEASURES, _notes)
+evaluate, plain_figures = ANGLE.evaluate, ANGLE.plain_figures

@@ -20,14 +20,13 @@ instrument are not included.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analysis.procedures.checks.lost_poses import DUPLICATES, WILDNESS, repeated_places, wild_places
 from analysis.procedures.path.driven_paths import Driven, DrivenPaths, driven_paths
-from analysis.procedures.shared.evaluate import Instruments
+from analysis.procedures.shared.evaluate import Evaluation, Instruments
 from analysis.procedures.shared.quantity import Quantity
 from analysis.procedures.shared.result_curves import PathCurve
 from analysis.procedures.shared.scatter_figures import FEWEST_CYCLES, half_width, rp
@@ -35,9 +34,6 @@ from analysis.procedures.shared.simulated_gauges import Simulation
 from analysis.procedures.shared.simulated_iso9283 import simulated_path
 from analysis.robot.geometry.iso_cube import Cube, PathName, Polygon, Ring, cube_of, iso9283_of
 from analysis.robot.kinematics.arm import Array, transform
-from analysis.runs.csv_tables import Rows
-from analysis.runs.table_format import Kind
-from analysis.runs.table_layout import PLACE, Layout
 from analysis.runs.tables import PathTable
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Instrument
@@ -219,36 +215,19 @@ def _radial(acw: Driven, cw: Driven) -> dict[str, Quantity]:
     return _redone(np.hstack([parts[0][0], parts[1][0]]), plain)
 
 
-class Paths(Kind[PathTable]):
-    """The path test."""
-
-    in_order_of_time = True
-    example = ("line_at_mm", 0.5, 1.0)
-    without_joints = "is a path, without the joints at each place, so it shows nothing of single joints"
-    finders = ((WILDNESS, wild_places), (DUPLICATES, repeated_places))
-
-    def layout(self, axes: int = 6, *, rail: bool = False) -> Layout:
-        return Layout(("t_s", *PLACE))
-
-    def table_of(self, rows: Rows, direction: Direction | None, where: str) -> PathTable:
-        return PathTable(rows.floats("t_s"), rows.stack(PLACE))
-
-    def columns(self, table: PathTable) -> Mapping[str, Array]:
-        return {"t_s": table.t_s, **dict(zip(PLACE, table.xyz_mm.T, strict=True))}
-
-    def readings(self, table: PathTable) -> Array:
-        return table.xyz_mm
-
-    def simulated(self, rig: Rig, direction: Direction | None, run: Simulation) -> PathTable:
-        return PathTable(*simulated_path(rig, run.seed, run.effects))
+class PathEvaluation(Evaluation[PathTable]):
+    """Figures of the path test."""
 
     def evaluate(self, table: PathTable, rig: Rig, where: str, instruments: Instruments) -> PathResult:
         declared = iso9283_of(rig)
         return evaluate(table, cube_of(rig), declared.instrument, where, declared.path_speed_mm_s)
 
-    def hold_evaluable(self, table: PathTable, rig: Rig, where: str) -> None:
+    def require_evaluable(self, table: PathTable, rig: Rig, where: str) -> None:
         """Check for paths of the cube."""
         driven_paths(table, cube_of(rig), None, where)
 
+    def simulated(self, rig: Rig, direction: Direction | None, run: Simulation) -> PathTable:
+        return PathTable(*simulated_path(rig, run.seed, run.effects))
 
-KIND = Paths("path")
+
+PART = PathEvaluation

@@ -1,0 +1,21 @@
+"""Pose test: tool poses seen by a tracker."""
+
+from analysis.procedures.facts import Facts, Labels
+from analysis.runs.noise.wild import FITTED_SPREADS
+
+FACTS = Facts(
+    of_places=True,
+    of_tracker=True,
+    setup_terms=9,
+    frame_terms=6,
+    wild_spreads=FITTED_SPREADS,
+    assumed_sd_mm=0.04,  # UR10, two visits (Landgraf et al. 2021)
+)
+LABELS = Labels(
+    example=("rms_mm", 0.5, 1.0),
+    setup="the places of the instrument and of its target on the tool",
+    joints_fit="poses fit",
+    rows="poses",
+    distance_from="from where the arm was",
+    outlier_check="check that the tracker had its target and that the robot stood",
+)

@@ -5,6 +5,8 @@ orientation (3), if measured, is the mean of the remaining rotation (Moakher 200
 vector measured less fitted, in the arm's base; rms_mm is the root mean square LENGTH, not of one coordinate.
 
 Rows with equal joint angles form a group: ISO 9283:1998, 7.2.1 AP, the distance of the group's mean from the fit (not
+from analysis.procedures.shared.evaluate import Evaluation
+from analysis.procedures.shared.evaluate import Evaluation
 from a
 command in a known frame: the set-up is fitted), and 7.2.2 RP, mean + 3 S of the distances from that mean; for each
 rotation, largest |mean| and 3 S.
@@ -18,7 +20,6 @@ here: the standards define the figures by formulas.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -26,23 +27,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.procedures.checks.finding import Finding
 from analysis.procedures.checks.lost_poses import (
-    DUPLICATES,
-    WILDNESS,
-    Far,
-    duplicate_findings,
-    far_poses,
-    wild_findings,
     without_lost,
 )
-from analysis.procedures.checks.meanings import FEWEST, Verdict, judged_by_places
-from analysis.procedures.checks.place import SOURCE, Off, source_findings
-from analysis.procedures.checks.units import UNITS, impossible, mirror_findings, off_in_its_unit, rail_findings, tracker
 from analysis.procedures.shared.axis_curves import AxisCurve, axis_curves
-from analysis.procedures.shared.evaluate import Instruments, hold_joints, hold_numbers
+from analysis.procedures.shared.evaluate import Evaluation, Instruments, hold_joints, hold_numbers
 from analysis.procedures.shared.lap_curve import SEED
-from analysis.procedures.shared.places_and_targets import PlaceKind, came_from_cells, came_from_of
 from analysis.procedures.shared.quantity import Quantity, figures_of
 from analysis.procedures.shared.result_curves import PoseCurve
 from analysis.procedures.shared.scatter_figures import (
@@ -57,16 +47,12 @@ from analysis.procedures.shared.simulated_gauges import Simulation
 from analysis.procedures.shared.simulated_iso9283 import simulated_cube
 from analysis.robot.geometry.iso_cube import Cube, cube_of
 from analysis.robot.geometry.pose_setup import PoseSetUp, fit_setup, frame, position_error
-from analysis.robot.kinematics.arm import Arm, Array, Integers, Mask, arm_of, forward, transform, without_setup
+from analysis.robot.kinematics.arm import Arm, Array, Integers, arm_of, forward, transform, without_setup
 from analysis.robot.kinematics.joint_limits import wrapped
-from analysis.runs.csv_tables import Rows, joint_cells
 from analysis.runs.noise.cell_noise import TARGET_MM, TRACKER_U_MM, LogUniform
 from analysis.runs.noise.spectrum import DRAWS
 from analysis.runs.noise.target_scatter import Scatter, scatter_of
-from analysis.runs.noise.wild import FITTED_SPREADS
-from analysis.runs.stands import STANDS_MM
-from analysis.runs.table_layout import PLACE, RAIL, RAIL_FROM, TURN, Layout, came_from_columns, joint_columns
-from analysis.runs.tables import PoseTable, content_order, in_content_order
+from analysis.runs.tables import PoseTable, content_order
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Instrument
@@ -134,7 +120,7 @@ def evaluate(
     Raises FileError.
     """
     _hold(table, where)
-    order, table = content_order(table), in_content_order(table)
+    order, table = content_order(table), table.in_content_order()
     bare = without_setup(arm)
     kept = without_lost(table, bare, partial(_errors, bare))
     table = kept.table
@@ -146,7 +132,7 @@ def evaluate(
         setup, rotation = _orientation(T, table.rpy, setup)
     shown = np.argsort(order[kept.rows])
     group = groups(table.q, same_rad, rail=table.rail)
-    if (sides := table.kind.sides(table)) is not None:  # a pose approached from two sides counts as two
+    if (sides := table.sides) is not None:  # a pose approached from two sides counts as two
         group = np.unique(np.column_stack([group, sides]), axis=0, return_inverse=True)[1].ravel()
     again = np.flatnonzero(np.bincount(group) >= 2)
     figures: dict[str, Quantity] = {}
@@ -395,64 +381,8 @@ def _hold(table: PoseTable, where: str) -> None:
         raise FileError(where, "the instrument reported the same place in all rows", "check that it follows the target")
 
 
-class Pose(PlaceKind[PoseTable]):
-    """The pose test."""
-
-    finders = ((SOURCE, source_findings), (WILDNESS, wild_findings), (DUPLICATES, duplicate_findings))
-    of_tracker = True
-    setup_terms, frame_terms = 9, 6
-    setup_words = "the places of the instrument and of its target on the tool"
-    assumed_sd_mm = 0.04
-    """UR10, two visits (Landgraf et al. 2021)."""
-    wild_spreads = FITTED_SPREADS
-    joints_fit = "poses fit"
-    rows_called, away_from = "poses", "from where the arm was"
-    when_far = "check that the tracker had its target and that the robot stood"
-
-    def layout(self, axes: int = 6, *, rail: bool = False) -> Layout:
-        came_from = came_from_columns(axes)
-        optional = (*TURN, *came_from, *[RAIL_FROM] * rail)
-        return Layout((*joint_columns(axes), *[RAIL] * rail, *PLACE), optional, (TURN, came_from))
-
-    def table_of(self, rows: Rows, direction: Direction | None, where: str) -> PoseTable:
-        rpy = np.radians(rows.stack(TURN)) if rows.has(TURN) else None
-        return PoseTable(rows.with_rail(rows.q), rows.stack(PLACE), rpy, rail=rows.rail, came_from=came_from_of(rows))
-
-    def columns(self, table: PoseTable) -> Mapping[str, Array]:
-        turns = {} if table.rpy is None else dict(zip(TURN, np.degrees(table.rpy).T, strict=True))
-        places = dict(zip(PLACE, table.xyz_mm.T, strict=True))
-        return {**joint_cells(table.q, rail=table.rail), **places, **turns, **came_from_cells(table)}
-
-    def differs(self, table: PoseTable) -> Mask:
-        lost = (table.xyz_mm == 0).all(axis=1)
-        far = np.linalg.norm(np.diff(table.xyz_mm, axis=0), axis=1) > STANDS_MM
-        return np.asarray(far | lost[1:] | lost[:-1])
-
-    def averaged(self, table: PoseTable, first: Mask, mean: Callable[[Array], Array]) -> PoseTable:
-        from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
-
-        averaged = replace(super().averaged(table, first, mean), row=table.rows[first])
-        if table.rpy is None:
-            return averaged
-        turns, stand = table.rpy[first].copy(), np.cumsum(first) - 1
-        for number in np.flatnonzero(np.bincount(stand) > 1).tolist():
-            turns[number] = Rotation.from_euler("xyz", table.rpy[stand == number]).mean().as_euler("xyz")
-        return replace(averaged, rpy=turns)
-
-    def unit_findings(self, table: PoseTable, rig: Rig, T_tool: Array) -> Iterator[Finding]:
-        yield from rail_findings(table, rig)
-        yield from mirror_findings(table, rig, UNITS)
-        yield from impossible(tracker(table, T_tool))
-
-    def cannot_tell(self, table: PoseTable, rig: Rig) -> str:
-        sound = int((table.xyz_mm != 0).any(axis=1).sum())
-        return "" if sound >= FEWEST else f"{sound} poses are too few; {FEWEST} are needed"
-
-    def judged_joints(self, table: PoseTable, rig: Rig) -> Verdict:
-        return judged_by_places(rig, table.q, table.xyz_mm, table.rpy)
-
-    def off_path(self, table: PoseTable, rig: Rig, T_tool: Array) -> Off | None:
-        return off_in_its_unit(T_tool, table.xyz_mm)
+class PoseEvaluation(Evaluation[PoseTable]):
+    """Figures of the pose test."""
 
     def evaluate(self, table: PoseTable, rig: Rig, where: str, instruments: Instruments) -> PoseResult:
         iso = rig.tests.iso9283
@@ -465,12 +395,5 @@ class Pose(PlaceKind[PoseTable]):
         q, xyz_mm, came_from = simulated_cube(rig, run.seed, run.effects)
         return PoseTable(q, xyz_mm, None, came_from=came_from)
 
-    def far(self, table: PoseTable, arm: Arm) -> Far:
-        return far_poses(table, without_setup(arm))
 
-    def lost(self, table: PoseTable) -> Mask:
-        """Mask of positions 0, 0, 0, written by a tracker that lost its target."""
-        return np.asarray((table.xyz_mm == 0).all(axis=1))
-
-
-KIND = Pose("pose")
+PART = PoseEvaluation

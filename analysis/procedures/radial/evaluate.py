@@ -24,33 +24,29 @@ uncertainty, as a distribution concentrated at both ends (JCGM 101, 6.4.6).
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.procedures.shared.evaluate import Instruments, hold_alive, hold_numbers, hold_radius
+from analysis.procedures.prediction import nominal_setup
+from analysis.procedures.shared.evaluate import Evaluation, Instruments, hold_alive, hold_numbers, hold_radius
 from analysis.procedures.shared.lap_curve import SEED
-from analysis.procedures.shared.places_and_targets import TargetKind, another_visit, hold_targets, target_count, timed
 from analysis.procedures.shared.quantity import Quantity
 from analysis.procedures.shared.result_curves import RadialCurve
 from analysis.procedures.shared.scatter_figures import assumed, coarse, half_width, of_scatter, rp
-from analysis.procedures.shared.simulated_gauges import visit_times
+from analysis.procedures.shared.simulated_gauges import Simulation, read_by_gauges, visit_times
+from analysis.procedures.shared.target_checks import require_known_targets, target_count
 from analysis.robot.geometry.driven_programs import hemisphere_of, radial_program
-from analysis.robot.kinematics.arm import Array, Integers, Mask
-from analysis.runs.align import Aligned
-from analysis.runs.csv_tables import Rows, joint_cells
-from analysis.runs.noise.certificate import link_excess_mm
+from analysis.robot.kinematics.arm import Array, Integers
 from analysis.runs.noise.readings import step_of_stops
 from analysis.runs.noise.target_scatter import Scatter, SphereLevel, scatter_of
 from analysis.runs.noise.wild import MOST, SPREADS
-from analysis.runs.stands import at_targets, stands_of, visits_of
-from analysis.runs.table_layout import JOINTS, Layout
 from analysis.runs.tables import RadialTable
 from rigs.errors import FileError
+from rigs.readiness import require_test
 from rigs.rig import Rig
-from rigs.schema.declared_tests import Hemisphere
 from rigs.schema.vocabulary import Direction
 from rigs.text import listed
 
@@ -371,64 +367,26 @@ def _notes(
     return tuple(notes)
 
 
-class Radial(TargetKind[RadialTable]):
-    """The radial test."""
-
-    certified = ("g1", "ball", "link")
-    example = ("band_mm", 0.2, 0.3)
-    further = ("hemisphere (radial)", "many postures, by distance alone")
-    along = "target"
-
-    def directions(self, table: RadialTable, hemisphere: Hemisphere) -> tuple[Array, Array]:
-        """Return the angles (n,) rad of the table."""
-        return table.polar, table.azimuth
-
-    def layout(self, axes: int = 6, *, rail: bool = False) -> Layout:
-        return Layout(("target", "polar_deg", "azimuth_deg", "orientation", *JOINTS, "g1_mm"), ("t_s",))
-
-    def table_of(self, rows: Rows, direction: Direction | None, where: str) -> RadialTable:
-        polar, azimuth = (np.radians(rows.floats(name)) for name in ("polar_deg", "azimuth_deg"))
-        target, orientation = rows.counts("target"), rows.counts("orientation")
-        return RadialTable(target, polar, azimuth, orientation, rows.times(), rows.q, rows.floats("g1_mm"))
-
-    def columns(self, table: RadialTable) -> Mapping[str, Array | Integers]:
-        place = {"polar_deg": np.degrees(table.polar), "azimuth_deg": np.degrees(table.azimuth)}
-        first = {"target": table.target, **place, "orientation": table.orientation}
-        return {**first, **joint_cells(table.q, rail=False), "g1_mm": table.g_mm, **timed(table.t_s)}
-
-    def differs(self, table: RadialTable) -> Mask:
-        return another_visit(table, np.stack([table.target, table.orientation], axis=1))
-
-    def recorded(
-        self, data: Aligned, rig: Rig, direction: Direction | None, where: str
-    ) -> tuple[RadialTable, list[str]]:
-        """Return the table of stops at targets, with the certified difference between link length and radius."""
-        stands, program = stands_of(data.t_s, data.q, data.g_mm), radial_program(rig)
-        at = at_targets(stands, program, rig)
-        order = list(zip(program.target.tolist(), program.orientation.tolist(), strict=True))
-        once = len(order) // hemisphere_of(rig).visits
-        visits = visits_of(at, [order[row] for _, row in at], order, once, program, where)
-        elsewhere, rows = len(stands) - len(at), visits.rows
-        doubts = [f"{elsewhere} stands are left out because they are not at a target"] if elsewhere else []
-        table = RadialTable(
-            program.target[rows], program.polar[rows], program.azimuth[rows], program.orientation[rows],
-            visits.t_s, visits.q, visits.g_mm + link_excess_mm(rig),
-        )  # fmt: skip
-        return table, doubts + visits.doubts
-
-    def driven(self, rig: Rig) -> RadialTable:
-        at, none = radial_program(rig), np.empty(0)
-        return RadialTable(at.target, at.polar, at.azimuth, at.orientation, visit_times(len(at.q)), at.q, none)
+class RadialEvaluation(Evaluation[RadialTable]):
+    """Figures of the radial test."""
 
     def evaluate(self, table: RadialTable, rig: Rig, where: str, instruments: Instruments) -> RadialResult:
-        hold_targets(table, rig, where)
+        require_known_targets(table, rig, where)
         hemisphere, u_mm = hemisphere_of(rig), instruments.u_mm(rig)
         expected = range(1, target_count(hemisphere) + 1)
         orientations = hemisphere.orientations
         return evaluate(table, hemisphere.radius_mm, u_mm, where, expected, orientations)
 
-    def visits(self, table: RadialTable) -> Integers:
-        return np.stack([table.target, table.orientation], axis=1)
+    def simulated(self, rig: Rig, direction: Direction | None, run: Simulation) -> RadialTable:
+        require_test(rig, self.test)
+        table = _program_table(rig)
+        return table.with_readings(read_by_gauges(rig, table, nominal_setup(rig, table), run))
 
 
-KIND = Radial("radial")
+def _program_table(rig: Rig) -> RadialTable:
+    """Return the table of the program, without readings."""
+    at, none = radial_program(rig), np.empty(0)
+    return RadialTable(at.target, at.polar, at.azimuth, at.orientation, visit_times(len(at.q)), at.q, none)
+
+
+PART = RadialEvaluation

@@ -13,15 +13,12 @@ grows with both; 4 s does not.
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
-from analysis.procedures.shared.evaluate import Instruments, hold_alive, hold_numbers
-from analysis.procedures.shared.places_and_targets import TargetKind, another_visit, hold_targets, timed
+from analysis.procedures.prediction import nominal_setup
+from analysis.procedures.shared.evaluate import Evaluation, Instruments, hold_alive, hold_numbers
 from analysis.procedures.shared.quantity import Quantity
 from analysis.procedures.shared.result_curves import RepeatabilityCurve
 from analysis.procedures.shared.scatter_figures import (
@@ -34,23 +31,18 @@ from analysis.procedures.shared.scatter_figures import (
     reversal,
     rp,
 )
-from analysis.procedures.shared.simulated_gauges import visit_times
-from analysis.robot.geometry.driven_programs import beside, hemisphere_of, repeatability_of, repeatability_program
-from analysis.robot.geometry.hemisphere import hemisphere_frame, target_angles
-from analysis.robot.kinematics.arm import Array, Integers, Mask, arm_of, forward
-from analysis.robot.model.predict import Model, Path, stops
-from analysis.runs.align import Aligned
-from analysis.runs.csv_tables import Rows, joint_cells
+from analysis.procedures.shared.simulated_gauges import Simulation, read_by_gauges, visit_times
+from analysis.procedures.shared.target_checks import require_known_targets
+from analysis.robot.geometry.driven_programs import repeatability_of, repeatability_program
+from analysis.robot.kinematics.arm import Array, Integers
 from analysis.runs.noise.cell_noise import TARGET_MM
 from analysis.runs.noise.readings import step_of_stops
 from analysis.runs.noise.target_scatter import scatter_of
 from analysis.runs.noise.wild import SPREADS, spreads_of
-from analysis.runs.stands import at_targets, stands_of, visits_of
-from analysis.runs.table_layout import JOINTS, Layout
 from analysis.runs.tables import RepeatabilityTable
 from rigs.errors import FileError
+from rigs.readiness import require_test
 from rigs.rig import Rig
-from rigs.schema.declared_tests import Hemisphere
 from rigs.schema.vocabulary import Direction
 from rigs.text import listed
 
@@ -154,96 +146,35 @@ def _sides(table: RepeatabilityTable, where: str) -> tuple[Integers, Array, tupl
     return np.array(kept), x, tuple(notes)
 
 
-class Repeatability(TargetKind[RepeatabilityTable]):
-    """The repeatability test."""
-
-    certified = ("g1", "ball")
-    example = ("bi_mm", 0.05, 0.10)
-    further = ("repeatability", "the same places from both sides")
-
-    def directions(self, table: RepeatabilityTable, hemisphere: Hemisphere) -> tuple[Array, Array] | None:
-        """Return the angles (n,) rad of the numbered targets."""
-        polar, azimuth = target_angles(hemisphere)
-        if table.target.min() < 1 or table.target.max() > len(polar):
-            return None
-        return polar[table.target - 1], azimuth[table.target - 1]
-
-    def layout(self, axes: int = 6, *, rail: bool = False) -> Layout:
-        return Layout(("target", "approach", "round", *JOINTS, "g1_mm"), ("t_s",))
-
-    def table_of(self, rows: Rows, direction: Direction | None, where: str) -> RepeatabilityTable:
-        labels = rows.counts("target"), rows.words("approach"), rows.counts("round")
-        return RepeatabilityTable(*labels, rows.times(), rows.q, rows.floats("g1_mm"))
-
-    def columns(self, table: RepeatabilityTable) -> Mapping[str, Array | Integers | Sequence[str]]:
-        first = {"target": table.target, "approach": table.approach.tolist(), "round": table.round}
-        return {**first, **joint_cells(table.q, rail=False), "g1_mm": table.g_mm, **timed(table.t_s)}
-
-    def differs(self, table: RepeatabilityTable) -> Mask:
-        side = np.unique(table.approach, return_inverse=True)[1]
-        return another_visit(table, np.stack([table.target, side, table.round], axis=1))
-
-    def recorded(
-        self, data: Aligned, rig: Rig, direction: Direction | None, where: str
-    ) -> tuple[RepeatabilityTable, list[str]]:
-        """Return the table of stops at targets, each with its side of approach."""
-        stands, program = stands_of(data.t_s, data.q, data.g_mm), repeatability_program(rig)
-        frame, arm = hemisphere_frame(hemisphere_of(rig)), arm_of(rig.robot)
-        limit_mm = repeatability_of(rig).approach_mm / 2
-        outwards_mm = np.linalg.norm(forward(arm, data.q)[:, :3, 3] - frame.centre, axis=1) - frame.radius
-        at = at_targets(stands, program, rig, np.pi)
-        at = [(stand, row) for stand, row in at if abs(outwards_mm[stand.begin : stand.end].mean()) < limit_mm]
-        sides = ["none"]  # tool positions beyond the limit since the last stop at the same row
-        for (before, last), (now, row) in pairwise(at):
-            way = outwards_mm[before.end : now.begin]
-            furthest = way[np.argmax(np.abs(way))] if len(way) else 0.0
-            sides.append("none" if last != row or abs(furthest) < limit_mm else "out" if furthest > 0 else "in")
-        sides = sides[: len(at)]
-        places = [(row, side) for (_, row), side in zip(at, sides, strict=True)]
-        ways = ["none", *["out", "in"] * repeatability_of(rig).rounds]
-        order = [(row, side) for row in range(len(program.target)) for side in ways]
-        visits = visits_of(at, places, order, len(order), program, where)
-        times, rounds = Counter[tuple[int, str]](), list[int]()  # a round is the count of a side at a target
-        for place in (places[k] for k in visits.number):
-            times[place] += 1
-            rounds.append(times[place])
-        came_from = np.array([sides[k] for k in visits.number])
-        target, number = program.target[visits.rows], np.array(rounds, dtype=np.int64)
-        return RepeatabilityTable(target, came_from, number, visits.t_s, visits.q, visits.g_mm), visits.doubts
-
-    def path(self, model: Model, table: RepeatabilityTable) -> Path:
-        """Return stops at targets, from outside, from inside, or from the target itself if unknown."""
-        hemisphere = hemisphere_of(model.rig)
-        polar, azimuth = (angles[table.target - 1] for angles in target_angles(hemisphere))
-        side = np.select([table.approach == "out", table.approach == "in"], [1.0, -1.0], 0.0)
-        away = (side * repeatability_of(model.rig).approach_mm)[:, None]
-        came_from = beside(model.arm, table.q, away * hemisphere_frame(hemisphere).direction(polar, azimuth))
-        return stops(table.q, table.t_s, came_from)
-
-    def driven(self, rig: Rig) -> RepeatabilityTable:
-        """Return one reading at each target, then rounds with one approach from outside and one from inside."""
-        at, rounds = repeatability_program(rig), repeatability_of(rig).rounds
-        approach = np.array(["none", *["out", "in"] * rounds])
-        number = np.array([1, *np.repeat(np.arange(1, rounds + 1), 2)])
-        k = len(approach)
-        return RepeatabilityTable(
-            np.repeat(at.target, k),
-            np.tile(approach, len(at.q)),
-            np.tile(number, len(at.q)),
-            visit_times(k * len(at.q)),
-            np.repeat(at.q, k, axis=0),
-            np.empty(0),
-        )
+class RepeatabilityEvaluation(Evaluation[RepeatabilityTable]):
+    """Figures of the repeatability test."""
 
     def evaluate(
         self, table: RepeatabilityTable, rig: Rig, where: str, instruments: Instruments
     ) -> RepeatabilityResult:
-        hold_targets(table, rig, where)
+        require_known_targets(table, rig, where)
         return evaluate(table, instruments.u_mm(rig), where)
 
-    def visits(self, table: RepeatabilityTable) -> Integers:
-        side = np.select([table.approach == "out", table.approach == "in"], [1, 2], 0)
-        return np.stack([table.target, side], axis=1)
+    def simulated(self, rig: Rig, direction: Direction | None, run: Simulation) -> RepeatabilityTable:
+        require_test(rig, self.test)
+        table = _program_table(rig)
+        return table.with_readings(read_by_gauges(rig, table, nominal_setup(rig, table), run))
 
 
-KIND = Repeatability("repeatability")
+def _program_table(rig: Rig) -> RepeatabilityTable:
+    """Return one reading at each target, then rounds with one approach from outside and one from inside."""
+    at, rounds = repeatability_program(rig), repeatability_of(rig).rounds
+    approach = np.array(["none", *["out", "in"] * rounds])
+    number = np.array([1, *np.repeat(np.arange(1, rounds + 1), 2)])
+    k = len(approach)
+    return RepeatabilityTable(
+        np.repeat(at.target, k),
+        np.tile(approach, len(at.q)),
+        np.tile(number, len(at.q)),
+        visit_times(k * len(at.q)),
+        np.repeat(at.q, k, axis=0),
+        np.empty(0),
+    )
+
+
+PART = RepeatabilityEvaluation

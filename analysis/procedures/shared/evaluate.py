@@ -1,25 +1,35 @@
 """Evaluate a table of any test, measured or simulated; with the common checks, each with a one-line error and
-remedy."""
+remedy.
+
+Each test implements `Evaluation` as `PART` in the module `evaluate` of its package.
+"""
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from functools import cache
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 import numpy as np
 
 from analysis.robot.kinematics.arm import Array
 from analysis.robot.kinematics.joint_limits import impossible_rad
 from analysis.runs.noise.spectrum import LapNoise
+from analysis.runs.parts_of_tests import TestPart, part_of
 from analysis.runs.tables import Table
 from rigs.errors import FileError
 from rigs.rig import Rig
+from rigs.schema.vocabulary import Direction, TestName
 
 if TYPE_CHECKING:
     from analysis.procedures.shared.quantity import Quantity
     from analysis.procedures.shared.reduction import Reduced
     from analysis.procedures.shared.result_curves import ResultCurve
+    from analysis.procedures.shared.simulated_gauges import Simulation
+
+T = TypeVar("T", bound=Table)
 
 
 class Evaluated(Protocol):
@@ -54,6 +64,27 @@ class Instruments:
         return rig.gauges.g1.accuracy_mm if self.u_gauge_mm is None else self.u_gauge_mm
 
 
+class Evaluation(TestPart, Protocol[T]):
+    """Figures of a test, from a measured or a simulated table."""
+
+    @abstractmethod
+    def evaluate(self, table: T, rig: Rig, where: str, instruments: Instruments) -> Evaluated:
+        """Return the figures. Raises FileError if a table is not a valid measurement."""
+
+    def require_evaluable(self, table: T, rig: Rig, where: str) -> None:
+        """Raise FileError if an evaluation will refuse the table for an immediately visible reason, gauges excluded."""
+
+    def simulated(self, rig: Rig, direction: Direction | None, run: Simulation) -> T:
+        """Return a run as it would be measured. Raises FileError if the robot cannot do the test."""
+        raise FileError(f"{self.test} test", "is not simulated", "simulate another test")
+
+
+@cache
+def evaluation_of(test: TestName) -> Evaluation[Table]:
+    """Return the evaluation of a test. Raises FileError if its package is unusable."""
+    return part_of(test, "evaluate")
+
+
 def evaluate(
     table: Table,
     rig: Rig,
@@ -67,7 +98,8 @@ def evaluate(
 
     Raises FileError if the table is not a valid measurement of its test.
     """
-    return table.kind.evaluate(table, rig, where, Instruments(u_lag_s, u_gauge_mm, like, reduced))
+    instruments = Instruments(u_lag_s, u_gauge_mm, like, reduced)
+    return evaluation_of(table.test).evaluate(table, rig, where, instruments)
 
 
 def hold_joints(where: str, q: Array, remedy: str) -> None:

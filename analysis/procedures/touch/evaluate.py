@@ -12,32 +12,27 @@ noise for it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from analysis.procedures.checks.lost_poses import WILDNESS, Far, far_touches, left_out, wild_touches
-from analysis.procedures.checks.place import Off, off_sockets
+from analysis.procedures.checks.lost_poses import far_touches, left_out
 from analysis.procedures.prediction import path_of
-from analysis.procedures.shared.evaluate import Instruments, hold_joints, hold_numbers
+from analysis.procedures.shared.evaluate import Evaluation, Instruments, hold_joints, hold_numbers
 from analysis.procedures.shared.lap_curve import SEED
-from analysis.procedures.shared.places_and_targets import PlaceKind, came_from_cells, came_from_of
 from analysis.procedures.shared.quantity import Quantity, figures_of
 from analysis.procedures.shared.result_curves import PoseCurve
 from analysis.procedures.shared.simulated_gauges import Simulation
 from analysis.procedures.shared.simulated_touches import simulated_touches
 from analysis.robot.geometry.pose_setup import socket_design
-from analysis.robot.kinematics.arm import Arm, Array, Integers, forward
-from analysis.robot.model.predict import Model, SetUp, model_of, moved
-from analysis.runs.csv_tables import Rows, joint_cells
+from analysis.robot.kinematics.arm import Array, Integers, forward
+from analysis.robot.model.predict import Model, model_of, moved
 from analysis.runs.noise.cell_noise import SEAT_MM, TARGET_MM
 from analysis.runs.noise.readings import rms
 from analysis.runs.noise.spectrum import DRAWS
-from analysis.runs.table_layout import RAIL, RAIL_FROM, SOCKET, Layout, came_from_columns, joint_columns
-from analysis.runs.tables import TouchTable, in_content_order
+from analysis.runs.tables import TouchTable
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.vocabulary import Direction
@@ -89,7 +84,7 @@ def evaluate(table: TouchTable, model: Model, where: str = "the touch table") ->
         problem = f"has {len(table.q)} touches of {count} socket{'s' * (count > 1)}, too few to fit their places"
         raise FileError(where, problem, f"give at least {max(_FEWEST, count + 2)}, in postures that differ")
     hold_joints(where, table.q, "touch each socket in many postures")
-    table = in_content_order(table)
+    table = table.in_content_order()
     T = forward(model.arm, table.q) if not model.effects else moved(model, path_of(model, table)).T
     far = far_touches(table, T)
     notes = (left_out(table, far.wild, far.far_mm),) if far.wild.any() else ()
@@ -180,47 +175,8 @@ def unknown_distance(distances: Sequence[SocketDistance]) -> tuple[str, ...]:
     )
 
 
-class Touch(PlaceKind[TouchTable]):
-    """The touch test."""
-
-    finders = ((WILDNESS, wild_touches),)
-    constants_apart = True
-    part = "touch"
-    further = ("touch", "one place in many postures, without gauges")
-    setup_terms, frame_terms = 6, 3
-    setup_words = "the places of the sockets and of the ball on the tool"
-    assumed_sd_mm = 0.1
-    """For a ball seated by hand: a model of constants, gravity and curves leaves 0.1 to 0.2 mm for two Pandas and an
-    iiwa (Franzese et al., MUKCa, 2024). The readings adjust it; a search starting too low explains scatter by the arm.
-    """
-    never_twice = (
-        "no posture was touched twice: how much a seated ball scatters is judged by what the model leaves of it; "
-        "touch some postures again to measure it"
-    )
-    rows_called, away_from = "touches", "from its socket"
-    when_far = "check that the ball was seated when the joints were read"
-
-    def layout(self, axes: int = 6, *, rail: bool = False) -> Layout:
-        came_from = came_from_columns(axes)
-        return Layout((SOCKET, *joint_columns(axes), *[RAIL] * rail), (*came_from, *[RAIL_FROM] * rail), (came_from,))
-
-    def table_of(self, rows: Rows, direction: Direction | None, where: str) -> TouchTable:
-        return TouchTable(rows.words(SOCKET), rows.with_rail(rows.q), came_from_of(rows), rail=rows.rail)
-
-    def columns(self, table: TouchTable) -> Mapping[str, Array | Sequence[str]]:
-        return {SOCKET: table.socket.tolist(), **joint_cells(table.q, rail=table.rail), **came_from_cells(table)}
-
-    def setup(self, rig: Rig) -> SetUp:
-        setup = super().setup(rig)
-        if rig.tests.touch:
-            setup.T_tool_target[:3, 3] = rig.tests.touch.ball_mm
-        return setup
-
-    def cannot_tell(self, table: TouchTable, rig: Rig) -> str:
-        return "a touch has no place of its own"
-
-    def off_path(self, table: TouchTable, rig: Rig, T_tool: Array) -> Off | None:
-        return off_sockets(T_tool, table.socket)
+class TouchEvaluation(Evaluation[TouchTable]):
+    """Figures of the touch test."""
 
     def evaluate(self, table: TouchTable, rig: Rig, where: str, instruments: Instruments) -> TouchResult:
         return evaluate(table, model_of(rig), where)
@@ -228,21 +184,5 @@ class Touch(PlaceKind[TouchTable]):
     def simulated(self, rig: Rig, direction: Direction | None, run: Simulation) -> TouchTable:
         return simulated_touches(rig, run.seed, run.effects)
 
-    def parts(self, table: TouchTable) -> NDArray[np.str_]:
-        return table.socket
 
-    def far(self, table: TouchTable, arm: Arm) -> Far:
-        return far_touches(table, forward(arm, table.q))
-
-    def doubts(self, table: TouchTable, model: Model, where: str) -> tuple[str, ...]:
-        """Return notes about socket distances that differ from the known ones; a few touches determine no positions."""
-        declared = model.rig.tests.touch
-        if declared is None or not declared.distances:
-            return ()
-        try:
-            return known_otherwise(evaluate(table, model, where).distances)
-        except FileError:
-            return ()
-
-
-KIND = Touch("touch")
+PART = TouchEvaluation

@@ -16,10 +16,12 @@ from analysis.api import Compared, Diagnosis, Result, RigError, diagnose
 from analysis.correction.deviation import Deviation, Side, Work
 from analysis.diagnosis.judge.compare_runs import compare
 from analysis.diagnosis.judge.verdict import JudgedFigure, judged_figures
+from analysis.procedures.facts import labels_of
 from analysis.procedures.pooled import FigureColumn
 from analysis.report.diagnosis_report import calibration_file
 from analysis.report.texts import Texts, whole_label
-from analysis.runs.table_format import kinds
+from analysis.runs.parts_of_tests import TESTS
+from analysis.runs.table_format import format_of
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.limits import COVERAGE, Limits, Standing
@@ -93,10 +95,10 @@ def example_limits(verdict: Verdict) -> str:
     Tests that cannot have limits are omitted.
     """
     bounds = {
-        kind.test: {name: {"watch": watch, "fail": fail}}
-        for kind in kinds()
-        if kind.test in verdict.tests and kind.example and kind.test in Limits.model_fields
-        for name, watch, fail in [kind.example]
+        test: {name: {"watch": watch, "fail": fail}}
+        for test in TESTS
+        if test in verdict.tests and test in Limits.model_fields and (example := labels_of(test).example)
+        for name, watch, fail in [example]
     }
     return yaml.safe_dump({"limits": bounds}, sort_keys=False, default_flow_style=None) if bounds else ""
 
@@ -211,7 +213,7 @@ def gather(
 
 def _compared(results: Sequence[Result], rig: Rig) -> Compared | None:
     """Compare runs with a model; None if the runs cannot be simulated, such as poses."""
-    runs = [result.measured for result in results if result.measured.table.kind.gauges]
+    runs = [result.measured for result in results if format_of(result.measured.table.test).gauges]
     try:
         return compare(runs, rig) if runs else None
     except RigError:

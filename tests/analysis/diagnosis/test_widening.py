@@ -8,12 +8,13 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from analysis.diagnosis import diagnose
 from analysis.diagnosis.evidence.blocks import _visit_numbers  # private: which poses repeat is said nowhere else
 from analysis.diagnosis.evidence.observation import observe
 from analysis.diagnosis.evidence.placements import reach_mm
 from analysis.diagnosis.judge import misses
+from analysis.diagnosis.judge.conclude import temperature_of
 from analysis.diagnosis.judge.misses import LeftOut, _Neighbourhoods  # private: the sums that the factor is made of
+from analysis.procedures.prediction import prediction_of
 from analysis.robot.kinematics.arm import transform
 from analysis.robot.model.predict import SetUp, model_of
 from analysis.runs.tables import PoseTable
@@ -87,10 +88,10 @@ def test_a_pose_that_is_reached_from_two_sides_is_no_repeat() -> None:
     q = np.tile(np.linspace(-1, 1, 6), (4, 1)) + np.repeat([[0.0], [0.3]], 2, axis=0)
     came_from = q - np.array([[0.1], [-0.1], [0.1], [0.1]])
     table = PoseTable(q, np.zeros((4, 3)), None, came_from=came_from)
-    np.testing.assert_array_equal(table.kind.sides(table), np.sign(q - came_from))
+    np.testing.assert_array_equal(table.sides, np.sign(q - came_from))
     numbers = [_visit_numbers(observe(model, one, "x"))[::3] for one in (table, PoseTable(q, table.xyz_mm, None))]
     assert [len(set(visits.tolist())) for visits in numbers] == [3, 2]
-    np.testing.assert_array_equal(table.kind.path(model, table).q[::3], came_from)
+    np.testing.assert_array_equal(prediction_of(table).path(model, table).q[::3], came_from)
 
 
 @pytest.mark.parametrize(
@@ -106,5 +107,5 @@ def test_a_pose_that_is_reached_from_two_sides_is_no_repeat() -> None:
 def test_a_temperature_column_is_known_by_its_word(name: str, cells: list[str], expected: list[float] | None) -> None:
     table = SimpleNamespace(q=np.zeros((2, 6)))
     used = [SimpleNamespace(run=SimpleNamespace(table=pa.table({name: cells})), table=table)]
-    values = diagnose._temperature(used)  # type: ignore[arg-type]  # private: its share is on pages of real cells alone
+    values = temperature_of(used)  # type: ignore[arg-type]
     assert (values is None) if expected is None else values.tolist() == expected

@@ -54,8 +54,7 @@ def test_rigs_own_headers_are_questioned_from_the_same_limits(tmp_path: Path) ->
 def test_a_place_in_other_columns_is_read_by_a_map(tmp_path: Path) -> None:
     written(tmp_path, joints("q{}_deg") + ",tvec_x,tvec_y,tvec_z", np.degrees(Q), XYZ / 1000)
     assert "place tvec_x … tvec_z in m" in imported(tmp_path)
-    np.testing.assert_allclose(load_measured(tmp_path / "run").table.kind.readings(  # type: ignore[arg-type]
-        load_measured(tmp_path / "run").table), XYZ, atol=1e-2)  # fmt: skip
+    np.testing.assert_allclose(load_measured(tmp_path / "run").table.readings, XYZ, atol=1e-2)  # fmt: skip
 
 
 def test_places_of_spots_point_to_touches(tmp_path: Path) -> None:

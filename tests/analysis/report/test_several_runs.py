@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,13 +14,12 @@ from typer.testing import CliRunner
 
 from analysis import evaluate, evaluate_runs, load_run
 from analysis.cli import app
-from analysis.procedures.circle.evaluate import CircleKind
+from analysis.procedures import circle
 from analysis.procedures.pooled import pooled
 from analysis.procedures.results import Result, by_test
 from analysis.report.run_object import as_object, compare
 from analysis.report.run_report import as_tables
 from analysis.robot.kinematics.arm import arm_of, forward
-from analysis.runs.table_format import Kind
 from rigs.errors import FileError
 from rigs.load import load, load_hidden
 from rigs.rig import Rig
@@ -100,7 +100,7 @@ def test_runs_of_two_placements_are_not_pooled(tmp_path: Path) -> None:
 def test_a_kind_with_gauges_of_which_a_rig_file_has_no_part_is_of_one_place(
     laps: list[Result], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(CircleKind, "part", Kind.part)
+    monkeypatch.setattr(circle, "LABELS", replace(circle.LABELS, part=""))
     assert len(by_test(laps)) == 1
 
 

@@ -7,10 +7,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from analysis.procedures.radial import evaluate as radial
-from analysis.procedures.repeatability import evaluate as repeatability
 from analysis.robot.geometry.driven_programs import radial_program, repeatability_stops, stops
 from analysis.runs.align import Aligned
+from analysis.runs.table_format import format_of
 from analysis.runs.tables import RadialTable
 from rigs.load import load
 from rigs.rig import Rig
@@ -38,7 +37,7 @@ def driven(q: np.ndarray, dwell_s: float = 1.0) -> Aligned:
 
 
 def table_of(q: np.ndarray, rig: Rig) -> tuple[RadialTable, list[str]]:
-    return radial.KIND.recorded(driven(q), rig, None, "run")
+    return format_of("radial").recorded(driven(q), rig, None, "run")
 
 
 def test_a_program_of_two_visits_is_read_twice() -> None:
@@ -102,8 +101,8 @@ def test_wild_readings_of_a_stand_are_counted_and_not_averaged() -> None:
     g_mm = data.g_mm + np.random.default_rng(1).normal(0, 1e-4, data.g_mm.shape)
     wild = g_mm.copy()
     wild[17] += 1.0
-    plain, _ = radial.KIND.recorded(dataclasses.replace(data, g_mm=g_mm), rig, None, "run")
-    table, doubts = radial.KIND.recorded(dataclasses.replace(data, g_mm=wild), rig, None, "run")
+    plain, _ = format_of("radial").recorded(dataclasses.replace(data, g_mm=g_mm), rig, None, "run")
+    table, doubts = format_of("radial").recorded(dataclasses.replace(data, g_mm=wild), rig, None, "run")
     assert np.abs(table.g_mm - plain.g_mm).max() < 1e-4
     assert "1 readings lie far from the others of their stand and are not used" in doubts
 
@@ -111,8 +110,8 @@ def test_wild_readings_of_a_stand_are_counted_and_not_averaged() -> None:
 def test_a_repeatability_program_with_a_stand_before_it() -> None:
     rig, _ = load("paper-errors")
     q = repeatability_stops(rig)
-    table, doubts = repeatability.KIND.recorded(driven(q[[13, *range(len(q))]]), rig, None, "run")
-    expected, _ = repeatability.KIND.recorded(driven(q), rig, None, "run")
+    table, doubts = format_of("repeatability").recorded(driven(q[[13, *range(len(q))]]), rig, None, "run")
+    expected, _ = format_of("repeatability").recorded(driven(q), rig, None, "run")
     assert table.approach.tolist() == expected.approach.tolist()
     assert table.round.tolist() == expected.round.tolist()
     assert any(said.startswith("1 stands outside the order") for said in doubts)

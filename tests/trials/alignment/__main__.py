@@ -127,7 +127,7 @@ def _measured(setup: SetUp, rig: Rig, test: Literal["yaw", "roll", "radial"]) ->
             for one in (T, T @ _tilts(setup.disk_rad, around))
         ]
         values = values + square[1] - square[0]
-    return program.kind.with_readings(program, values)
+    return program.with_readings(values)
 
 
 def _tilts(tilt: float, around: Array) -> Array:

@@ -48,7 +48,7 @@ class Bench:
         setup = nominal_setup(self.rig, table)
         if isinstance(table, CircleTable):
             setup = replace(setup, ball=setup.ball + np.array(circle_of(self.rig).eccentricity_mm))
-        return table.kind.with_readings(table, predict(model, table, path_of(model, table), setup))
+        return table.with_readings(predict(model, table, path_of(model, table), setup))
 
 
 def bench_of(rig: Rig) -> Bench:

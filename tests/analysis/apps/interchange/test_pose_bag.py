@@ -13,7 +13,8 @@ import pytest
 import yaml
 
 from analysis.apps.interchange.bags import file_of
-from analysis.apps.interchange.pose_bag import StandTable, stands_of_bag
+from analysis.apps.interchange.pose_bag import stands_of_bag
+from analysis.intake.readers import StandTable
 from analysis.runs.loading import load_measured
 from rigs.arms import load_arm
 from rigs.errors import FileError

@@ -12,6 +12,7 @@ from analysis.diagnosis.evidence.blocks import blocks_of
 from analysis.diagnosis.evidence.observation import predicted
 from analysis.diagnosis.evidence.setups import fit_run_setups
 from analysis.diagnosis.fit.responses import Linearisation, linearise
+from analysis.procedures.facts import facts_of
 from analysis.robot.model.predict import SetUp
 from analysis.runs.tables import CircleTable
 from rigs.effects import (
@@ -92,7 +93,7 @@ def left_at(linear: Linearisation, effects: Sequence[Effect], setups: Mapping[st
 
 def test_what_a_ball_or_a_zero_can_do_leaves_nothing() -> None:
     linear = healthy()
-    assert linear.U.shape[1] == linear.blocks[0].table.kind.setup_terms == 5
+    assert linear.U.shape[1] == facts_of(linear.blocks[0].table.test).setup_terms == 5
     for term, moved in enumerate(0.02 * np.eye(5)):
         there = linear.responses((), linear.setups_moved_by(moved))
         shift = np.concatenate([block.white(added) for block, added in zip(linear.blocks, there, strict=True)])

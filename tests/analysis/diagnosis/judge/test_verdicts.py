@@ -14,7 +14,7 @@ import pytest
 from rich.console import Console
 
 from analysis.diagnosis import diagnose as verdicts
-from analysis.diagnosis.diagnose import diagnose, doubts_of_limits
+from analysis.diagnosis.diagnose import diagnose
 from analysis.diagnosis.evidence.prepared_runs import prepare_runs
 from analysis.diagnosis.evidence.setups import FittedRuns
 from analysis.diagnosis.fit import search as engine
@@ -24,6 +24,7 @@ from analysis.diagnosis.fit.refine import size_limits
 from analysis.diagnosis.fit.responses import Linearisation
 from analysis.diagnosis.fit.search import SearchResult
 from analysis.diagnosis.judge.budget import runs_apart
+from analysis.diagnosis.judge.doubts import doubts_of_limits
 from analysis.diagnosis.judge.result import Diagnosis, Named
 from analysis.diagnosis.judge.verdict import standing_within, without_useless
 from analysis.procedures.simulate import simulate

@@ -10,6 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from analysis.intake.read import parse_csv
+from analysis.procedures.checks.checks_of_test import findings_against
 from analysis.procedures.checks.finding import Finding
 from analysis.procedures.checks.gauge_sign import ORDER
 from analysis.procedures.checks.lost_poses import DUPLICATES, WILDNESS
@@ -30,7 +31,7 @@ RAD = np.pi / 180
 
 def _of(convention: str) -> Callable[[Table, Rig], Iterable[Finding]]:
     """What speaks against a convention, in a table of any kind."""
-    return lambda table, cell: table.kind.findings(convention, table, cell)
+    return lambda table, cell: findings_against(convention, table, cell)
 
 
 def check(rows: Rows, test: TestName, cell: Rig | None = None) -> list[str]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import get_args
 
 import pytest
@@ -12,6 +11,7 @@ import yaml
 
 from analysis import Result, evaluate_runs, load_run
 from analysis.diagnosis.judge.verdict import standing_of
+from analysis.procedures.facts import Labels
 from analysis.procedures.pooled import figure_columns
 from analysis.report.page.page_content import Verdict, example_limits, judge, named, verdict_sentence
 from analysis.report.texts import LANGUAGES, Language, texts_of
@@ -54,8 +54,8 @@ def test_the_example_of_limits_makes_every_test_judged() -> None:
 
 def test_of_a_test_without_limits_no_example_is_shown(monkeypatch: pytest.MonkeyPatch) -> None:
     """A kind of one's own may inherit the example of places; a rig file would refuse its lines."""
-    height = SimpleNamespace(test="height", example=("rms_mm", 0.5, 1.0))
-    monkeypatch.setattr("analysis.report.page.page_content.kinds", lambda: iter([height]))
+    monkeypatch.setattr("analysis.report.page.page_content.TESTS", ("height",))
+    monkeypatch.setattr("analysis.report.page.page_content.labels_of", lambda _: Labels(example=("rms_mm", 0.5, 1.0)))
     assert example_limits(Verdict("unjudged", (), ("height",))) == ""  # type: ignore[arg-type]
 
 

@@ -1,43 +1,25 @@
-"""Height test: a height gauge on a table beside the arm touches the tool where the robot stands.
-
-What is measured less what the nominal arm says is one length in every posture, how high the arm's base stands above the
-table; what differs from its mean is the arm's error along the vertical.
-"""
+"""Figures of the height test."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
-from analysis.procedures.shared.evaluate import Instruments, hold_numbers
+from analysis.procedures.shared.evaluate import Evaluation, Instruments, hold_numbers
 from analysis.procedures.shared.lap_curve import SEED
 from analysis.procedures.shared.quantity import Quantity, figures_of
 from analysis.procedures.shared.result_curves import PoseCurve
 from analysis.robot.kinematics.arm import Array, arm_of, forward
-from analysis.runs.csv_tables import Rows, joint_cells
 from analysis.runs.noise.spectrum import DRAWS
-from analysis.runs.table_format import Kind
-from analysis.runs.table_layout import Layout, joint_columns
-from analysis.runs.tables import Table
 from rigs.errors import FileError
 from rigs.rig import Rig
-from rigs.schema.vocabulary import Direction, TestName
+
+from .format import HeightTable
 
 _U_MM = 0.02
 """Standard uncertainty of a reading: maximum permissible error of 0.035 mm of a good height gauge, over √3."""
 _FEWEST = 4
-
-
-@dataclass(frozen=True)
-class HeightTable(Table):
-    """Heights of the tool: q (n, axes) rad; height_mm (n,) above the table."""
-
-    test: ClassVar[TestName] = "height"
-    q: Array
-    height_mm: Array
 
 
 @dataclass(frozen=True)
@@ -55,22 +37,8 @@ class HeightResult:
         return PoseCurve(self.off_mm[:, None] * [0.0, 0.0, 1.0], None)
 
 
-class Height(Kind[HeightTable]):
-    """The height test."""
-
-    without_joints = "is a table of heights, which no diagnosis takes"
-
-    def layout(self, axes: int = 6, *, rail: bool = False) -> Layout:
-        return Layout((*joint_columns(axes), "height_mm"))
-
-    def table_of(self, rows: Rows, direction: Direction | None, where: str) -> HeightTable:
-        return HeightTable(rows.q, rows.floats("height_mm"))
-
-    def columns(self, table: HeightTable) -> Mapping[str, Array]:
-        return {**joint_cells(table.q, rail=False), "height_mm": table.height_mm}
-
-    def readings(self, table: HeightTable) -> Array:
-        return table.height_mm[:, None]
+class HeightEvaluation(Evaluation[HeightTable]):
+    """Figures of the height test."""
 
     def evaluate(self, table: HeightTable, rig: Rig, where: str, instruments: Instruments) -> HeightResult:
         """The figures by the nominal arm: height_rms_mm, and height_band_mm, the largest less the smallest."""
@@ -89,4 +57,4 @@ def _plain(off_mm: Array) -> dict[str, Array]:
     return {"height_rms_mm": off_mm.std(axis=-1), "height_band_mm": np.ptp(off_mm, axis=-1)}
 
 
-KIND = Height("height")
+PART = HeightEvaluation

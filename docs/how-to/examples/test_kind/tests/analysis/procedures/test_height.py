@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from analysis.procedures.height.evaluate import HeightTable
+from analysis.procedures.height.format import HeightTable
 from analysis.procedures.shared.evaluate import evaluate
 from analysis.robot.kinematics.arm import arm_of, forward
 from analysis.runs.csv_tables import columns_of, table_from

@@ -1,0 +1,67 @@
+"""First stage of a diagnosis: the runs of one robot, prepared and divided by their use."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from analysis.diagnosis.evidence.observation import ObservedRun
+from analysis.diagnosis.evidence.prepared_runs import prepare_runs
+from analysis.diagnosis.evidence.setups import without_a_fold
+from analysis.procedures.facts import facts_of
+from analysis.runs.loading import Measured
+from rigs.errors import FileError
+from rigs.rig import Rig
+
+
+@dataclass(frozen=True)
+class Uses:
+    """Runs by their use: for the fit, held out for validation, and measured at an unseen place."""
+
+    used: Sequence[Measured]
+    held_out: Sequence[Measured] = ()
+    unseen: Sequence[Measured] = ()
+
+    @property
+    def names(self) -> tuple[list[str], list[str], list[str]]:
+        """Names of the runs of each use. Without held-out runs, a part of the runs used is held out."""
+        used, held_out, unseen = (
+            [run.run.manifest.name for run in runs] for runs in (self.used, self.held_out or self.used, self.unseen)
+        )
+        return used, held_out, unseen
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Prepared runs of a robot.
+
+    runs, judges, elsewhere: readings (m, k) mm used in the fit, held out, and of an unseen place. tolerance_um: largest
+    accepted rms error of the readings; None if the limits of the rig file decide. doubts: of the placements.
+    """
+
+    rig: Rig
+    uses: Uses
+    runs: Sequence[ObservedRun]
+    judges: Sequence[ObservedRun]
+    elsewhere: Sequence[ObservedRun]
+    tolerance_um: float | None
+    doubts: tuple[str, ...]
+
+
+def gather(rig: Rig, uses: Uses, tolerance_um: float | None, progress: Callable[[str], None]) -> Evidence:
+    """Prepare the runs of a robot with the model of its rig. Without held-out runs, a fifth of the neighbourhoods of
+    poses in joint space is held out. Raises FileError for runs of a different robot, or not readable as the stated
+    test."""
+    progress("reading the runs")
+    (runs, judges, elsewhere), doubts = prepare_runs(rig, uses.used, uses.held_out, uses.unseen)
+    if not judges:
+        runs, judges = without_a_fold(runs)
+    _require_enough_readings(runs)
+    return Evidence(rig, uses, runs, judges, elsewhere, tolerance_um, tuple(doubts))
+
+
+def _require_enough_readings(runs: Sequence[ObservedRun]) -> None:
+    """Raise FileError if there are fewer readings than set-up terms."""
+    terms = sum({run.setup: facts_of(run.table.test).setup_terms for run in runs}.values())
+    if (count := sum(run.values.size for run in runs)) < terms:
+        raise FileError("RUN…", f"{count} readings are fewer than the {terms} terms of the set-up", "give more runs")

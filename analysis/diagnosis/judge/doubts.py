@@ -1,0 +1,87 @@
+"""Doubts about a diagnosis: of the runs, of sizes at the limit of fits, and of the effects of the rig file."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from analysis.diagnosis.evidence.blocks import Block
+from analysis.diagnosis.evidence.observation import rms
+from analysis.diagnosis.evidence.observation_of import observation_of
+from analysis.diagnosis.evidence.setups import FittedRuns, fit_run_setups
+from analysis.diagnosis.fit.refine import ended_at_limit
+from analysis.diagnosis.judge.result import Named
+from analysis.diagnosis.judge.validation import shows_noise
+from analysis.diagnosis.judge.verdict import shows_time
+from analysis.procedures.facts import labels_of
+from analysis.robot.kinematics.arm import rail_mm
+from rigs.rig import Rig
+from rigs.schema.effect import label_of, name_of
+
+_BETTER = 0.97
+"""Ratio of the gap without an effect of the rig file to that with it, below which the effect is doubted. Chosen: 3 % of
+the rms is more than a refitted set-up gains by chance."""
+
+
+def doubts_of_runs(blocks: Sequence[Block]) -> tuple[str, ...]:
+    """Return doubts about the runs, independent of their explanation."""
+    doubts = []
+    circles = [block for block in blocks if block.sampling]
+    if circles and not circles[0].measured:
+        slow = "" if shows_time(blocks) else ", and one lap shows nothing that changes slowly, as warming"
+        doubts.append(f"no circle was repeated: the noise of real cells is assumed{slow}; repeat each circle")
+    if driven_once := ", ".join(block.name for block in circles if block.measured and block.count < 2):
+        doubts.append(f"{driven_once} was driven once: its noise is assumed equal to that of the other circles")
+    unrepeated = [block for block in blocks if not block.sampling and not block.measured]
+    once = {block.name: shows_noise(block) for block in unrepeated if not labels_of(block.table.test).no_repeats}
+    doubts += [words for block in unrepeated if (words := labels_of(block.table.test).no_repeats)]
+    for name, shows in once.items():
+        scatter = "is what the model leaves" if shows else "is assumed"
+        doubts.append(f"no target of {name} was visited twice: its scatter {scatter}; visit targets again")
+    ways: dict[str, set[str]] = {}
+    for block in blocks:
+        table = block.table
+        doubts += observation_of(table).doubts(table, block.model, block.name)
+        if direction := table.driven_direction:
+            ways.setdefault(table.test, set()).add(direction)
+    rails = [rail_mm(block.model.arm, block.table.q) for block in blocks if block.model.arm.rail is not None]
+    if rails and np.ptp(stands := np.concatenate(rails)) == 0:
+        doubts.append(f"the rail stood at {stands[0]:g} mm all along: nothing of it shows; measure along it")
+    for test, way in [(test, next(iter(seen))) for test, seen in ways.items() if len(seen) == 1]:
+        doubts.append(f"{test} was driven {way} only: effects that change with the direction cannot be detected")
+    if not circles:
+        sides = any(block.table.sides is not None for block in blocks)
+        back = "" if sides else ", or on how a joint turns back,"
+        doubts.append(f"the robot stood at every reading: effects that depend on the speed{back} hardly show")
+    return tuple(dict.fromkeys(doubts))  # each socket of a run is a separate block
+
+
+def doubts_of_limits(names: Sequence[Named]) -> tuple[str, ...]:
+    """Return a message for each confirmed name whose size reached the limit of fits."""
+    doubts = []
+    for named in names:
+        if named.stands and ended_at_limit(named.effect):
+            doubts.append(
+                f"{label_of(named.effect)} ended at the limit of its size, so it is not to be trusted: check the rig "
+                "file, the cables of the gauges and the placements, and diagnose again"
+            )
+    return tuple(doubts)
+
+
+def doubts_of_rig(rig: Rig, fitted: FittedRuns) -> tuple[str, ...]:
+    """Return a message for each effect of the rig file without which the model fits better."""
+    if not rig.effects:
+        return ()
+    whole = rms(fitted.beside(())[1])
+    doubts = []
+    for k, effect in enumerate(rig.effects):
+        bare = (*rig.effects[:k], *rig.effects[k + 1 :])
+        without = rms(fit_run_setups([replace(run, model=replace(run.model, effects=bare)) for run in fitted.runs])[1])
+        if without < _BETTER * whole:
+            doubts.append(
+                f"without {name_of(effect)} of the rig file the gap is {1e3 * without:.1f} instead of "
+                f"{1e3 * whole:.1f} µm: remove it and diagnose again"
+            )
+    return tuple(doubts)

@@ -1,0 +1,95 @@
+"""Last stage of a diagnosis: the tests that would decide open names, and the actions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import cache, partial
+
+from analysis.diagnosis.evidence.gather import Evidence
+from analysis.diagnosis.fit.fit_evidence import Fit
+from analysis.diagnosis.judge.act_list import EARLY, EARLY_COMMANDED, JudgedPlace, acts_of
+from analysis.diagnosis.judge.acts import Act
+from analysis.diagnosis.judge.judge import Findings
+from analysis.diagnosis.judge.result import Diagnosis, Named, NextTest, fault_rivals
+from analysis.diagnosis.judge.validate import Validation
+from analysis.diagnosis.judge.verdict import ambiguous_names
+from analysis.diagnosis.plan.detectability import FurtherTests, possible_tests, shortest, sigma_between
+from analysis.diagnosis.plan.expected import is_separable
+from analysis.diagnosis.plan.naming_tests import naming_tests
+from analysis.procedures.facts import facts_of
+from analysis.runs.loading import Measured
+from analysis.runs.table_layout import COMMANDED
+from rigs.errors import FileError
+from rigs.schema.effect import name_of
+
+_FEW_TESTS = 3
+"""Number of further tests listed with the reason why the robot cannot drive them."""
+
+
+def plan_next(
+    diagnosis: Diagnosis,
+    evidence: Evidence,
+    fit: Fit,
+    validation: Validation,
+    findings: Findings,
+    progress: Callable[[str], None],
+) -> Diagnosis:
+    """Return the diagnosis with the next test, if a name has a rival, and the actions."""
+    further = _further_tests(evidence, fit)
+    next_test, why_none = None, list[str]()
+    condition, is_decidable = diagnosis.condition, diagnosis.runs_to_decide is None
+    if condition == "ambiguous" or (condition == "undecided" and is_decidable):
+        progress("choosing a test that separates the rivals")
+        next_test, why_none = _next_test(diagnosis.effects, further)
+    asks = condition not in ("not_testable_here", "out_of_range") and is_decidable and not diagnosis.given
+    judged_runs = validation.sound, validation.elsewhere
+    named = list(diagnosis.effects)
+    tests = naming_tests(further, fit.result, diagnosis.budget, named, judged_runs) if asks else []
+    runs = validation.elsewhere or validation.judges or validation.sound
+    place = JudgedPlace(diagnosis.accuracy.place, validation.fitted, runs, validation.stages, validation.gaps.judged)
+    acts = acts_of(diagnosis, place, tests, _before(evidence.uses.used) if findings.early else ())
+    return replace(diagnosis, next_test=next_test, doubts=(*diagnosis.doubts, *why_none), acts=acts)
+
+
+def _further_tests(evidence: Evidence, fit: Fit) -> FurtherTests:
+    """Return the function that lists the possible and impossible further tests, computed once if it is called."""
+    result = fit.result
+    tests = tuple(dict.fromkeys(run.run.manifest.test for run in evidence.uses.used))
+    return cache(
+        partial(
+            possible_tests, evidence.rig, tests, result.blocks_as_shown, result.linear.setups, result.state.level,
+            noise_share=result.noise_share,
+        )
+    )  # fmt: skip
+
+
+def _before(used: Sequence[Measured]) -> tuple[Act, ...]:
+    """Return the first action if joints were read too early, depending on the presence of commanded angles."""
+    tables = [run.run.table for run in used if facts_of(run.table.test).of_tracker]
+    commanded = any(table is not None and COMMANDED[0] in table.column_names for table in tables)
+    return (EARLY_COMMANDED if commanded else EARLY,)
+
+
+def _next_test(named: Sequence[Named], further: FurtherTests) -> tuple[NextTest | None, list[str]]:
+    """Return the shortest test that, together with the existing runs, separates the first ambiguous name from its
+    closest rival; otherwise a doubt."""
+    open_ones = [(name, name.rivals) for name in ambiguous_names(named)]
+    open_ones += [(name, tuple(fault_rivals(name))) for name in named]
+    name, rivals = next(((name, rivals) for name, rivals in open_ones if rivals), (None, ()))
+    if name is None:
+        return None, []
+    try:
+        possible, impossible = further()
+    except FileError as error:
+        return None, [f"no further test is possible with this rig file: {error}"]
+    if not possible:
+        reasons = "; ".join(f"{test}: {why}" for test, why in impossible[:_FEW_TESTS])
+        return None, [f"no further test is possible with this rig file ({reasons or 'it declares no other'})"]
+    best = shortest(possible, sigma_between(name.effect, rivals[0].effect), is_separable)
+    if best is None:
+        return None, [
+            f"no other test separates {name_of(name.effect)} from its rivals: their corrections have the same effect"
+        ]
+    test, sigma = best
+    return NextTest(test.test, test.why, float(sigma)), []

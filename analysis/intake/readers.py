@@ -1,0 +1,72 @@
+"""Readers of files that contain several recorded streams, as bags of ROS 2.
+
+A package offers each as an entry point `rig.readers`: a module with the functions of `StreamReader`. Rig's own reader
+is an app, offered in the same way, so that imports of tables know nothing of its libraries.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from typing import Protocol, cast
+
+from rigs.errors import FileError
+from rigs.rig import Rig
+from rigs.schema.vocabulary import TestName
+
+
+@dataclass(frozen=True)
+class StandTable:
+    """The table as text, the topic that it was made from, and what a person should know, in words."""
+
+    text: bytes
+    topic: str
+    doubts: tuple[str, ...]
+
+
+class StreamReader(Protocol):
+    """Module that reads one kind of files."""
+
+    def is_own(self, data: bytes) -> bool:
+        """Return whether the bytes of a file, or its beginning, are of this kind."""
+
+    def file_of(self, path: Path) -> Path:
+        """Return the file to be read in a directory made by a recorder; any other path unchanged. Raises FileError."""
+
+    def size_remedy(self, data: bytes) -> str:
+        """Return how to make a file smaller, by its beginning; empty if unknown."""
+
+    def table_of(self, data: bytes, where: str, rig: Rig, test: TestName) -> tuple[bytes, tuple[str, ...]]:
+        """Return the CSV of a circle, and doubts in words. Raises FileError."""
+
+    def stands_of(self, data: bytes, where: str, rig: Rig, topic: str) -> StandTable:
+        """Return the stands of the robot as a table. topic: of the poses; the only one if empty. Raises FileError."""
+
+
+@cache
+def readers() -> tuple[StreamReader, ...]:
+    """Return all installed readers. Raises FileError for an unusable offer."""
+    return tuple(map(_loaded, sorted(entry_points(group="rig.readers"))))
+
+
+def _loaded(offer: EntryPoint) -> StreamReader:
+    try:
+        return cast("StreamReader", offer.load())
+    except Exception as reason:
+        problem = f"{offer.value}, which a package offers, cannot be used: {reason}"
+        remedy = "install another version of that package, or uninstall it"
+        raise FileError(f"reader {offer.name}", problem, remedy) from reason
+
+
+def reader_of(data: bytes) -> StreamReader | None:
+    """Return the reader of a file by its bytes, or by its beginning; None for any other file."""
+    return next((reader for reader in readers() if reader.is_own(data)), None)
+
+
+def file_of(path: Path) -> Path:
+    """Return the file to be read in a directory made by a recorder; any other path unchanged. Raises FileError."""
+    for reader in readers():
+        path = reader.file_of(path)
+    return path

@@ -1,0 +1,27 @@
+"""Checks of a table of touches."""
+
+from __future__ import annotations
+
+from analysis.procedures.checks.checks_of_test import Checks, Finders, PathDeviation
+from analysis.procedures.checks.lost_poses import WILDNESS, wild_touches
+from analysis.procedures.checks.place import off_sockets
+from analysis.robot.kinematics.arm import Array
+from analysis.runs.tables import TouchTable
+from rigs.rig import Rig
+
+
+class TouchChecks(Checks[TouchTable]):
+    """Evidence in touches."""
+
+    @property
+    def finders(self) -> Finders[TouchTable]:
+        return ((WILDNESS, wild_touches),)
+
+    def cannot_tell(self, table: TouchTable, rig: Rig) -> str:
+        return "a touch has no place of its own"
+
+    def off_path(self, table: TouchTable, rig: Rig, T_tool: Array) -> PathDeviation | None:
+        return off_sockets(T_tool, table.socket)
+
+
+PART = TouchChecks
