@@ -386,7 +386,7 @@ _FIGURES: dict[int, tuple[str, str, Callable[[FigureBase, SimulatedFigures], Non
     14: ("sphere-simulated", "radial accuracy, gear errors alone", _sphere_gears, 4.4),
     15: ("repeatability", "repeatability", _repeatability, 4.0),
 }
-"""By figure number: file name, title, drawing function, and height in inches without the numbers below."""
+"""File name, title, drawing function, and height in inches without the table, by figure number."""
 
 
 def _label_axes(axes: Axes, x: str, y: str) -> None:
