@@ -22,20 +22,23 @@ from rigs.schema.vocabulary import DRIVEN_AXES, FEWEST_AXES, MOST_AXES, Directio
 
 @dataclass(frozen=True)
 class Rows:
-    """Columns of docs/tables.md for a kind of test, without extra columns."""
+    """Columns of docs/tables.md for one kind of test. Additional columns are ignored."""
 
     columns: pa.Table
 
     @cached_property
     def axes(self) -> int:
-        """Number of joints in the table; cells of unrelated columns, such as a gripper, stay text. Fewer than the
-        minimum means six joints with missing columns."""
+        """Number of joints in the table, counted from axis 1 up to the first column that is missing or not numeric.
+
+        A column of text is not a joint, even with the name of one, as for a gripper. Below the minimum number of axes,
+        six joints are assumed.
+        """
         joints = list(takewhile(self._is_measured, joint_columns(MOST_AXES)))
         return len(joints) if len(joints) >= FEWEST_AXES else DRIVEN_AXES
 
     @cached_property
     def rail(self) -> bool:
-        """Whether the table contains rail positions; an unrelated column of that name stays text."""
+        """Whether the table contains rail positions. An unrelated column with that name stays text."""
         return self._is_measured(RAIL)
 
     @property
@@ -52,7 +55,7 @@ class Rows:
         return np.asarray(array_of(self.columns[name]), dtype=float)
 
     def stack(self, names: tuple[str, ...]) -> Array:
-        """Return columns of numbers side by side, (n, k)."""
+        """Return several columns of numbers as one array (n, k)."""
         return np.stack([self.floats(name) for name in names], axis=1)
 
     def counts(self, name: str) -> Integers:
@@ -60,15 +63,15 @@ class Rows:
         return array_of(self.columns[name])
 
     def words(self, name: str) -> NDArray[np.str_]:
-        """Return a column (n,) of words without a unit."""
+        """Return a column (n,) of text, without a unit."""
         return np.array(self.columns[name].to_pylist(), dtype=np.str_)
 
     def times(self) -> Array:
-        """Return times (n,) s, zeros if the table has none."""
+        """Return times (n,) s, zeros if the table has no times."""
         return self.floats("t_s") if self.has(("t_s",)) else np.zeros(self.columns.num_rows)
 
     def with_rail(self, q: Array, name: str = RAIL) -> Array:
-        """Return angles q (n, axes) rad with the rail position in m, if the table contains it."""
+        """Append the rail position in m to angles q (n, axes) rad, if the table contains it."""
         return np.column_stack([q, self.floats(name) / RAIL_MM]) if self.rail else q
 
     def _is_measured(self, name: str) -> bool:
@@ -77,9 +80,9 @@ class Rows:
 
 
 def table_from(columns: pa.Table, test: TestName, direction: Direction | None, where: str) -> Table:
-    """Return a table in memory from the columns of docs/tables.md, without extra columns.
+    """Convert columns of docs/tables.md to a table in memory, ignoring additional columns.
 
-    Raises FileError for columns of a different test, for no rows, and for content rejected by imports.
+    Raises FileError for columns of another test, for a table without rows, and for any content that import rejects.
     """
     rows, kind = Rows(columns), kind_named(test)
     missing = [name for name in kind.layout(rows.axes).required if name not in columns.column_names]
@@ -92,39 +95,41 @@ def table_from(columns: pa.Table, test: TestName, direction: Direction | None, w
 
 
 def u_lag_s_of(columns: pa.Table) -> float:
-    """Return the common standard uncertainty in s of the gauges' time relative to the joints'; 0 if not stated."""
+    """Return the common standard uncertainty in s of the gauges' time relative to the joints', 0 if not stated."""
     stated = "u_lag_s" in columns.column_names and pa.types.is_floating(columns.schema.field("u_lag_s").type)
     return float(Rows(columns).floats("u_lag_s").max(initial=0.0)) if stated else 0.0
 
 
 def columns_of(table: Table) -> pa.Table:
-    """Return the columns of docs/tables.md in order: degrees and mm. Times that are all zero are left out."""
+    """Convert a table to the columns of docs/tables.md, in their documented order, in degrees and mm.
+
+    Times that are all zero are omitted.
+    """
     return pa.table({name: pa.array(values) for name, values in table.kind.columns(table).items()})
 
 
 def joint_cells(
     q: Array, *, rail: bool, names: Callable[[int], tuple[str, ...]] = joint_columns, rail_name: str = RAIL
 ) -> dict[str, Array]:
-    """Return the columns of angles q (n, axes) rad by name, in degrees, followed by a rail in mm."""
+    """Return the columns of angles q (n, axes) rad by name, in degrees, followed by the rail position in mm."""
     axes = q.shape[1] - rail
     cells = dict(zip(names(axes), np.degrees(q[:, :axes]).T, strict=True))
     return cells | ({rail_name: RAIL_MM * q[:, axes]} if rail else {})
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# Rules for every table from any program: finite plausible numbers, increasing times.
+# Rules for all tables from any program: finite, plausible numbers and increasing times.
 #
-# Import reports the same with line numbers. A run directory consists of files, and one that was edited, or written by
-# another
-# program, had a time of nan or 1e300, which stopped the analysis of all runs with it.
+# Import reports violations with line numbers. Run directories must be checked too, because their files may have been
+# edited or written by another program. In one run, a time of nan or 1e300 stopped the analysis of all runs.
 
 LARGEST = 1e12
-"""Limit of angles, lengths and times, in any unit chosen by mistake."""
+"""Largest plausible angle, length or time, in any unit that may have been chosen by mistake."""
 _REMEDY = "restore the run from a copy, or correct its table and import it again"
 
 
 def hold_table(table: Table, where: str) -> None:
-    """Raise FileError for the first row rejected by imports; `where` names the table."""
+    """Raise FileError for the first row that import would reject. `where` names the table."""
     columns = {name: values for name, values in vars(table).items() if isinstance(values, np.ndarray)}
     for field, values in columns.items():
         name = "g1_mm" if field == "g_mm" and values.ndim == 1 else field

@@ -1,9 +1,9 @@
-"""Kinds of tests: the interface of a test, and the place of each implementation.
+"""Kinds of tests: the interface of a test, and the import of implementations.
 
-Code with a table calls `table.kind` and never compares kinds. A kind is `evaluate` in the folder of
-`analysis.procedures` with the test's name (yaw and roll share `circle`), and no other code names it. It covers
-everything from the columns of a file to the fitted part of a set-up. Common parts are in `places_and_targets` and
-`evaluate` of `shared`, and in `evaluate` of `circle`.
+Code that processes a table calls `table.kind` and never compares kinds. The implementation is the module `evaluate` in
+the folder of `analysis.procedures` with the test's name (yaw and roll share `circle`). It covers all aspects of a test,
+from the columns of a file to the fitted terms of a set-up, and no other code names a test. Common parts are in
+`shared/places_and_targets`, `shared/evaluate` and `circle/evaluate`.
 """
 
 from __future__ import annotations
@@ -44,158 +44,164 @@ if TYPE_CHECKING:
 
 T = TypeVar("T", bound="Table")
 SAME_RAD = 3e-4
-"""Joint angles that all differ by less than this count as the same posture. Controllers report angles in steps of about
-a third of it."""
+"""Largest difference of each joint angle between equal postures, three steps of angles reported by controllers."""
 
 
 class Kind(ABC, Generic[T]):
-    """Interface of a test. The base class contains the common answers; a test overrides the different ones."""
+    """Interface of a test. The base class implements the common behaviour, which tests override."""
 
     gauges: tuple[Gauge, ...] = ()
-    """The gauges that it is read with."""
+    """Gauges used by the test."""
     certified: tuple[str, ...] = ()
-    """Parts of the rig file that may have a certificate and determine the readings: gauges, ball, link."""
+    """Parts of the rig file that determine the readings and may have a certificate: gauges, ball, link."""
 
     example: tuple[str, float, float] | None = None
-    """Example figure with bounds for warning and failure, of the size of the values in docs/rig-file.md, to be
-    replaced."""
+    """Example of a figure with bounds for warning and failure, to be replaced by the user. The values are of the
+    size of those in docs/rig-file.md.
+    """
     part = ""
-    """Section of `tests` in a rig file describing place and motion of the test."""
+    """Section of `tests` in a rig file that describes location and motion of the test."""
     further: tuple[str, str] | None = None
-    """Name in a plan as an additional test in a rig file with that section, and the reason for adding it."""
+    """Name of the additional test in a plan, for a rig file with that section, and the reason for adding it."""
     along = "place"
     """Abscissa of the curve in a table of measured and simulated values."""
 
     in_order_of_time = False
-    """Whether rows have increasing times."""
+    """Whether the times of rows increase."""
     swept = False
-    """Whether joints move during the reading."""
+    """Whether joints move during a reading."""
     of_places = False
-    """Whether a reading is a place, three coordinates of a target or ball on the tool."""
+    """Whether a reading is a position: three coordinates of a target or ball on the tool."""
     of_tracker = False
-    """Whether an instrument sees the places; it may be placed anywhere and may read joints before they rest."""
+    """Whether a tracker measures the positions. It may be placed anywhere, and may read joints before they rest."""
     constants_apart = False
-    """Whether the readings alone determine the constants of an arm, which then have separate widths."""
+    """Whether the readings alone determine the constants of an arm. The constants then have separate widths."""
     setup_terms, frame_terms = 4, 0
-    """Number of fitted set-up terms, and number of leading terms for places that belong to the instrument or socket;
-    the others belong to the target on the tool, common to all placements."""
+    """Number of fitted set-up terms, and number of leading terms that belong to the instrument or socket. For
+    positions, the remaining terms belong to the target on the tool and are common to all placements.
+    """
     setup_words = "the ball's position and the gauges' zeros"
-    """Description of the set-up terms."""
+    """Description of the set-up terms in messages."""
     wild_spreads = 10.0
-    """Robust standard deviations from which a reading is an outlier relative to a calibrated arm; the standard
-    deviation is at least the largest of real cells, 0.06 mm. Chosen: as for the sphere of a radial test."""
+    """Threshold of an outlier relative to a calibrated arm, in robust standard deviations. The standard deviation is
+    at least the largest of real cells, 0.06 mm. Chosen: equal to that for the sphere of a radial test.
+    """
     assumed_sd_mm = np.nan
-    """Standard deviation of a coordinate if no place was visited twice."""
+    """Standard deviation of a coordinate if no position was visited twice."""
     never_twice = ""
-    """Message if no reading was repeated; empty if the message is common to all tests."""
+    """Message if no reading was repeated. Empty if the message common to all tests applies."""
     finders: tuple[tuple[str, Callable[[T, Rig], Iterable[Finding]]], ...] = ()
-    """Conventions that few tests can break, each with the function finding violations."""
+    """Conventions that only a few tests can violate, each with the function that finds violations."""
     joints_fit = "rows lie on the path of the test"
     rows_called = "targets"
     away_from = ""
     when_far = ""
-    """Words: action of rows whose joints have the labelled meaning; name of a row; origin of the distance; subject
-    to check."""
+    """Words for messages: verb phrase of plausible rows, name of a row, origin of the distance, and advice."""
     without_joints = ""
-    """Reason for not showing single joints; empty if the test does show them."""
+    """Reason why the test does not show single joints. Empty if it does."""
 
     def __init__(self, test: TestName) -> None:
         self.test: TestName = test
 
     def refused(self, where: str) -> FileError:
-        """Return the error for a test showing nothing of an arm's joints."""
+        """Return the error for a test that does not show the joints of an arm."""
         return FileError(where, self.without_joints, "give poses, touches or circles")
 
     @abstractmethod
     def layout(self, axes: int = 6, *, rail: bool = False) -> Layout:
-        """Return the columns of the table for an arm with this number of axes, on a rail or not."""
+        """Return the columns of the table for an arm with this number of axes, with or without a rail."""
 
     @abstractmethod
     def table_of(self, rows: Rows, direction: Direction | None, where: str) -> T:
-        """Return the table of the columns of a file. Raises FileError."""
+        """Convert the columns of a file to a table. Raises FileError."""
 
     @abstractmethod
     def columns(self, table: T) -> Mapping[str, Array | Integers | Sequence[str] | pa.Array]:
-        """Return the columns (n,) of docs/tables.md by name, in the documented order: degrees and mm."""
+        """Return the columns (n,) of docs/tables.md by name, in the documented order, in degrees and mm."""
 
     @abstractmethod
     def readings(self, table: T) -> Array:
-        """Return the readings (n, k), in mm: a column for each gauge, or three coordinates."""
+        """Return the readings (n, k) in mm: a column for each gauge, or three coordinates."""
 
     def differs(self, table: T) -> Mask | None:
-        """Return a mask (n - 1,) of rows differing from the previous row, whatever the joints; None if a row is never
-        a second reading of the same standstill: the robot was driven, or each row is a separate visit."""
+        """Return a mask (n - 1,) of rows with labels or readings that differ from the previous row, ignoring the
+        joints.
+
+        None if rows are never repeated readings of one standstill, because the robot was moving or because each row is
+        a separate visit.
+        """
         return None
 
     def averaged(self, table: T, first: Mask, mean: Callable[[Array], Array]) -> T:
-        """Return the table with a row for each standstill separated by `differs`; first (n,): whether a row is the
-        first of a standstill, mean: means (s, …) over each standstill of values (n, …) in their unit; labels are
-        those of the first row."""
+        """Return the table with one row per standstill; `differs` separates standstills.
+
+        first (n,): mask of the first row of each standstill. mean: function that averages values (n, …) over each
+        standstill, to (s, …) in the same unit. Labels are taken from the first row.
+        """
         columns = {name: column for name, column in vars(table).items() if isinstance(column, np.ndarray)}
         return replace(table, **{name: mean(c) if c.dtype.kind == "f" else c[first] for name, c in columns.items()})
 
     def recorded(self, data: Aligned, rig: Rig, direction: Direction | None, where: str) -> tuple[T, list[str]]:
-        """Return the table of a recorded run, and doubts in words. Raises FileError."""
+        """Convert a recorded run to a table, and return it with the doubts as text. Raises FileError."""
         raise FileError(where, f"a recorded {self.test} run has no instrument to read", "import its table: rig import")
 
     # ------------------------------------------------------------------------------------------------------------------
-    # Model prediction of the table.
+    # Prediction of the table by the model.
 
     def setup(self, rig: Rig) -> SetUp:
-        """Return the nominal set-up: ball in the nominal centre, gauges at zero, instrument in the world frame."""
+        """Return the nominal set-up: ball at the nominal centre, gauges at zero, instrument in the world frame."""
         raise self.refused(f"rig {rig.name}")
 
     def path(self, model: Model, table: T) -> Path:
-        """Return the motion behind a table: as recorded, or with the approaches that the test prescribes."""
+        """Return the motion of a table: as recorded, or with the approaches prescribed by the test."""
         raise self.refused(f"rig {model.rig.name}")
 
     def read(self, model: Model, table: T, path: Path, scene: Scene, setup: SetUp) -> Array:
-        """Return readings (m, k): gauges in mm; for places T_instrument_target, (m, 16) row by row."""
+        """Return readings (m, k): gauges in mm, or for positions the poses T_instrument_target as rows (m, 16)."""
         raise self.refused(f"rig {model.rig.name}")
 
     def with_readings(self, table: T, values: Array) -> T:
-        """Return the table with other readings (n, k) mm, of gauges."""
+        """Return the table with the gauge readings replaced by values (n, k) mm."""
         raise self.refused(f"a {self.test} table")
 
     def simulated(self, rig: Rig, direction: Direction | None, run: Simulation) -> T:
-        """Return a run as it would be measured. Raises FileError if the robot cannot do the test."""
+        """Simulate a run of the test. Raises FileError if the robot cannot do the test."""
         raise FileError(f"{self.test} test", "is not simulated", "simulate another test")
 
     # ------------------------------------------------------------------------------------------------------------------
-    # Evidence against the labelled meaning of the columns.
+    # Evidence against the labelled meaning of columns.
 
     def findings(self, convention: str, table: T, rig: Rig) -> Iterable[Finding]:
-        """Return the findings of a table against a convention, by `finders`."""
+        """Return the violations of a convention in a table, according to `finders`."""
         find = dict(self.finders).get(convention)
         return find(table, rig) if find else ()
 
     def unit_findings(self, table: T, rig: Rig, T_tool: Array) -> Iterable[Finding]:
-        """Return the findings against units, relative to nominal tool poses T_tool (n, 4, 4), the most certain
-        first."""
+        """Return evidence against the units, strongest first, relative to nominal tool poses T_tool (n, 4, 4)."""
         return ()
 
     def cannot_tell(self, table: T, rig: Rig) -> str:
-        """Return the reason why a table cannot show the meaning of the joint columns; empty if it can."""
+        """Return the reason why a table cannot show the meaning of the joint columns. Empty if it can."""
         return self.without_joints
 
     def judged_joints(self, table: T, rig: Rig) -> Verdict:
-        """Return which meaning of the joint columns fits a table that can show it."""
+        """Determine the meaning of the joint columns, for a table that can show it."""
         raise self.refused(f"rig {rig.name}")
 
     def off_path(self, table: T, rig: Rig, T_tool: Array) -> Off | None:
-        """Return the distance of tool poses T_tool (n, 4, 4) from the nominal path of the test; None if unknown."""
+        """Return the distance of tool poses T_tool (n, 4, 4) from the nominal path of the test, None if unknown."""
         return None
 
     def targets(self, table: T, rig: Rig) -> Array | None:
-        """Return the target places (n, 3) mm of the rows; None if the rig file does not contain them."""
+        """Return the target positions (n, 3) mm of the rows, or None if the rig file does not contain them."""
         return None
 
     def numbers_of(self, table: T) -> Integers:
-        """Return the number (n,) identifying each row to the user: row in the file, or target."""
+        """Return the number (n,) of each row as displayed to the user: row in the file, or target."""
         return table.rows
 
     def thinned(self, table: T, count: int) -> T:
-        """Return a table of about `count` rows at most if the test may have millions; others are short."""
+        """Reduce a table of millions of rows to about `count` rows. Shorter tables are not changed."""
         return table
 
     # ------------------------------------------------------------------------------------------------------------------
@@ -203,57 +209,63 @@ class Kind(ABC, Generic[T]):
 
     @abstractmethod
     def evaluate(self, table: T, rig: Rig, where: str, instruments: Instruments) -> Evaluated:
-        """Return the figures. Raises FileError if a table is not a valid measurement."""
+        """Evaluate the figures. Raises FileError if a table is not a valid measurement."""
 
     def hold_evaluable(self, table: T, rig: Rig, where: str) -> None:
-        """Raise FileError if an evaluation will refuse the table for an immediately visible reason, gauges excluded."""
+        """Raise FileError if evaluation would refuse the table for an obvious reason. Gauges are not checked."""
 
     # ------------------------------------------------------------------------------------------------------------------
-    # Observation of an arm by the test in a fit.
+    # Use of the test in a fit of the arm.
 
     def rows_used(self, table: T, rig: Rig, where: str) -> Integers:
-        """Return the numbers (m,) of the rows with explained readings. Raises FileError for a table of another rig."""
+        """Return the indices (m,) of the rows used in a fit. Raises FileError for a table of another rig."""
         return np.arange(len(table.q))
 
     def direction(self, table: T) -> Direction | None:
-        """Return in which direction it was driven, of a test that is driven in two."""
+        """Return the direction of the motion, or None for a test with only one."""
         return None
 
     def visits(self, table: T) -> Integers:
-        """Return numbers (n, k) shared by readings of the same place, reached in the same way."""
+        """Return labels (n, k): rows with equal numbers are readings of the same position, reached in the same way."""
         return np.round(table.q / SAME_RAD).astype(np.int64)
 
     def parts(self, table: T) -> NDArray[np.str_] | None:
-        """Return the number of the part of each row (n,), if parts of a table have separate set-ups."""
+        """Return the part of each row (n,) as text without a unit, or None if the table has a single set-up."""
         return None
 
     def sides(self, table: T) -> Integers | None:
-        """Return the side of the backlash for each joint (n, axes): direction of the last move, -1 or 1, 0 if the
-        joint did not move; None if rows do not contain the approach of the joints."""
+        """Return the side of the backlash of each joint (n, axes): direction of the last move, -1 or 1, 0 without move.
+
+        None if rows do not contain the approach of the joints.
+        """
         return None
 
     def far(self, table: T, arm: Arm) -> Far | None:
-        """Return the rows far from all others, for places; other tests are compared with the calibrated arm only."""
+        """Return the rows of a position table that are far from all others. Other tests are compared with the
+        calibrated arm only.
+        """
         return None
 
     def lost(self, table: T) -> Mask:
-        """Return a mask (n,) of the rows without a measurement, by the value that an instrument writes in that case."""
+        """Return a mask (n,) of the rows without a measurement, recognised by the value that the instrument writes."""
         return np.zeros(len(table.q), dtype=bool)
 
     def doubts(self, table: T, model: Model, where: str) -> tuple[str, ...]:
-        """Return doubts raised by a table compared with the arm alone, for the diagnosis to report."""
+        """Return doubts about a table compared with a model of the arm without effects, for the diagnosis."""
         return ()
 
     def angles_of(self, table: T, rig: Rig) -> tuple[Array, Array]:
-        """Return polar angle and azimuth (n,) rad of each row on a map, nan if there is none."""
+        """Return polar angle and azimuth (n,) rad of each row on a map, nan if it has none."""
         nowhere = np.full(len(table.q), np.nan)
         return nowhere, nowhere
 
 
 @cache
 def kind_named(test: TestName) -> Kind[Table]:
-    """Return the kind of a test: KIND of the module in `analysis.procedures`, or the offer of a package as
-    `rig.tests` under that name. Raises FileError for an invalid offer."""
+    """Return the kind of a test: KIND of the module in `analysis.procedures`, or of a package that provides it.
+
+    Packages provide tests as entry points `rig.tests`. Raises FileError if an entry point is invalid.
+    """
     offer = OFFERED_TESTS.get(test)
     if offer is None:
         package = f"analysis.procedures.{test}"
@@ -271,5 +283,5 @@ def kind_named(test: TestName) -> Kind[Table]:
 
 
 def kinds() -> Iterator[Kind[Table]]:
-    """Return every kind of test, in the order in which they are named everywhere."""
+    """Return all kinds of tests, in the order used everywhere."""
     return map(kind_named, get_args(TestName))

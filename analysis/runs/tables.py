@@ -1,7 +1,7 @@
-"""Measurements as the tables of docs/tables.md, the common input of evaluation, simulation and fits.
+"""Tables of docs/tables.md in memory: the common input of evaluation, simulation and fits.
 
-Recorded runs become tables by alignment, imported ones by reading; simulation fills the same tables. Angles are radians
-and lengths mm here; in files (`analysis.runs.csv_tables`) degrees and mm.
+Recorded runs are aligned to tables, and imported ones are read from files. Simulations produce the same tables. Angles
+are in rad and lengths in mm, but files contain degrees and mm (`analysis.runs.csv_tables`).
 """
 
 from __future__ import annotations
@@ -19,8 +19,9 @@ from rigs.schema.vocabulary import CircleTest, Direction, TestName
 
 @dataclass(frozen=True)
 class Table:
-    """Common part of tables: the test, and reported joints q (n, axes) rad, with a rail position as additional
-    column (`rail`)."""
+    """Common part of all tables: the test, and reported joint angles q (n, axes) rad. `rail`: q has an additional
+    column with the rail position in m.
+    """
 
     if TYPE_CHECKING:
 
@@ -33,22 +34,22 @@ class Table:
 
     @property
     def kind(self) -> Kind[Self]:
-        """Kind of test, which provides all test-dependent functions."""
+        """Kind of the test, which implements all functions that depend on it."""
         return cast("Kind[Self]", kind_named(self.test))
 
     @property
     def rows(self) -> Integers:
-        """File row (n,) of each reading, or the first of several averaged ones."""
+        """Row number (n,) in the file of each reading, or of the first averaged reading."""
         row: Integers | None = getattr(self, "row", None)
         return np.arange(1, len(self.q) + 1) if row is None else row
 
 
 @dataclass(frozen=True)
 class CircleTable(Table):
-    """One circle driven in one direction, including recorded lead-in and lead-out.
+    """A circle driven in one direction, including the recorded lead-in and lead-out.
 
-    t_s (n,); q (n, 6) rad as reported; g_mm (n, 2) of g1 and g2; u_t_s (n,): individual standard uncertainty of each
-    row's time, None if unknown.
+    t_s (n,) s; q (n, 6) rad as reported; g_mm (n, 2): readings of g1 and g2; u_t_s (n,): individual standard
+    uncertainty of the times, None if unknown.
     """
 
     test: CircleTest
@@ -63,8 +64,9 @@ class CircleTable(Table):
 class RadialTable(Table):
     """Readings at targets of a hemisphere, in order of time.
 
-    target, orientation (n,): from 1; polar, azimuth (n,) rad; q (n, 6) rad; g_mm (n,): |B - TCP| less the link's
-    nominal length; t_s (n,), zeros if the table has no time.
+    target, orientation (n,): numbers from 1. polar, azimuth (n,) rad. q (n, 6) rad.
+    g_mm (n,): |B - TCP| minus the nominal length of the link.
+    t_s (n,) s: zeros if the table has no times.
     """
 
     test: ClassVar[TestName] = "radial"
@@ -79,9 +81,9 @@ class RadialTable(Table):
 
 @dataclass(frozen=True)
 class RepeatabilityTable(Table):
-    """Readings at targets approached from outside (`out`), from inside (`in`) or from elsewhere (`none`).
+    """Readings at targets approached from outside (`out`), from inside (`in`), or in another way (`none`).
 
-    target, round (n,): from 1; approach (n,) of str; q (n, 6) rad; g_mm (n,); t_s (n,) as in a radial table.
+    target, round (n,): numbers from 1. approach (n,) of str. q (n, 6) rad. g_mm (n,). t_s (n,) s as in a radial table.
     """
 
     test: ClassVar[TestName] = "repeatability"
@@ -97,10 +99,12 @@ class RepeatabilityTable(Table):
 class PoseTable(Table):
     """Tool poses measured by a tracker, in the tracker's frame.
 
-    q (n, axes) rad, with a rail position in m as additional column (`rail`); xyz_mm (n, 3); rpy (n, 3) rad, fixed-axis
-    roll-pitch-yaw, or None if only positions were measured; row (n,): from 1, file row of each, or the first of
-    several; None for 1 … n; came_from (n, axes) rad: joint angles before the last move, which determine the side of
-    backlash, or None if the robot came from the previous pose.
+    q (n, axes) rad: joint angles; `rail`: with an additional column for the rail position in m.
+    xyz_mm (n, 3): positions.
+    rpy (n, 3) rad: fixed-axis roll-pitch-yaw angles, None if only positions were measured.
+    row (n,): row number in the file of each reading, or of the first averaged reading. None means 1 … n.
+    came_from (n, axes) rad: joint angles before the last move, which determine the side of the backlash. None if each
+    pose was reached from the previous one.
     """
 
     test: ClassVar[TestName] = "pose"
@@ -114,9 +118,9 @@ class PoseTable(Table):
 
 @dataclass(frozen=True)
 class TouchTable(Table):
-    """Touches: the tool's ball seated in fixed sockets, in successive postures.
+    """Touches: the ball on the tool is seated in fixed sockets, in successive postures.
 
-    socket (n,) of str; q (n, axes) rad, with a rail as for poses; came_from (n, axes) rad and row (n,) as for poses.
+    socket (n,) of str. q (n, axes) rad, with a rail as for poses. came_from (n, axes) rad and row (n,) as for poses.
     """
 
     test: ClassVar[TestName] = "touch"
@@ -128,7 +132,7 @@ class TouchTable(Table):
 
     @property
     def xyz_mm(self) -> Array:
-        """Ball position relative to its socket (n, 3) mm: zero."""
+        """Position of the ball relative to its socket, (n, 3) mm: always zero."""
         return np.zeros((len(self.q), 3))
 
 
@@ -136,19 +140,19 @@ P = TypeVar("P", bound="PoseTable | TouchTable")
 
 
 def last_moves(table: PoseTable | TouchTable) -> Array | None:
-    """Return the rotation of each joint (n, axes) rad in the last move; None if the rows do not state it."""
+    """Return the last move of each joint, (n, axes) rad, or None if the rows do not contain it."""
     return None if table.came_from is None else table.q - table.came_from
 
 
 def counted_back(table: P, turns_rad: Array) -> P:
-    """Return the table with joints counted back by full turns (n, axes) rad."""
+    """Return the table with the joint angles reduced by whole turns, turns_rad (n, axes)."""
     came_from = None if table.came_from is None else table.came_from - turns_rad
     return replace(table, q=table.q - turns_rad, came_from=came_from)
 
 
 @dataclass(frozen=True)
 class PathTable(Table):
-    """Tracker recording along paths: t_s (n,); xyz_mm (n, 3) in the tracker's frame."""
+    """Tracker recording along paths: times t_s (n,) s and positions xyz_mm (n, 3) in the tracker's frame."""
 
     test: ClassVar[TestName] = "path"
     t_s: Array
@@ -156,13 +160,16 @@ class PathTable(Table):
 
     @property
     def q(self) -> Array:
-        """Empty joints (n, 0): a tracker reads none, and its clock is not the robot's."""
+        """Empty array (n, 0) rad: a tracker reads no joints, and its clock differs from the robot's."""
         return np.empty((len(self.t_s), 0))
 
 
 def content_order(table: Table) -> Integers:
-    """Return the rows (n,) of a table sorted by what they say. Equal tables in another order of rows are sorted alike,
-    so that sums, random draws, neighbourhoods and ties do not depend on that order."""
+    """Return the row indices (n,) that sort a table by content.
+
+    Tables that differ only in the order of rows become identical. Sums, random draws, neighbourhoods and ties then do
+    not depend on that order.
+    """
     columns = [values.reshape(len(values), -1).T for name, values in vars(table).items() if _is_content(name, values)]
     keys = [column for of_field in reversed(columns) for column in of_field[::-1]]
     return np.asarray(np.lexsort(keys), dtype=np.int64)
@@ -173,7 +180,7 @@ def _is_content(name: str, values: object) -> bool:
 
 
 def in_content_order(table: P) -> P:
-    """Return a table of places sorted by `content_order`; each row keeps its number in the file."""
+    """Sort a table of positions by `content_order`. Rows keep their numbers in the file."""
     order = content_order(table)
     columns = {name: values[order] for name, values in vars(table).items() if _is_content(name, values)}
     return replace(table, **columns, row=table.rows[order])

@@ -52,9 +52,7 @@ class SimulatedLap:
 
 @dataclass(frozen=True)
 class FittedSphere:
-    """Least-squares sphere: radius_mm and band_mm, and centre_mm (3,) relative to the base-ball in the hemisphere's
-    frame.
-    """
+    """Least-squares sphere: radius_mm, band_mm, and centre_mm (3,) from the base-ball in the hemisphere's frame."""
 
     radius_mm: float
     band_mm: float
@@ -95,9 +93,7 @@ def curve_of(table: CircleTable, rig: Rig) -> SimulatedLap:
 
 
 def step(curve: SimulatedLap, at_deg: float, span_deg: float) -> float:
-    """Return the change of the residual, in degrees, from circle angle `at_deg` over `span_deg`, which is negative
-    for cw.
-    """
+    """Return the change of the residual in degrees from circle angle `at_deg` over `span_deg`, negative for cw."""
     ends = np.radians([at_deg, at_deg + span_deg]) % (2 * np.pi)
     before, after = np.interp(ends, curve.phi, curve.residual, period=2 * np.pi)
     return float(np.degrees(after - before))

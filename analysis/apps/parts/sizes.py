@@ -26,15 +26,11 @@ _GAP_MM = 0.5
 _CLEAR_MM = 0.15
 """Radial clearance of bores, usual for filament printers."""
 _RIM_MM, _WALL_MM, _FLOOR_MM = 2.0, 3.0, 3.0
-"""Width of the cone outside the contact circle, thickness of the wall around it, and of the floor under a screw
-head.
-"""
+"""Width of the cone outside the contact circle, thickness of the wall, and thickness below a screw head."""
 _FOOT_MM, _FOOT_RADIUS_MM, _NECK_MM = 6.0, 15.0, 1.5
 """Height and radius of the holder's foot, and difference of radius between cup and neck."""
 _SHELF_MM = 1.0
-"""Width of the shelf that stops a magnet at the end of a bore with a conical ceiling. A printer can bridge this
-width.
-"""
+"""Width of the shelf that stops a magnet in a bore with a conical ceiling. A printer can bridge this width."""
 _SHORTEST_HOLDER_MM, _LONGEST_HOLDER_MM = 35.0, 150.0
 DISTANCE_MM = 100.0
 """Default distance between the two sockets of the bar."""
@@ -44,9 +40,7 @@ BED_MM = 220.0
 
 @dataclass(frozen=True)
 class Bought:
-    """Dimensions of purchased items: ball diameter (mm), diameter and height of a magnet (mm), and screw of a
-    socket.
-    """
+    """Dimensions of purchased items: ball diameter, magnet diameter and height (mm), and screw of a socket."""
 
     ball_mm: float = 20.0
     magnet_mm: Size = (10.0, 5.0)
@@ -184,8 +178,8 @@ def _bar(bought: Bought, distance_mm: float) -> PrintedPart:
 
 
 def _holder(bought: Bought, asked_mm: float) -> PrintedPart:
-    """Return the ball holder of the tool. The height of the ball centre is taken from the rig file, within the
-    printable range.
+    """Return the ball holder of the tool. The height of the ball centre follows the rig file, within the printable
+    range.
     """
     seat = seat_of(bought)
     height = min(max(asked_mm, _SHORTEST_HOLDER_MM), _LONGEST_HOLDER_MM)

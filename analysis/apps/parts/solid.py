@@ -53,8 +53,7 @@ class Solid:
 
 
 def turned(profile: Profile) -> Solid:
-    """Return the solid of revolution of a section. Corners are listed on one side of the axis, downwards on the
-    outside.
+    """Return the solid of revolution of a section, with corners on one side of the axis, downwards on the outside.
 
     A section that starts and ends on the axis becomes a closed body, any other section becomes a ring.
     """
@@ -69,10 +68,10 @@ def turned(profile: Profile) -> Solid:
 
 
 def bar(hole: Profile, apart_mm: float, beyond_mm: float) -> Solid:
-    """Return a bar along x with two equal vertical holes, apart_mm between the axes. The bar extends beyond_mm past
-    each axis.
+    """Return a bar along x with two equal vertical holes.
 
-    hole: radii and heights of a hole, from the top to the bottom of the bar.
+    hole: radii and heights of a hole, from the top to the bottom of the bar. apart_mm: distance of the axes. beyond_mm:
+    length of the bar past each axis.
     """
     # Build the half of the bar with the hole at the origin, open at the cut x = to_cut, as triangles (m, 3, 3).
     to_cut = apart_mm / 2
