@@ -38,7 +38,7 @@ class Rows:
 
     @cached_property
     def rail(self) -> bool:
-        """Whether the table contains rail positions. An unrelated column with that name stays text."""
+        """True if the table contains rail positions. An unrelated column with that name stays text."""
         return self._is_measured(RAIL)
 
     @property

@@ -75,13 +75,13 @@ class Measured(Tabular):
 
     @property
     def is_simulated(self) -> bool:
-        """Whether the data are simulated: a simulated table, or a run of an emulated cell."""
+        """True if the data are simulated: a simulated table, or a run of an emulated cell."""
         table = self.run.manifest.table
         return self.rig.emulated or (table is not None and table.file.startswith(SIMULATED))
 
     @property
     def has_only_commanded_angles(self) -> bool:
-        """Whether the joint angles are commands, and measured angles are unknown."""
+        """True if the joint angles are commands, and measured angles are unknown."""
         table = self.run.manifest.table
         return table is not None and table.only_commanded
 

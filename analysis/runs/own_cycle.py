@@ -65,7 +65,7 @@ class Bounds:
 
     @property
     def repeating(self) -> bool:
-        """Whether values repeated during motion more often than the resolution explains."""
+        """True if values repeated during motion more often than the resolution explains."""
         runs = np.diff(self.row)[self.jumps[1:]]
         if len(runs) < FEW or self.jumps.mean() < 0.5 or self.usual_ns <= 0:
             return False

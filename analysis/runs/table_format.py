@@ -67,15 +67,15 @@ class Kind(ABC, Generic[T]):
     """Abscissa of the curve in a table of measured and simulated values."""
 
     in_order_of_time = False
-    """Whether the times of rows increase."""
+    """True if the times of rows increase."""
     swept = False
-    """Whether joints move during a reading."""
+    """True if joints move during a reading."""
     of_places = False
-    """Whether a reading is a position: three coordinates of a target or ball on the tool."""
+    """True if a reading is a position: three coordinates of a target or ball on the tool."""
     of_tracker = False
-    """Whether a tracker measures the positions. It may be placed anywhere, and may read joints before they rest."""
+    """True if a tracker measures the positions. It may be placed anywhere, and may read joints before they rest."""
     constants_apart = False
-    """Whether the readings alone determine the constants of an arm. The constants then have separate widths."""
+    """True if the readings alone determine the constants of an arm. The constants then have separate widths."""
     setup_terms, frame_terms = 4, 0
     """Number of fitted set-up terms, and number of leading terms that belong to the instrument or socket. For
     positions, the remaining terms belong to the target on the tool and are common to all placements.
