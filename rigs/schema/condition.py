@@ -1,6 +1,6 @@
-"""Condition of a robot in addition to its joint angles: maker-independent columns and codes.
+"""Condition of a robot in addition to its joint angles: columns and codes that are independent of the maker.
 
-Each interface translates the controller's data. Values that are missing or have an unknown code are nan, never assumed.
+Each interface translates the data of its controllers. A missing value and an unknown code become nan.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from enum import IntEnum
 
 PROGRAM, SAFETY, MOTORS, SPEED, PAYLOAD = "program_state", "safety_state", "motors_on", "speed_percent", "payload_kg"
 FULL_PERCENT = 99.5
-"""Limit of a reduced speed: controllers show whole percent."""
+"""Speed below which the robot is slowed down. Controllers show whole percent."""
 TEMPERATURES = tuple(f"temperature{axis}_c" for axis in range(1, 7))
 """Joint temperatures in °C."""
 CURRENTS = tuple(f"current{axis}_a" for axis in range(1, 7))
@@ -36,10 +36,10 @@ class SafetyState(IntEnum):
     """The robot moves within reduced limits."""
     PROTECTIVE_STOP = 2
     SAFEGUARD_STOP = 3
-    """A gate, a scanner or an enabling device."""
+    """Stopped by a gate, a scanner or an enabling device."""
     EMERGENCY_STOP = 4
     RECOVERY = 5
-    """The robot is outside its limits, and may only be moved back."""
+    """The robot is outside the limits, and may only be moved back."""
     FAULT = 6
 
 
@@ -54,12 +54,11 @@ UNDISTURBED = {
     **dict.fromkeys(TEMPERATURES, 30.0),
     **dict.fromkeys(CURRENTS, 0.0),
 }
-"""Condition during an undisturbed test: warm joints, unloaded motors."""
+"""Condition during an undisturbed test, with warm joints and unloaded motors."""
 
 
 def condition_words(shown: Mapping[str, float]) -> Iterator[tuple[str, bool]]:
-    """Yield the known parts of a condition as text, each with a flag for disturbances such as a stop or a reduced
-    speed."""
+    """Yield the known parts of a condition as text, with a flag for a disturbance, such as a stop or reduced speed."""
     if shown.get(SAFETY, math.nan) in STOPPED:
         yield words_of(SafetyState(int(shown[SAFETY]))), True
     if shown.get(MOTORS) == 0:
@@ -76,5 +75,5 @@ def condition_words(shown: Mapping[str, float]) -> Iterator[tuple[str, bool]]:
 
 
 def words_of(state: IntEnum) -> str:
-    """Return a state as text, for example `protective stop`."""
+    """Return a state as text, such as `protective stop`."""
     return state.name.lower().replace("_", " ")

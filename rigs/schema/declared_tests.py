@@ -1,11 +1,11 @@
-"""Tests of a rig (docs/conventions.md): circle for yaw and roll, hemisphere, repeatability, touches, and the cube of
-ISO 9283; automatic recording, and retention of runs.
+"""Tests of a rig (docs/conventions.md), automatic recording, and retention of runs.
 
-Bounds prevent a typing error from creating a program with millions of poses.
+The tests are the circle for yaw and roll, the hemisphere, repeatability, touches, and the cube of ISO 9283. Bounds
+prevent a typing error from creating a program with millions of poses.
 
-A rule waits for a value of the robot's signal, or for a motion: the robot stands at one posture and moves to another.
-Postures are joint angles reported by the controller, taken by `rig automatic RUN` from a recorded lap, independent of
-the arm's kinematics.
+A rule for automatic recording refers to a value of the robot's signal, or to a motion: the robot stands at one posture
+and moves to another. Postures are joint angles reported by the controller, independent of the kinematics of the arm.
+`rig automatic RUN` takes them from a recorded lap.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class _AboutTheBall(Part):
 
 
 def not_in_metres(value: object) -> object:
-    """Return a length in mm as it is. Raises ValueError for one below 1 mm, which was meant in metres."""
+    """Return a length in mm unchanged. Raises ValueError if it is below 1 mm, and therefore probably in metres."""
     if isinstance(value, int | float) and 0 < abs(value) < 1:
         raise ValueError(
             f"{value:g} mm is too short; it looks like metres: multiply it by {MM_PER_M}, {MM_PER_M * value:g}"
@@ -58,21 +58,21 @@ def not_in_metres(value: object) -> object:
 
 
 class Circle(_AboutTheBall):
-    """Circle about the base-ball, driven acw and cw with the tool pointing at its centre.
+    """Circle about the base-ball, driven acw and cw with the tool pointing at the centre.
 
-    normal: of the plane. zero: direction of phi = 0, projected onto the plane. posture_deg: joint angles near the start
-    of the acw circle, which select the solution of the inverse kinematics.
+    normal: normal of the plane. zero: direction of phi = 0, projected onto the plane. posture_deg: joint angles near
+    the start of the acw circle, which select the solution of the inverse kinematics.
     """
 
     radius_mm: float = Field(default=70.0, ge=1, le=2000)
     speed_mm_s: float = Field(default=25.0, ge=0.5, le=2000)
     laps: int = Field(default=2, ge=1, le=50)
-    """Laps in each direction, with a return in between: a single lap cannot show slow noise."""
+    """Laps in each direction, with a return in between. A single lap cannot show slow noise."""
     start_deg: Angle = 0.0
     lead_deg: float = Field(default=10.0, ge=0, le=90)
-    """Lead-in and lead-out arc for acceleration and stopping; not analysed."""
+    """Arc for acceleration before the lap and for stopping after it. It is not analysed."""
     eccentricity_mm: Vector = (0.0, 0.0, 0.0)
-    """Base-ball less circle centre, in the world frame; known only for emulated or simulated cells."""
+    """Base-ball minus circle centre, in the world frame. Known only for emulated or simulated cells."""
 
     _in_mm = field_validator("radius_mm", mode="before")(not_in_metres)
 
@@ -87,8 +87,8 @@ class Circle(_AboutTheBall):
 class Hemisphere(_AboutTheBall):
     """Targets on a half sphere about the base-ball, each with several tool orientations.
 
-    normal: direction to the middle of the hemisphere, polar angle 0, towards the robot's working side. zero: direction
-    of azimuth 0, projected onto the base of the hemisphere.
+    normal: direction to the middle of the hemisphere, polar angle 0, towards the working side of the robot. zero:
+    direction of azimuth 0, projected onto the base of the hemisphere.
     """
 
     radius_mm: float = Field(default=400.0, ge=1, le=10_000)
@@ -98,7 +98,7 @@ class Hemisphere(_AboutTheBall):
     """Polar angle of the outermost ring."""
     orientations: int = Field(default=3, ge=1, le=15)
     visits: int = Field(default=2, ge=1, le=20)
-    """Repetitions of all targets and orientations; the differences between visits are the scatter."""
+    """Number of visits to each target and orientation. The differences between visits are the scatter."""
 
     _in_mm = field_validator("radius_mm", mode="before")(not_in_metres)
 
@@ -135,14 +135,14 @@ class SocketDistance(Part):
 class Touch(Part):
     """Touch test: the ball on the tool is seated in fixed sockets, by hand or by a program, in many postures.
 
-    No gauge is read: the measurement is that a seated ball returns to the same place.
+    No gauge is needed. The measurement is based on a seated ball always returning to the same position.
     """
 
     sockets: Annotated[tuple[SocketName, ...], Field(min_length=1, max_length=50)]
     ball_mm: Vector = (0.0, 0.0, 100.0)
-    """Approximate ball centre in the tool frame; the exact position is estimated."""
+    """Approximate ball centre in the tool frame. The exact position is estimated."""
     touches: int = Field(default=40, ge=1, le=2000)
-    """Number of touches requested by a recording, over all sockets."""
+    """Number of touches in a recording, over all sockets."""
     distances: tuple[SocketDistance, ...] = ()
 
     @model_validator(mode="after")
@@ -155,43 +155,43 @@ class Touch(Part):
 
 
 class Instrument(Pose):
-    """Pose of the tracker frame in the world, measured independently of the test poses: by the robot's mounting holes,
-    or by turning axes 1 and 2 only."""
+    """Pose of the tracker frame in the world, measured independently of the test poses.
+
+    Use the mounting holes of the robot, or turn axes 1 and 2 only.
+    """
 
     u_mm: float = Field(default=0.0, ge=0, le=100)
-    """Standard uncertainty of a coordinate at the cube caused by this frame."""
+    """Standard uncertainty of a coordinate at the cube that is caused by this frame."""
 
 
 class Iso9283(Part):
-    """The cube of ISO 9283:1998, 6.8, for a tracker: five poses P1 … P5 on its inclined plane, and paths on the same
-    plane.
+    """The cube of ISO 9283:1998, 6.8, for a tracker: poses P1 … P5 on the inclined plane, and paths on the same plane.
 
-    Missing values are computed from the arm's range: the largest cube, with the tool pointing down or outwards. Edges
-    are parallel to the axes of the robot's base.
+    Missing values are computed from the range of the arm: the largest possible cube, with the tool pointing down or
+    outwards. The edges are parallel to the axes of the robot's base.
     """
 
     centre_mm: Vector | None = None
-    """P1 in the world frame; by default the tool position at posture_deg, if given."""
+    """P1 in the world frame. Default: the position of the tool at posture_deg, if given."""
     side_mm: float | None = Field(default=None, ge=20, le=5000)
     posture_deg: Posture | None = None
-    """Joint angles near P1, whose tool orientation applies to all poses."""
+    """Joint angles near P1. The orientation of the tool in this posture applies to all poses."""
     rises: Literal["x", "-x", "y", "-y"] = "x"
-    """Direction of the base along which the inclined plane rises; the standard allows four planes."""
+    """Direction of the base in which the inclined plane rises. The standard permits four planes."""
     cycles: int = Field(default=30, ge=3, le=1000)
-    """Repetitions of P5 P4 P3 P2 P1; 30 in the standard."""
+    """Number of repetitions of P5 P4 P3 P2 P1; 30 in the standard."""
     joint_speed_deg_s: float = Field(default=30.0, gt=0, le=1000)
-    """Speed of the fastest joint between poses; the standard requires the rated speed, for use once the path is
-    known."""
+    """Speed of the fastest joint between poses. The standard requires the rated speed. Use it on a known path."""
     path_speed_mm_s: float = Field(default=250.0, gt=0, le=10_000)
-    """Speed along the paths; the programs use 100, 50 and 10 %."""
+    """Speed along the paths. The programs use 100, 50 and 10 % of it."""
     path_cycles: int = Field(default=10, ge=3, le=200)
-    """10 in the standard."""
+    """Number of repetitions of each path; 10 in the standard."""
     instrument: Instrument | None = None
-    """Tracker frame; if absent, the frame is fitted to the poses, which makes AP and AT too small."""
+    """Tracker frame. If absent, the frame is fitted to the poses, which makes AP and AT too small."""
 
 
 class Tests(Part):
-    """Tests of a rig; omit the ones without a set-up."""
+    """Tests of a rig. Omit tests that have no set-up."""
 
     circle: Circle | None = None
     hemisphere: Hemisphere | None = None
@@ -201,11 +201,11 @@ class Tests(Part):
 
 
 NEAR_DEG = 0.5
-"""Joint distance within which a robot stands at a posture; programs return to within 0.02°."""
+"""Largest joint distance of a robot that stands at a posture. Programs return to within 0.02°."""
 STILL_DEG = 0.02
-"""Joint motion per second that counts as standstill: encoder noise is smaller, and the slowest circle is faster."""
+"""Largest joint motion per second at standstill. Encoder noise is smaller, and the slowest circle is faster."""
 STOOD_S = 0.3
-"""Time at standstill; a robot passing its start posture stays for less."""
+"""Shortest standstill at a start posture. A robot that only passes the posture stays for less."""
 _LEAST_MOVE_DEG = 4 * NEAR_DEG
 
 
@@ -216,7 +216,7 @@ class When(Part):
     from_deg: Posture | None = None
     """Posture before the motion."""
     to_deg: Posture | None = None
-    """Posture after a few degrees of motion, which distinguishes cw from acw."""
+    """Posture after a few degrees of motion. It distinguishes cw from acw."""
 
     @model_validator(mode="after")
     def _one_kind(self) -> When:
@@ -238,13 +238,13 @@ class When(Part):
 
 
 class Rule(Part):
-    """Event of the robot, and the recording it starts."""
+    """An event of the robot, and the recording it starts."""
 
     when: When
     test: DrivenTest
     direction: Direction | None = None
     still_s: float = Field(default=2.0, ge=0.2, le=3600)
-    """Standstill that ends the run; after a signal, counted from the end of the signal."""
+    """Standstill that ends the run. After a signal, it is counted from the end of the signal."""
 
     @model_validator(mode="after")
     def _directed(self) -> Rule:
@@ -256,12 +256,12 @@ class Rule(Part):
 
     @property
     def title(self) -> str:
-        """For example `yaw cw`."""
+        """Title of the recording, such as `yaw cw`."""
         return f"{self.test} {self.direction}" if self.direction else self.test
 
     @property
     def event(self) -> str:
-        """For example `signal 1: yaw cw`."""
+        """Event and recording, such as `signal 1: yaw cw`."""
         return f"{'a motion' if self.when.signal is None else f'signal {self.when.signal}'}: {self.title}"
 
 
@@ -279,7 +279,7 @@ class Automatic(Part):
         return self
 
     def lacking(self, *, signal: bool, gauges: int) -> list[str]:
-        """Return missing parts of the rig required by the rules: a signal, a second gauge."""
+        """Return the parts required by the rules that the rig lacks: a signal, a second gauge."""
         unheard = [str(number) for number, rule in enumerate(self.rules, 1) if rule.when.signal is not None]
         paired = [str(number) for number, rule in enumerate(self.rules, 1) if rule.test in CIRCLES]
         lacks = []
@@ -292,7 +292,7 @@ class Automatic(Part):
 
 
 class Retention(Part):
-    """Time and size limits for exported runs; other runs are never deleted."""
+    """Time and size limits for exported runs. Other runs are never deleted."""
 
     days: float | None = Field(default=None, ge=1, le=36500)
     gigabytes: float | None = Field(default=None, ge=0.001, le=1e6)
@@ -305,5 +305,5 @@ class Retention(Part):
 
 
 def _apart(a_deg: Sequence[float], b_deg: Sequence[float]) -> float:
-    """Return the largest joint difference in degrees."""
+    """Return the largest difference of a joint in degrees."""
     return max(abs(a - b) for a, b in zip(a_deg, b_deg, strict=True))

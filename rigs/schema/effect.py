@@ -1,8 +1,9 @@
-"""Interface of effects: keys and physics, possible seats, wording, remedy, and correction by a controller.
+"""Interface of effects: parameters, physics, possible seats, wording, remedy, and correction by a controller.
 
-An effect is one class in one file of `rigs/effects/`, referenced nowhere else. The name of a parameter contains the
-unit; the field contains the bounds, and the size shown by a healthy arm. The size scales an effect and is zero for
-none; shapes describe its form and are only visible with a size. A wave has a `phase_deg`; gear errors have an `order`.
+An effect is a class in a file of `rigs/effects/`, and no other file refers to it. The name of a parameter contains the
+unit. The field contains the bounds, and for the size also the value of a healthy arm. The size scales an effect, and is
+zero for no effect. Shapes describe the form of the effect, and are visible only if the size is not zero. A wave has a
+`phase_deg`, and a gear error an `order`.
 """
 
 from __future__ import annotations
@@ -25,8 +26,11 @@ from rigs.schema.vocabulary import FEWEST_AXES, MOST_AXES, Build
 
 Gauge = Literal["g1", "g2"]
 PartKind = Literal["constants", "gravity", "curve", "reversal", "warming", "gauges", "clocks"]
-"""Part of an arm's error in the user's view: link constants and zeros, elasticity under load, the angle error of a
-joint, behaviour at reversals, heat, measuring instruments, and reading times."""
+"""Part of an arm's error as displayed to the user.
+
+The parts are link constants and zeros, elasticity under load, the angle error of a joint, behaviour at reversals, heat,
+measuring instruments, and reading times.
+"""
 _PART_OF: dict[Stage, PartKind] = {
     "time": "clocks",
     "arm": "constants",
@@ -37,19 +41,24 @@ _PART_OF: dict[Stage, PartKind] = {
 }
 Use = Literal["joint zero", "link constant", "targets only", "none"]
 Deed = Literal["repair", "remaster", "enter", "mount", "wait"]
-"""Action for an effect: repair a part of the arm, re-master a joint, enter a number, remount ball or gauges, or wait
-for thermal equilibrium."""
+"""Action for an effect.
+
+The actions are to repair a part of the arm, re-master a joint, enter a number, remount ball or gauges, or wait for
+equilibrium.
+"""
 PHASE = "phase_deg"
 """Parameter of waves."""
 _OF_A_WAVE = 0.1
-"""Tolerance of a whole order in waves: no gear has 8.001 teeth."""
+"""Largest difference of a gear wave's order from a whole number that is ignored. Gears do not have 8.001 teeth."""
 SEATS = ("axis", "field", "gauge", "from_axis", "to_axis", "way")
-"""Parameters that give the seat of an effect."""
+"""Parameters that determine the seat of an effect."""
 
 
 def size(bound: float, healthy: float, *, least: float | None = None) -> Any:
-    """Declare a size parameter limited to [-bound or least, bound], zero for no effect; `healthy` is the spread over
-    good arms."""
+    """Declare a size parameter limited to [-bound or least, bound], where zero means no effect.
+
+    healthy: standard deviation of the size over good arms.
+    """
     return Field(default=0.0, ge=-bound if least is None else least, le=bound, json_schema_extra={"healthy": healthy})
 
 
@@ -59,20 +68,20 @@ def shape(low: float, high: float, default: float) -> Any:
 
 
 class Found(Part):
-    """Provenance of an effect in a rig file: time, runs, certainty, and the explained gap."""
+    """Provenance of an effect in a rig file: time, runs, certainty, and the explained error."""
 
     date: dt.date
     runs: tuple[str, ...]
     sd: dict[str, float] = Field(default_factory=dict)
-    """Standard uncertainty of each fitted parameter, in the parameter's unit."""
+    """Standard uncertainty of each fitted parameter, in the unit of the parameter."""
     gap_um: tuple[float, float] | None = None
     """Unexplained rms before and after, in µm of the readings."""
     correlation: dict[str, float] = Field(default_factory=dict)
     """Correlation of the size with other effects of the fit, by name."""
     together: tuple[str, ...] = ()
-    """Effects of the fit that resemble this one: only their sum is known."""
+    """Effects of the fit that resemble this one. Only their sum is known."""
     rivals: tuple[str, ...] = ()
-    """Effects that may explain the runs instead: separate them by a measurement before correcting."""
+    """Effects that may explain the runs instead. Separate them by a measurement before correcting."""
     joints_deg: tuple[tuple[float, float], ...] | None = Field(
         default=None, min_length=FEWEST_AXES, max_length=MOST_AXES
     )
@@ -83,8 +92,8 @@ class Found(Part):
 class Scope:
     """Observability of effects in runs.
 
-    timed: joints turn during the readings (circles). gauges: read gauges. twist_deg (axes): alpha of the arm. turned
-    (axes): range of each joint in turns during the readings.
+    timed: True if joints move during the readings (circles). gauges: gauges used. twist_deg (axes): alpha of the arm.
+    turned (axes): range of each joint during the readings, in turns.
     """
 
     timed: bool
@@ -92,9 +101,9 @@ class Scope:
     twist_deg: tuple[float, ...]
     turned: tuple[float, ...]
     rail: bool = False
-    """Whether the arm is on a rail with several positions."""
+    """True if the arm is on a rail and was measured at several rail positions."""
     payload_kg: float = 0.0
-    """Payload at the flange in the rig file, 0 if not stated."""
+    """Payload at the flange according to the rig file, 0 if not stated."""
 
     @property
     def axes(self) -> range:
@@ -104,10 +113,11 @@ class Scope:
 
 @dataclass(frozen=True)
 class FreeShape:
-    """Shape fitted together with the size: expected value and uncertainty.
+    """A shape that is fitted together with the size, with expected value and uncertainty (spread).
 
-    tried: start values of a search; empty if not searched. stated: the expected value was stated and applies unless the
-    readings contradict: a fit starting elsewhere has the distance as its uncertainty. low: lower limit of a fit.
+    tried: start values of a search, empty if there is no search. stated: True if the user stated the expected value,
+    which is used unless the readings contradict it. In a fit that starts elsewhere, the uncertainty is then the
+    distance. low: lower limit in a fit.
     """
 
     field: str
@@ -118,14 +128,16 @@ class FreeShape:
     low: float = -math.inf
 
     def spread_from(self, begin: float) -> float:
-        """Return the spread in a fit starting at a value."""
+        """Return the spread in a fit that starts at a value."""
         return max(self.spread, abs(begin - self.expected)) if self.stated else self.spread
 
 
 @dataclass(frozen=True)
 class StretchedShape:
-    """Shape fitted from its value in a form, with an uncertainty of a share of it, or at least `least`; low: lower
-    limit."""
+    """A shape that is fitted from its value in a form. The uncertainty is a share of the value, but at least `least`.
+
+    low: lower limit in a fit.
+    """
 
     field: str
     share: float
@@ -135,17 +147,14 @@ class StretchedShape:
 
 @dataclass(frozen=True)
 class Departures:
-    """Deviations of real effects from their ideal form, since gears, balls and brakes are not ideal.
+    """Deviations of real effects from their ideal form. Gears, balls and brakes are not ideal.
 
-    beside: effects, each with the share of one standard deviation. alike: combinations of effects with shares of one
-    standard
-    deviation each, too similar to be included in the first fit. gap: a joint and half its backlash in degrees, because
-    the
-    initial position in the backlash is unknown. jolt: a joint, its deviation in degrees at each reversal, and the decay
-    time
-    in s, 0 for none. stick: a gauge and its deviation in mm at a target, because the approach of the plunger is
-    unknown.
-    fades: whether the effect decays while the robot stands at a target for an unknown time.
+    beside: effects, each with a share that is one standard deviation.
+    alike: combinations of effects with shares of one standard deviation, too similar to be included in the first fit.
+    gap: a joint and half its backlash in degrees, because the initial position in the backlash is unknown.
+    jolt: a joint, the deviation in degrees at each reversal, and the decay time in s, 0 for none.
+    stick: a gauge and the deviation in mm at a target, because the approach of the plunger is unknown.
+    fades: True if the effect decays while the robot stands at a target for an unknown time.
     """
 
     beside: tuple[tuple[float, Effect], ...] = ()
@@ -160,8 +169,8 @@ class Departures:
 class Compensation:
     """Correction of an effect by a controller.
 
-    why_not: reason if impossible. constant: axis (from 1) and key of the number in the rig file, mm or degrees, if it
-    is a constant; `q_deg` is the joint angle itself.
+    why_not: reason if impossible. constant: axis (from 1) and key of the number in the rig file, in mm or degrees, if
+    the effect is a constant; `q_deg` is the joint angle itself.
     """
 
     use: Use
@@ -176,8 +185,10 @@ BY_TARGETS = Compensation("targets only")
 
 @dataclass(frozen=True)
 class Place:
-    """Notation of a seat. pattern: expression with a group per parameter. example. every: meaning of omitted
-    parameters."""
+    """Notation of a seat.
+
+    pattern: regular expression with a group per parameter. every: values represented by an omitted parameter.
+    """
 
     pattern: str
     example: str
@@ -187,13 +198,13 @@ class Place:
 NUMBER = r"\d+(?:\.\d+)?"
 NOWHERE = Place("", "")
 EVERY_AXIS = "1234567"
-"""Axes represented by an omitted axis, as far as the arm has them."""
+"""Axes represented by an omitted axis, if the arm has them."""
 AT_AXIS = Place("(?P<axis>[1-7])?", "1", {"axis": EVERY_AXIS})
 AT_GAUGE = Place("(?P<gauge>g[12])?", "g1", {"gauge": ("g1", "g2")})
 
 
 class Effect(Part, ABC):
-    """An effect. `found`: provenance; None if written by a person."""
+    """An effect. `found`: provenance, None if entered by a user."""
 
     effect: str
     found: Found | None = None
@@ -201,35 +212,35 @@ class Effect(Part, ABC):
     STAGE: ClassVar[Stage]
     PLACE: ClassVar[Place] = NOWHERE
     STRAIGHT: ClassVar[float] = 1.0
-    """Largest size, in healthy sizes, with a linear response; 0 for nonlinear effects such as backlash."""
+    """Largest size with a linear response, in healthy sizes. 0 for nonlinear effects such as backlash."""
     NEEDS_REPEATS: ClassVar[bool] = False
-    """Whether the effect is only visible in changes between laps or runs: the slow noise of a single lap looks
-    similar."""
+    """True if the effect is visible only in changes between laps or runs. Slow noise of a single lap looks similar."""
     PART: ClassVar[PartKind | None] = None
-    """Part of the arm's error, unless determined by the stage."""
+    """Part of the arm's error. None if the stage determines it."""
     FORM_U: ClassVar[float] = 0.0
-    """Relative standard uncertainty of the size caused by a form that the readings hardly show."""
+    """Relative standard uncertainty of the size due to a form that the readings do not show."""
     FREE: ClassVar[tuple[FreeShape, ...]] = ()
     STRETCHED: ClassVar[tuple[StretchedShape, ...]] = ()
     DEED: ClassVar[Deed] = "repair"
     """Action for this effect."""
     MOST: ClassVar[float] = 120.0
-    """Largest size in a fit, in healthy sizes: faults are at most 100, and the simulator is not validated far
-    beyond."""
+    """Largest size in a fit, in healthy sizes. Faults are at most 100. The simulator is not validated far beyond."""
 
     @abstractmethod
     def apply(self, scene: S) -> S:
-        """Apply the effect to the scene over the whole trace; a size of zero is the identity."""
+        """Apply the effect to a scene over the complete trace. With size zero, the scene is unchanged."""
 
     @classmethod
     @abstractmethod
     def forms(cls, scope: Scope) -> list[list[Self]]:
-        """Return the possible forms at size zero, as a list per possible seat in the runs. Callers add the second
-        phase of a wave."""
+        """Return the possible forms at size zero, as a list for each possible seat in the runs.
+
+        Callers add the second phase of a wave.
+        """
 
     @abstractmethod
     def plain(self, joint: str) -> str:
-        """Return the everyday name; joint: name of the joint, such as `axis 1 (Theta)`, if any."""
+        """Return the everyday name. joint: name of the joint, such as `axis 1 (Theta)`, if any."""
 
     @abstractmethod
     def remedy(self) -> str:
@@ -237,49 +248,49 @@ class Effect(Part, ABC):
 
     @abstractmethod
     def compensation(self) -> Compensation:
-        """Return whether and how a controller can correct the effect."""
+        """Describe the correction of the effect by a controller."""
 
     @classmethod
     def free(cls, payload_kg: float) -> tuple[FreeShape, ...]:
-        """Return the shapes fitted with the effect for a stated payload, 0 for none."""
+        """Return the shapes that are fitted with the effect, for a stated payload or 0."""
         return cls.FREE
 
     @property
     def part(self) -> PartKind:
-        """Return the part of the arm's error."""
+        """Part of the arm's error."""
         return self.PART or _PART_OF[self.STAGE]
 
     @property
     def healthy(self) -> float:
-        """Return the size for a healthy arm, in the unit of the size."""
+        """Size for a healthy arm, in the unit of the size."""
         return float(_extra(type(self), size_field(self))["healthy"])
 
     def usual_times(self, build: Build) -> float:
-        """Return the normal multiple of the healthy size for a build."""
+        """Return the typical size for a build, as a multiple of the healthy size."""
         return 1.0
 
     @property
     def repeats_each_turn(self) -> bool:
-        """Whether a joint angle a whole turn further has the same effect."""
+        """True if a joint angle that differs by a whole turn has the same effect."""
         return True
 
     @property
     def seat(self) -> str:
-        """Return the seat in the notation of answers."""
+        """Seat in the notation of answers."""
         return str(getattr(self, "axis", getattr(self, "gauge", "")))
 
     @property
     def symbol(self) -> str:
-        """Return the standard symbol of the changed number; empty if there is none."""
+        """Standard symbol of the changed number. Empty if there is none."""
         return ""
 
     @property
     def idle(self) -> str:
-        """Return the reason why a test without the required motion cannot show the effect."""
+        """Reason why a test without the required motion cannot show the effect."""
         return "nothing in these tests moves it"
 
     def unit(self, parameter: str) -> str:
-        """Return the unit of a parameter, deg, mm or similar; empty for a ratio."""
+        """Return the unit of a parameter, such as deg or mm. Empty for a ratio."""
         if "_per_" in parameter:
             return parameter.replace("_per_", "/")
         return parameter.rsplit("_", 1)[-1] if "_" in parameter else {"ppm": "ppm"}.get(parameter, "")
@@ -290,20 +301,22 @@ class Effect(Part, ABC):
 
     @classmethod
     def turning(cls, axis: int, angle_deg: float) -> Effect | None:
-        """Return the effect for a joint turned by a constant; implemented by one class."""
+        """Return the effect of turning a joint by a constant. Implemented by a single class."""
         return None
 
     @classmethod
     def changing(cls, axis: int, key: str, delta: float) -> Effect | None:
-        """Return the effect for a changed constant of an axis, named as in the rig file, by delta mm or degrees;
-        implemented by one class."""
+        """Return the effect of changing an axis constant by delta, in mm or degrees. Implemented by a single class.
+
+        key: name of the constant in the rig file.
+        """
         return None
 
     @classmethod
     def swinging(cls, frequency_hz: float, amplitude_mm: float) -> Effect | None:
-        """Return the effect for a vibration of the link; implemented by one class.
+        """Return the effect of a vibration of the link. Implemented by a single class.
 
-        Its phase changes in each run, so it is searched in the time of each run, and has no forms.
+        The phase changes in each run. The effect is therefore searched in the time of each run, and has no forms.
         """
         return None
 
@@ -312,35 +325,35 @@ _E = TypeVar("_E", bound=Effect)
 
 
 def at_each_axis(cls: type[_E], scope: Scope, **values: float) -> list[list[_E]]:
-    """Return one form per joint."""
+    """Return a form for each joint."""
     return [[cls.model_validate({"axis": axis, **values})] for axis in scope.axes]
 
 
 def at_each_gauge(cls: type[_E], scope: Scope) -> list[list[_E]]:
-    """Return one form per gauge."""
+    """Return a form for each gauge."""
     return [[cls.model_validate({"gauge": gauge})] for gauge in scope.gauges]
 
 
 def scaled(effect: _E, share: float, **values: float) -> _E:
-    """Return an effect with a share of its size, and other changed values."""
+    """Return an effect with the size multiplied by share, and with other changed values."""
     name = size_field(effect)
     return effect.model_copy(update={name: share * getattr(effect, name), **values})
 
 
 def healthy(effect: _E) -> _E:
-    """Return an effect at the size for a healthy arm."""
+    """Return an effect with the size for a healthy arm."""
     return effect.model_copy(update={size_field(effect): effect.healthy})
 
 
 def identity(effect: _E) -> _E:
-    """Return the identity of an effect, independent of size and shape: required keys, seat and form."""
+    """Return the identity of an effect: required keys, seat and form, but not size and shapes."""
     return type(effect).model_validate(
         {name: getattr(effect, name) for name, info in type(effect).model_fields.items() if info.is_required()}
     )
 
 
 def name_of(effect: Effect) -> str:
-    """Return the name of an effect with its seat, for example `gauge_scale g1`."""
+    """Return the name of an effect with the seat, such as `gauge_scale g1`."""
     return f"{effect.effect} {effect.seat}".rstrip()
 
 
@@ -351,12 +364,12 @@ def label_of(effect: Effect) -> str:
 
 
 def whole_order(order: float) -> float:
-    """Return the displayed order of a gear wave: the number of teeth if whole to a tenth of a wave."""
+    """Return the displayed order of a gear wave: a whole number if the order is within a tenth of a wave of it."""
     return float(round(order)) if abs(order - round(order)) < _OF_A_WAVE and round(order) > 0 else order
 
 
 def phases(effect: _E) -> tuple[_E, ...]:
-    """Return an effect, and for a wave also the quarter-shifted effect: together they span every phase."""
+    """Return an effect. For a wave also return the effect shifted by a quarter, so that both span all phases."""
     if not is_wave(effect):
         return (effect,)
     return effect, effect.model_copy(update={PHASE: (getattr(effect, PHASE) + 90.0) % 360.0})
@@ -368,7 +381,7 @@ def is_wave(effect: Effect) -> bool:
 
 
 def is_play(effect: Effect) -> bool:
-    """Return whether the response of an effect is never linear."""
+    """Return whether the response of an effect is nonlinear at all sizes."""
     return effect.STRAIGHT == 0
 
 
@@ -379,7 +392,7 @@ def size_field(effect: Effect) -> str:
 
 @cache
 def size_fields(cls: type[Effect]) -> tuple[str, ...]:
-    """Return the keys declared by `size`: exactly one for a complete effect."""
+    """Return the keys declared by `size`. A complete effect has exactly one."""
     return tuple(str(name) for name in cls.model_fields if "healthy" in _extra(cls, name))
 
 
@@ -412,28 +425,28 @@ def healthy_size(effect: Effect) -> float:
 
 
 def size_of(effect: Effect) -> float:
-    """Return the size of an effect in healthy sizes."""
+    """Return the size of an effect, in healthy sizes."""
     return float(getattr(effect, size_field(effect))) / healthy_size(effect)
 
 
 WARMING_S = (60.0, 300.0, 1200.0)
-"""Initial time constants in s. Chosen: factors of about five, refined by the fit."""
+"""Initial time constants in s. Chosen: ratios of about five. The fit refines them."""
 SPECTRUM = (0.2, 0.5, 2.0)
-"""Time constants of parts of a real arm, relative to the effect: motors and gears warm up faster than castings.
-Chosen."""
+"""Time constants of the parts of a real arm, relative to the effect. Chosen: motors warm up faster than castings."""
 SPECTRUM_SHARE = 0.25
-"""Standard deviation of each part's share. Chosen: for an arm with a quarter warming up five times as fast, 5 % turned
-a growth of 149 ppm into 120 ± 8."""
+"""Standard deviation of the share of each part. Chosen: if a quarter of an arm warmed up five times as fast, a value
+of 5 % turned a growth of 149 ppm into 120 ± 8.
+"""
 
 
 def warmed(t_s: Array, time_constant_s: float) -> Array:
-    """Return the share (n,) of a growth reached at times t_s (n,) s after the start of the run."""
+    """Return the share (n,) of a growth at times t_s (n,) s after the start of the run."""
     share: Array = -np.expm1(-np.maximum(t_s, 0) / time_constant_s)
     return share
 
 
 def warming_parts(effect: Effect) -> tuple[tuple[tuple[float, Effect], ...], ...]:
-    """Return combinations of effects with shares for parts of a growth with faster or slower time constants."""
+    """Return combinations of effects, with shares, for parts that grow with shorter or longer time constants."""
     tau_s = float(getattr(effect, "time_constant_s"))  # noqa: B009 - of those that grow alone
     others = [effect.model_copy(update={"time_constant_s": ratio * tau_s}) for ratio in SPECTRUM]
     return tuple(((SPECTRUM_SHARE, part), (-SPECTRUM_SHARE, effect)) for part in others)

@@ -1,5 +1,8 @@
-"""Sources of the robot's position: a maker's interface, an OPC UA server with the Robotics companion specification (OPC
-40010-1), or ROS 2 joint states. `interface` is the name of a file in `daq/feedback/`."""
+"""Sources of the robot's position. `interface` is the name of a file in `daq/feedback/`.
+
+A source is a maker's interface, an OPC UA server with the Robotics companion specification (OPC 40010-1), or ROS 2
+joint states.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +23,7 @@ _NODE = re.compile(r"(ns=\d{1,5};)?(i=\d{1,10}|s=.+)")
 
 
 class OPCUARobotics(Part):
-    """OPC UA for Robotics: a server with a MotionDeviceSystem in its DeviceSet, read only."""
+    """OPC UA for Robotics: a server with a MotionDeviceSystem in the DeviceSet. Data is only read."""
 
     driver: ClassVar[str] = "daq.apps.opc_ua.robotics"
     listens: ClassVar[bool] = False
@@ -40,14 +43,15 @@ class OPCUARobotics(Part):
     device: str | None = Field(default=None, min_length=1, max_length=200)
     """Browse name of the robot below MotionDevices, if the server has several."""
     axes: tuple[AxisName, AxisName, AxisName, AxisName, AxisName, AxisName] | None = None
-    """Browse names of q1 … q6 below Axes, or node ids of the position variables, such as `ns=2;s=A1.Pos`. By default
-    the robot must have six axes with names ending in numbers."""
+    """Browse names of q1 … q6 below Axes, or node ids of the position variables, such as `ns=2;s=A1.Pos`. By
+    default, the robot must have six axes whose names end in numbers.
+    """
     units: Literal["deg", "rad"] | None = None
-    """Angle unit, if the server does not state it (EngineeringUnits)."""
+    """Unit of the angles, if the server does not state it (EngineeringUnits)."""
     rate_hz: float = Field(default=100, ge=1, le=500)
-    """Requested sampling rate; the server may reduce it."""
+    """Requested sampling rate. The server may reduce it."""
     condition: bool = True
-    """Whether to read the condition of the robot: task, stops, drives, speed, load, motor temperatures."""
+    """True to read the condition of the robot: task, stops, drives, speed, load, motor temperatures."""
     timeout_s: float = Field(default=2.0, ge=0.1, le=60)
     """Time without a message after which the server counts as silent."""
 
@@ -69,7 +73,7 @@ class OPCUARobotics(Part):
 
 
 def are_nodes(axes: Sequence[str]) -> bool:
-    """Return whether all names are node ids (`ns=2;s=A1.Pos`) instead of browse names."""
+    """Return whether all names are node ids (`ns=2;s=A1.Pos`) and not browse names."""
     return all(_NODE.fullmatch(axis) for axis in axes)
 
 
@@ -77,7 +81,7 @@ JointName = Annotated[str, Field(pattern=r"^[\w./-]{1,100}$")]
 
 
 class ROS2JointStates(Part):
-    """ROS 2: a topic of `sensor_msgs/msg/JointState` from a rosbridge server, subscribed only."""
+    """ROS 2: a topic of `sensor_msgs/msg/JointState` from a rosbridge server. Data is only read."""
 
     listens: ClassVar[bool] = False
     origin: ClassVar[Origin] = Origin(
@@ -94,7 +98,7 @@ class ROS2JointStates(Part):
     port: Port
     topic: str = Field(default="/joint_states", pattern=r"^/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*$")
     joints: tuple[JointName, JointName, JointName, JointName, JointName, JointName]
-    """Joint names of q1 … q6 in the messages, in any order; other joints are ignored."""
+    """Names of the joints q1 … q6 in the messages, which may be in any order. Other joints are ignored."""
     timeout_s: float = Field(default=2.0, ge=0.01, le=60)
     """Time without a message after which the topic counts as silent."""
 
@@ -116,16 +120,18 @@ class ROS2JointStates(Part):
 JOINT_FIELDS = {f"q{axis}_{unit}" for axis in range(1, 7) for unit in ("deg", "rad")}
 CLOCK_FIELDS = {"t_s", "t_ms", "t_us"}
 SIGNAL = "signal"
-"""Column with the program number in the robot's samples, and the field name in a line."""
+"""Name of the column with the program number in the robot's samples, and of the field in a line."""
 _TAG = re.compile(r"[A-Za-z_][A-Za-z0-9_-]{0,63}(\.[A-Za-z_][A-Za-z0-9_-]{0,63})?")
-"""Tag of an element, or of an attribute as `Element.Attribute`, in KUKA's Ethernet configuration."""
+"""Tag of an element in KUKA's Ethernet configuration, or of an attribute as `Element.Attribute`."""
 
 
 class RTDESignal(Part):
     """Location of the program number on the controller: digital outputs or a register."""
 
     outputs: tuple[Annotated[int, Field(ge=0, le=17)], ...] = ()
-    """Bits of a binary number, the lowest first: 0-7 standard, 8-15 configurable, 16 and 17 of the tool."""
+    """Bits of a binary number, lowest first. 0-7 are standard outputs, 8-15 configurable ones, and 16 and 17 those
+    of the tool.
+    """
     int_register: int | None = Field(default=None, ge=0, le=47)
 
     @model_validator(mode="after")
@@ -138,14 +144,14 @@ class RTDESignal(Part):
 
 
 class _Feedback(Part):
-    """Base of all interfaces. `listens`: whether `port` is a local address, contacted by the controller."""
+    """Base of all interfaces. `listens`: True if `port` is a local address to which the controller connects."""
 
     timeout_s: float = Field(default=2.0, ge=0.01, le=60)
     """Time without a message after which the robot counts as silent."""
 
 
 class NoFeedback(_Feedback):
-    """No robot: the cell is measured by a tracker only. Never named in a rig file."""
+    """No robot: the cell is measured with a tracker only. Not available in a rig file."""
 
     listens: ClassVar[bool] = False
 
@@ -171,14 +177,15 @@ class URRTDE(_Feedback):
     rate_hz: float = Field(default=500, ge=1, le=500)
     signal: RTDESignal | None = None
     condition: bool = True
-    """Whether to request the condition of the robot: program, safety, speed, payload, temperatures. Fields unknown to
-    the controller are omitted."""
+    """True to request the condition of the robot: program, safety, speed, payload, temperatures. Fields unknown to
+    the controller are omitted.
+    """
     currents: bool = False
-    """Whether to record the joint motor currents, used to measure friction."""
+    """True to record the joint motor currents, from which friction is measured."""
 
 
 class LineFeed(_Feedback):
-    """Lines printed by a user program on the controller, one sample per line, over TCP, UDP or a serial port."""
+    """Lines printed by a user program on the controller, with a sample per line, over TCP, UDP or a serial port."""
 
     origin: ClassVar[Origin] = Origin(
         instruments="any controller whose program prints lines over TCP, UDP or a serial port: FANUC KAREL and others",
@@ -189,15 +196,15 @@ class LineFeed(_Feedback):
     interface: Literal["line_feed"]
     port: AnyPort
     listens: bool = False
-    """Whether the program connects to this computer: `port` is then a local address for one program at a time."""
+    """True if the program connects to this computer. `port` is then a local address for a single program at a time."""
     fields: tuple[str, ...] = ("t_ms", *(f"q{axis}_deg" for axis in range(1, 7)))
-    """Field names in order of the line: q1_deg … q6_deg (or _rad), at most one of t_s, t_ms, t_us, at most one
-    `signal`, and
-    printed condition columns (program_state, speed_percent …); `_` is skipped."""
+    """Names of the fields in a line, in order: q1_deg … q6_deg (or _rad), at most one of t_s, t_ms, t_us, at most
+    one `signal`, and condition columns that are printed (program_state, speed_percent …). `_` is skipped.
+    """
     separator: str = Field(default=",", min_length=1)
-    """A blank represents any sequence of blanks and tabs."""
+    """Separator of fields. A blank represents any sequence of blanks and tabs."""
     line: Line = Line(baud=9600, bits=8, parity="N", stop=1)
-    """Settings of a serial port. 100 lines of 60 characters per second need 115200 baud."""
+    """Settings of a serial port. 100 lines of 60 characters per second require 115200 baud."""
 
     @field_validator("fields")
     @classmethod
@@ -240,22 +247,22 @@ class KUKARSI(_Feedback):
     interface: Literal["kuka_rsi"]
     port: UDPPort
     cycle_ms: Literal[4, 12] = 4
-    """Cycle of the controller: 4 for IPO_FAST, 12 for IPO. A longer IPOC step means missing datagrams."""
+    """Cycle of the controller: 4 for IPO_FAST, 12 for IPO. A longer step of the IPOC means missing datagrams."""
     onlysend: bool = False
-    """ONLYSEND of the controller's Ethernet configuration: no answers are expected or sent."""
+    """ONLYSEND in the controller's Ethernet configuration: answers are neither expected nor sent."""
     timeout_s: float = Field(default=1.0, ge=0.01, le=60)
     """Silence of a controller after which a restarted program with a new port is accepted."""
     sentype: str = Field(default="ImFree", pattern=r"^[A-Za-z0-9_.-]{1,64}$")
-    """SENTYPE of the Ethernet configuration; the controller ignores answers with other names."""
+    """SENTYPE in the Ethernet configuration. The controller ignores answers with other names."""
     condition: dict[str, str] = Field(default_factory=dict)
     """TAG in SEND of the Ethernet configuration for each transmitted part of the condition, such as `speed_percent:
-    Override` or
-    `motors_on: Drives.On`."""
+    Override` or `motors_on: Drives.On`.
+    """
 
     @field_validator("condition")
     @classmethod
     def _of_the_condition(cls, condition: dict[str, str]) -> dict[str, str]:
-        parts = [name for name in CONDITION if name not in CURRENTS]  # KUKA's $CURR_ACT is a share, not A
+        parts = [name for name in CONDITION if name not in CURRENTS]  # KUKA's $CURR_ACT is a ratio, not a current in A
         if unknown := [name for name in condition if name not in parts]:
             raise ValueError(f"unknown part {unknown[0]!r}; known: {', '.join(parts)}")
         if odd := [tag for tag in condition.values() if not _TAG.fullmatch(tag)]:
@@ -298,9 +305,9 @@ class FANUCStreamMotion(_Feedback):
     interface: Literal["fanuc_stream_motion"]
     port: UDPPort
     version: int | None = Field(default=None, ge=1, le=4)
-    """Stream Motion version; by default the controller is asked."""
+    """Version of Stream Motion. By default it is requested from the controller."""
     currents: bool = False
-    """Whether to record the joint motor currents, part of every status."""
+    """True to record the joint motor currents, which every status contains."""
 
 
 class ModbusJoints(_Feedback, RegisterBlock):
@@ -320,10 +327,10 @@ class ModbusJoints(_Feedback, RegisterBlock):
     function: Literal[3, 4] = 3
     rate_hz: float = Field(default=100.0, ge=SLOWEST_HZ)
     joints: tuple[ValueRegister, ValueRegister, ValueRegister, ValueRegister, ValueRegister, ValueRegister]
-    """Registers of q1 … q6, each `raw * scale + offset` in `units`."""
+    """Registers of q1 … q6. Each angle is `raw * scale + offset` in `units`."""
     units: Literal["deg", "rad"] = "deg"
     status: StatusRegister | None = None
-    """State of controller or program; unlisted values are errors."""
+    """State of controller or program. Values that are not listed are errors."""
 
     @model_validator(mode="after")
     def _readable(self) -> ModbusJoints:
@@ -353,7 +360,7 @@ def carries_signal(feedback: Feedback) -> bool:
 
 
 def signal_of_outputs(feedback: Feedback) -> RTDESignal | None:
-    """Return the outputs or register with the signal; None if the interface has none."""
+    """Return the outputs or register with the signal, or None if the interface has no signal."""
     return feedback.signal if isinstance(feedback, URRTDE) else None
 
 

@@ -1,11 +1,10 @@
 """Gauges of a rig: instrument, port, and position on the baseline.
 
-`interface` is the name of a file in `daq/gauges/`. Gauges with the same port share an instrument, with different
-`channel`,
-or a line, where each is polled separately.
+`interface` is the name of a file in `daq/gauges/`. Gauges with the same port share an instrument and have different
+values of `channel`, or they share a line and are polled separately.
 
-Each interface has a class with its settings and their sources. Unconfirmed line settings have no default and must be
-given in the rig file.
+Each interface has a class with its settings and their sources. Line settings that are unconfirmed have no default, and
+must be given in the rig file.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ from rigs.schema.vocabulary import FURTHER
 
 
 class SylvacOptoRS(Probe):
-    """Sylvac simplex or duplex cable, and compatible ones."""
+    """Sylvac simplex or duplex cable, and compatible cables."""
 
     origin: ClassVar[Origin] = Origin(
         instruments="Sylvac simplex and duplex cables (Opto-RS)",
@@ -44,7 +43,9 @@ class SylvacOptoRS(Probe):
     line: Line = Line(baud=4800, bits=7, parity="E", stop=2)
     mode: Literal["polled", "continuous"] = "polled"
     cable: Literal["duplex", "simplex"] = "duplex"
-    """A simplex cable ignores commands, and is polled by DTR off for 120 ms; about four readings a second."""
+    """Kind of cable. A simplex cable ignores commands, and is polled by switching DTR off for 120 ms, about four
+    times a second.
+    """
 
     @property
     def modem(self) -> ModemLines:
@@ -77,7 +78,7 @@ class TesaTT(Probe):
 
 
 class MahrC1202(Probe):
-    """Mahr Millimar C1202: up to three features, selected by `channel`; two gauges may share it."""
+    """Mahr Millimar C1202: up to three features, selected by `channel`. Two gauges may share it."""
 
     origin: ClassVar[Origin] = Origin(
         instruments="Mahr Millimar C1202",
@@ -93,7 +94,7 @@ class MahrC1202(Probe):
 
 
 class MahrC1208(Probe):
-    """Mahr Millimar C1208, C1216, C1240, in the protocol set in its menu."""
+    """Mahr Millimar C1208, C1216, C1240, with the protocol selected in the menu."""
 
     origin: ClassVar[Origin] = Origin(
         instruments="Mahr Millimar C1208, C1216, C1240",
@@ -106,7 +107,7 @@ class MahrC1208(Probe):
     interface: Literal["mahr_c1208"]
     line: Line
     protocol: Literal["optorsd", "m1240"] = "optorsd"
-    """OPTORSD uses `?` (OPTORSS too), M1240 uses `M`."""
+    """OPTORSD uses `?`, as does OPTORSS. M1240 uses `M`."""
 
 
 class HeidenhainND281B(Probe):
@@ -127,7 +128,7 @@ class HeidenhainND281B(Probe):
 
 
 class HeidenhainND287(Probe):
-    """Heidenhain ND 287, read from its display."""
+    """Heidenhain ND 287, read from the display."""
 
     origin: ClassVar[Origin] = Origin(
         instruments="Heidenhain ND 287",
@@ -144,7 +145,7 @@ class HeidenhainND287(Probe):
 
 
 class KeyenceDLRS1A(Probe):
-    """Keyence GT2 heads connected to a DL-RS1A: all heads in one answer."""
+    """Keyence GT2 heads connected to a DL-RS1A, with all heads in one answer."""
 
     origin: ClassVar[Origin] = Origin(
         instruments="Keyence DL-RS1A with GT2 heads",
@@ -167,7 +168,7 @@ class KeyenceDLRS1A(Probe):
 
 
 class MagnescaleLT(Probe):
-    """Magnescale LT20A or LT30: channel 1 is A, channel 2 is B; two gauges may share it."""
+    """Magnescale LT20A or LT30: channel 1 is A, channel 2 is B. Two gauges may share it."""
 
     origin: ClassVar[Origin] = Origin(
         instruments="Magnescale LT20A, LT30",
@@ -220,7 +221,7 @@ class MitutoyoUSB(Probe):
 
 
 class MitutoyoQMHeight(Probe):
-    """Mitutoyo QM-Height on its USB port."""
+    """Mitutoyo QM-Height at the USB port."""
 
     origin: ClassVar[Origin] = Origin(
         instruments="Mitutoyo QM-Height",
@@ -270,12 +271,12 @@ class MicroEpsilonILD1420(Probe):
     range_mm: float = Field(gt=0, le=1000)  # type: ignore[assignment]  # its length says it all: it begins at 0
     """Measuring range: 10, 25, 50, 100, 200 or 500."""
     zero_mm: float = Field(default=0.0, ge=0, le=1000)
-    """Distance from the start of the measuring range that reads as zero."""
+    """Distance from the start of the measuring range at which the reading is zero."""
     timing: Timing = Timing(latch="streamed")
 
     @property
     def limits_mm(self) -> None:
-        """Always None: a transmitted number is either within the range or an error."""
+        """Always None, because a transmitted number is either within the range or an error."""
 
     @model_validator(mode="after")
     def _timed_as_it_sends(self) -> MicroEpsilonILD1420:
@@ -306,8 +307,7 @@ if not TYPE_CHECKING:
 
 
 class Gauges(Part):
-    """Gauge 1, and gauge 2 for angle tests: the two gauges used by tests. Additional ones are recorded, exported and
-    shown."""
+    """Gauge 1 and, for angle tests, gauge 2. Further gauges are recorded, exported and shown."""
 
     g1: Gauge
     g2: Gauge | None = None
@@ -365,9 +365,9 @@ class Gauges(Part):
 
     @property
     def baseline_mm(self) -> float:
-        """Distance between the gauges, offset of g1 less that of g2: positive for two gauges, 0 for none."""
+        """Distance between the gauges, offset of g1 minus offset of g2. Positive for two gauges, 0 otherwise."""
         return sum(sign * gauge.offset_mm for sign, (_, gauge) in zip((1, -1), self, strict=False))
 
 
 NO_GAUGES = Gauges.model_construct(g1=None)  # type: ignore[arg-type]  # which no rig file can write
-"""Gauges of a cell measured by a tracker only: none."""
+"""No gauges, for a cell measured with a tracker only."""

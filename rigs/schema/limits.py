@@ -1,8 +1,8 @@
 """Tolerances of a cell, `limits` of a rig file, and the decision rule for measured figures.
 
-A limit is an upper bound of a figure's size. The rule is that of ISO 14253-1: the uncertainty counts against the party
-making a claim. A figure conforms if value plus uncertainty is below the limit, and fails if the value exceeds the limit
-by more than the uncertainty.
+A limit is an upper bound for the size of a figure. The decision rule is that of ISO 14253-1: the uncertainty counts
+against the party making a claim. A figure conforms if the value plus the uncertainty is below the limit. It fails if
+the value exceeds the limit by more than the uncertainty.
 """
 
 from __future__ import annotations
@@ -16,19 +16,22 @@ from rigs.schema.part import Part
 
 Standing = Literal["pass", "watch", "fail"]
 COVERAGE = 2.0
-"""Expanded uncertainty U = 2 u, about 95 % (JCGM 100, 6.2), used by ISO 14253-1 to shift a limit."""
+"""Coverage factor: U = 2 u, about 95 % (JCGM 100, 6.2). ISO 14253-1 shifts limits by this uncertainty."""
 TOLERANCE_BY_RP = 5.0
-"""Suggested tolerance of an arm relative to its pose repeatability RP (ISO 9283). RP includes neither backlash nor gear
-errors, which a circle shows. An ABB IRB 1600 with a repeatability of 37 µm drove small circles at 700 mm/s with radial
-errors of up to 250 µm, and positions were up to 650 µm off (Slamani, Nubiola and Bonev, Industrial Robot 39, 2012)."""
+"""Suggested tolerance of an arm relative to its pose repeatability RP (ISO 9283).
+
+RP includes neither backlash nor gear errors, which a circle shows. An ABB IRB 1600 with a repeatability of 37 µm drove
+small circles at 700 mm/s with radial errors of up to 250 µm. The positions were wrong by up to 650 µm (Slamani, Nubiola
+and Bonev, Industrial Robot 39, 2012).
+"""
 USUAL_RP_MM = 0.05
-"""Assumed RP for an unknown data sheet; arms of the library have 0.02 to 0.05 mm."""
+"""Assumed RP if the data sheet is unknown. Arms of the library have 0.02 to 0.05 mm."""
 WATCH_SHARE = 0.5
-"""Share of a tolerance above which a figure is to be watched: it can still double before it fails."""
+"""Share of a tolerance above which a figure is to be watched. It can still double before it fails."""
 
 
 class Limit(Part):
-    """Bounds of a figure's size, in its unit: attention above `watch`, action above `fail`."""
+    """Bounds for the size of a figure, in the unit of the figure: attention above `watch`, action above `fail`."""
 
     watch: float | None = Field(default=None, gt=0, le=1e4)
     fail: float | None = Field(default=None, gt=0, le=1e4)
@@ -44,8 +47,8 @@ class Limit(Part):
     def standing(self, value: float, u: float) -> Standing:
         """Return the standing of a figure with standard uncertainty u.
 
-        It passes if |value| + 2 u is within the lower bound, and fails if |value| - 2 u is beyond `fail`. In between,
-        or with an unknown u, neither is proven, and it is to be watched.
+        The figure passes if |value| + 2 u is within the lower bound, and fails if |value| - 2 u is beyond `fail`.
+        Otherwise, or if u is unknown, neither is proven, and the figure is to be watched.
         """
         size = abs(value)
         expanded = COVERAGE * u if math.isfinite(u) else math.inf
@@ -55,14 +58,13 @@ class Limit(Part):
         return "pass" if lower is not None and size + expanded <= lower else "watch"
 
     def straddled(self, value: float, u: float) -> bool:
-        """Return whether the uncertainty interval contains a bound, so that a new measurement may change the
-        decision."""
+        """Return whether the uncertainty interval contains a bound. A new measurement may then change the decision."""
         expanded = COVERAGE * u if math.isfinite(u) else math.inf
         return any(abs(abs(value) - bound) < expanded for bound in (self.watch, self.fail) if bound is not None)
 
 
 def _single(value: Any) -> Any:
-    """Convert a single number, the failure limit, to a mapping."""
+    """Convert a single number, which is the failure limit, to a mapping."""
     return {"fail": value} if isinstance(value, int | float) and not isinstance(value, bool) else value
 
 
@@ -70,7 +72,7 @@ Bound = Annotated[Limit | None, BeforeValidator(_single)]
 
 
 class CircleLimits(Part):
-    """Limits of yaw or roll; the hysteresis compares acw with cw."""
+    """Limits of yaw or roll. The hysteresis is the difference between acw and cw."""
 
     band_deg: Bound = None
     range_deg: Bound = None
@@ -167,10 +169,10 @@ class Limits(Part):
     touch: TouchLimits = TouchLimits()
     path: PathLimits = PathLimits()
     data_sheet_rp_mm: float | None = Field(default=None, gt=0, le=10)
-    """Pose repeatability RP (ISO 9283) from the data sheet of the arm, the default limit of each `rp_mm`."""
+    """Pose repeatability RP (ISO 9283) from the data sheet of the arm. It is the default limit of each `rp_mm`."""
 
     def _part(self, test: str) -> Part:
-        """Return the limits of a test; empty for a test of another package."""
+        """Return the limits of a test. Empty for a test of another package."""
         declared: Part = getattr(self, test, Part())
         return declared
 
@@ -192,15 +194,15 @@ class Limits(Part):
 
 
 def offered_tolerance_mm(rp_mm: float | None) -> float:
-    """Return the initial tolerance for an arm with this RP, None if unknown."""
+    """Return the initial tolerance for an arm with this RP, which may be None for unknown."""
     return float(f"{TOLERANCE_BY_RP * (rp_mm or USUAL_RP_MM):.3g}")
 
 
 def limits_of_tolerance(tolerance_mm: float, radius_mm: float, rp_mm: float | None) -> Limits:
-    """Return the limits corresponding to an error of `tolerance_mm` at the ball.
+    """Return the limits for an error of `tolerance_mm` at the ball.
 
-    On a circle of this radius such an error turns the link by tolerance / radius. Tracker poses have no limit: they
-    cover the whole work area, where the error of an arm is larger than near one place.
+    On a circle of this radius, such an error turns the link by tolerance / radius. Tracker poses have no limit, because
+    they cover the complete work area, in which the error of an arm is larger than near a single position.
     """
     mm, deg = shared_limit(tolerance_mm), shared_limit(math.degrees(tolerance_mm / radius_mm))
     circle = CircleLimits(band_deg=deg, circular_deviation_mm=mm, hysteresis_max_mm=mm)
@@ -214,5 +216,5 @@ def limits_of_tolerance(tolerance_mm: float, radius_mm: float, rp_mm: float | No
 
 
 def shared_limit(fail: float) -> Limit:
-    """Return a limit with the share to be watched, rounded to three digits."""
+    """Return a limit for failure, with a `watch` limit rounded to three digits."""
     return Limit(watch=float(f"{WATCH_SHARE * fail:.3g}"), fail=float(f"{fail:.3g}"))

@@ -11,8 +11,9 @@ from rigs.schema.part import Origin, Part
 from rigs.schema.probe import Probe
 
 SLOWEST_HZ = 0.5
-"""Slowest rate: a recording cannot start with a reading older than 3 s, and a connection without data for 10 s is
-lost."""
+"""Slowest rate. A recording cannot start with a reading older than 3 s, and a connection is lost after 10 s of
+silence.
+"""
 Number = Literal[
     "int16", "uint16", "float16", "int32", "uint32", "float32", "int64", "uint64", "float64"
 ]  # fmt: skip
@@ -47,12 +48,12 @@ class ValueRegister(Register):
 
 
 class StatusRegister(Register):
-    """Status of a reading; unlisted values are errors."""
+    """Status of a reading. Values that are not listed are errors."""
 
     type: Number = "uint16"
     good: tuple[int, ...] = (0,)
     doubtful: tuple[Annotated[int, Field(ge=-(2**31), lt=2**32)], ...] = ()
-    """Codes stored with the reading: 32 bits, signed or unsigned."""
+    """Codes stored together with the reading: 32 bits, signed or unsigned."""
 
 
 class RegisterBlock(Part):
@@ -63,11 +64,11 @@ class RegisterBlock(Part):
     address: int = Field(ge=0, le=65535)
     count: int = Field(ge=1, le=125)
     word_order: Order = "big"
-    """Order of the registers of a 32 or 64 bit value: the highest (big) or the lowest first."""
+    """Order of the registers of a 32 or 64 bit value: highest (big) or lowest first."""
     byte_order: Order = "big"
-    """Order of the bytes of a register; the standard is the higher (big) first, but some instruments swap them."""
+    """Order of the bytes in a register. The standard is higher (big) first, but some instruments swap them."""
     rate_hz: float = Field(default=500.0, ge=SLOWEST_HZ)
-    """Maximum requests per second; a serial line limits the rate itself, TCP does not."""
+    """Largest number of requests per second. A serial line limits the rate itself, TCP does not."""
 
     def check_inside(self, **registers: Register | None) -> None:
         """Raise ValueError for the first register outside the block."""
@@ -118,7 +119,7 @@ class ModbusMap(Probe, RegisterBlock):
 
 
 class SolartronOrbit(Probe):
-    """Solartron Orbit ACS, SI100, SI200 or SI400: two parameters, the reading and its status."""
+    """Solartron Orbit ACS, SI100, SI200 or SI400: two parameters, the reading and a status."""
 
     origin: ClassVar[Origin] = Origin(
         instruments="Solartron Orbit ACS: SI100, SI200, SI400",

@@ -1,10 +1,11 @@
-"""Gauges, robot interfaces, effects and makers of other packages, offered as entry points without a fork.
+"""Gauges, robot interfaces, effects and makers of other packages, provided as entry points.
 
-The pyproject.toml of a package lists its classes by group, under the name for a rig file:
+The pyproject.toml of a package lists its classes by group, under the names used in a rig file:
 
-[project.entry-points."rig.gauges"] example_dial = "cell_dial.schema:ExampleDial"
+    [project.entry-points."rig.gauges"]
+    example_dial = "cell_dial.schema:ExampleDial"
 
-An unusable class is left out, and the reason is reported if a rig file names it; rig continues for every other cell.
+A class that cannot be used is omitted, and the reason is reported if a rig file names it. Other cells are not affected.
 """
 
 from __future__ import annotations
@@ -17,25 +18,30 @@ from typing import Annotated, Any, Literal, TypeVar, get_args
 from pydantic import BaseModel, Field
 
 MAKERS = "rig.makers"
-"""Group of makers: here a package offers a package instead of a class, with one module per question."""
+"""Group of makers. Here a package provides a package instead of a class, with a module per question."""
 Group = Literal["rig.gauges", "rig.robots", "rig.effects"]
 _KEY: dict[Group, str] = {"rig.gauges": "interface", "rig.robots": "interface", "rig.effects": "effect"}
-"""Key of a rig file with the class name, by group."""
+"""Key of a rig file that contains the name of the class, by group."""
 BROKEN: dict[str, str] = {}
-"""Reasons for unusable classes, by name."""
+"""Reasons for omitted classes, by name."""
 C = TypeVar("C", bound=BaseModel)
 
 
 @cache
 def _offers() -> tuple[EntryPoint, ...]:
-    """Return the entry points of all packages. Scanning an environment of a hundred packages takes some hundredths of a
-    second, once."""
+    """Return the entry points of all packages.
+
+    Scanning an environment with a hundred packages once takes a few hundredths of a second.
+    """
     of_packages = entry_points()
     return tuple(offer for group in (*_KEY, MAKERS) for offer in of_packages.select(group=group))
 
 
 def offered(group: Group, base: type[C], taken: frozenset[str]) -> dict[str, type[C]]:
-    """Return the classes offered for a group, by name. base: required base class. taken: names used by rig itself."""
+    """Return the classes provided for a group, by name.
+
+    base: required base class. taken: names used by rig itself.
+    """
     classes: dict[str, type[C]] = {}
     key = _KEY[group]
     for offer in sorted((offer for offer in _offers() if offer.group == group), key=lambda offer: offer.name):
@@ -57,12 +63,12 @@ def offered(group: Group, base: type[C], taken: frozenset[str]) -> dict[str, typ
 
 
 def packages_of_makers() -> dict[str, str]:
-    """Return the packages offered for makers, by the maker's name."""
+    """Return the packages that provide makers, by the name of the maker."""
     return {offer.name: offer.value for offer in sorted(_offers()) if offer.group == MAKERS}
 
 
 def extended(union: Any, group: Group, base: type[BaseModel]) -> Any:
-    """Return a discriminated union extended by the classes offered for a group."""
+    """Return a discriminated union, extended by the classes provided for a group."""
     classes = get_args(get_args(union)[0])
     names = frozenset(name for cls in classes for name in get_args(cls.model_fields[_KEY[group]].annotation))
     of_others = offered(group, base, names)
@@ -72,6 +78,8 @@ def extended(union: Any, group: Group, base: type[BaseModel]) -> Any:
 
 
 def driver_of(part: BaseModel, folder: str) -> str:
-    """Return the driver module for a gauge or robot of a rig file: `driver` of its class, or the file in rig's own
-    folder."""
+    """Return the driver module of a gauge or robot in a rig file.
+
+    This is `driver` of the class, or the file in rig's folder.
+    """
     return str(getattr(type(part), "driver", "") or f"{folder}.{part.interface}")  # type: ignore[attr-defined]

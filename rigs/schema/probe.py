@@ -1,5 +1,4 @@
-"""Common part of all gauges: the timing of readings, calibration certificates of gauge, ball and link, and the
-temperature."""
+"""Common part of all gauges: timing of readings, certificates of gauge, ball and link, and temperature."""
 
 from __future__ import annotations
 
@@ -14,12 +13,12 @@ from rigs.schema.links import ModemLines, Port
 from rigs.schema.part import Length, Origin, Part
 
 Correction = Annotated[float, Field(ge=-1, le=1)]
-"""mm; a larger value suggests the table of a different gauge, or a table in µm."""
+"""Correction in mm. A larger value suggests the table of another gauge, or a table in µm."""
 Celsius = Annotated[float, Field(ge=-50, le=100)]
 _TIME_ZONES = dt.timedelta(days=1)
-"""A certificate from a place further east may bear tomorrow's date."""
+"""Tolerance of dates. A certificate from a place further east may have tomorrow's date."""
 _STEPS = 200
-"""Steps for checking the range of a polynomial."""
+"""Number of steps for checking the range of a polynomial."""
 
 
 class Temperature(Part):
@@ -37,10 +36,10 @@ class Certificate(Part):
     date: dt.date
     valid_until: dt.date | None = None
     interval_months: int | None = Field(default=None, ge=1, le=240)
-    """Interval until the next calibration, in place of valid_until."""
+    """Interval until the next calibration, as an alternative to valid_until."""
     u_mm: float = Field(ge=0, le=10)
     k: float = Field(gt=0, le=10)
-    """Coverage factor of u_mm: u_mm / k is the standard uncertainty."""
+    """Coverage factor of u_mm. The standard uncertainty is u_mm / k."""
     reference_c: Celsius = 20.0
     """Reference temperature of the certificate; 20 °C by ISO 1."""
     coefficient_per_c: float = Field(default=0.0, ge=-1e-3, le=1e-3)
@@ -63,7 +62,7 @@ class Certificate(Part):
 
     @property
     def due(self) -> dt.date | None:
-        """Last day of validity; None if not stated."""
+        """Last day of validity, or None if not stated."""
         if self.interval_months is None:
             return self.valid_until
         years, month = divmod(self.date.month - 1 + self.interval_months, 12)
@@ -72,14 +71,14 @@ class Certificate(Part):
 
 
 class GaugeCertificate(Certificate):
-    """Certificate of a gauge: optional correction of the readings, as a table or a polynomial."""
+    """Certificate of a gauge, with an optional correction of the readings as a table or a polynomial."""
 
     correction_mm: tuple[tuple[Length, Correction], ...] = Field(default=(), max_length=10_000)
     """Pairs of a reading and its correction, interpolated linearly."""
     polynomial_mm: tuple[Annotated[float, Field(ge=-1e6, le=1e6)], ...] = Field(default=(), max_length=20)
-    """c0, c1, c2, …: the correction is c0 + c1 r + c2 r² + … mm for the reading r mm."""
+    """Coefficients c0, c1, c2, … of the correction c0 + c1 r + c2 r² + … mm for a reading of r mm."""
     range_mm: tuple[Length, Length] | None = None
-    """Valid readings of the polynomial; a table defines its own range."""
+    """Range of readings for which the polynomial is valid. A table defines its own range."""
 
     @field_validator("correction_mm")
     @classmethod
@@ -114,7 +113,7 @@ class GaugeCertificate(Certificate):
 
     @property
     def valid_mm(self) -> tuple[float, float] | None:
-        """Range of readings with a known correction; None without a correction."""
+        """Range of readings with a known correction, None if readings are not corrected."""
         return (self.correction_mm[0][0], self.correction_mm[-1][0]) if self.correction_mm else self.range_mm
 
 
@@ -122,7 +121,7 @@ class Ball(Certificate):
     """Certificate of the base-ball: roundness."""
 
     form_mm: float = Field(ge=0, le=1)
-    """Form error, peak to valley, of the region touched by the link."""
+    """Form error, peak to valley, of the region in contact with the link."""
 
 
 class Link(Certificate):
@@ -132,35 +131,39 @@ class Link(Certificate):
 
 
 def _hold_rising(table: tuple[tuple[float, float], ...] | list[tuple[float, float]], remedy: str) -> None:
-    """Check that a table is increasing: equal or reordered corrected lengths are invalid. Raises ValueError."""
+    """Check that the corrected readings of a table increase strictly. Raises ValueError."""
     for (before, least), (reading, correction) in pairwise(table):
         if reading + correction <= before + least:
             raise ValueError(f"corrected readings fall between {before:g} and {reading:g} mm; {remedy}")
 
 
 Latch = Literal["on_request", "own_cycle", "streamed", "unknown"]
-"""on_request: the reading is taken between request and answer. own_cycle: the answer is the latest reading of an
-internal cycle. streamed: the reading is taken when sent. unknown: no source, so the delay is estimated from the data.
+"""Time at which a reading is taken.
+
+on_request: between request and answer. own_cycle: the answer is the latest reading of an internal cycle. streamed: when
+the reading is sent. unknown: not documented, so the delay is estimated from the data.
 """
 
 _FILTER_U = 0.1
-"""Makers state the length of an averaging filter, but rarely its shape; a tenth of the delay is assumed."""
+"""Relative standard uncertainty of a filter's delay. Makers state the length of an averaging filter, rarely the
+shape.
+"""
 
 
 class Timing(Part):
-    """Latching time of the reading in an answer; emulated gauges follow it."""
+    """Time at which the reading in an answer was taken. Emulated gauges also use it."""
 
     latch: Latch = "unknown"
     cycle_ms: float | None = Field(default=None, gt=0, le=10_000)
-    """Length of an internal cycle, or the interval of a streaming gauge."""
+    """Length of an internal cycle, or interval of a streaming gauge."""
     filter_ms: float = Field(default=0.0, ge=0, le=10_000)
-    """Group delay of the averaging filter: for a moving average over n cycles, (n - 1)/2 cycles."""
+    """Group delay of the averaging filter. For a moving average over n cycles, it is (n - 1)/2 cycles."""
     filter_u_ms: float | None = Field(default=None, ge=0, le=10_000)
-    """Standard uncertainty of the group delay; a tenth by default."""
+    """Standard uncertainty of the group delay. Default: a tenth of it."""
     answer_delay_ms: float = Field(default=0.0, ge=0, le=10_000)
-    """Minimum delay of the answer, during which no reading is taken."""
+    """Smallest delay of the answer. No reading is taken during this delay."""
     latched_within_ms: float | None = Field(default=None, gt=0, le=10_000)
-    """Latest latching time after the end of the request."""
+    """Latest time of the reading after the end of the request."""
 
     @model_validator(mode="after")
     def _consistent(self) -> Timing:
@@ -171,7 +174,7 @@ class Timing(Part):
         return self
 
     def require_unasked(self) -> None:
-        """Check the timing of a gauge that sends unprompted. Raises ValueError for a timing relative to requests."""
+        """Check the timing of a gauge that sends unprompted. Raises ValueError for a timing that refers to requests."""
         if self.latch == "on_request" or self.answer_delay_ms:
             raise ValueError(
                 "timing is that of an answer to a request, but this gauge sends unasked; state `latch: streamed` or "
@@ -204,55 +207,56 @@ def _rising(limits_mm: tuple[float, float]) -> tuple[float, float]:
 
 
 Range = Annotated[tuple[Length, Length], AfterValidator(_rising)]
-"""Lowest and highest reading, mm."""
+"""Lowest and highest reading, in mm."""
 
 
 class Probe(Part):
-    """Gauge: port, position on the baseline, and accuracy."""
+    """A gauge: port, position on the baseline, and accuracy."""
 
     origin: ClassVar[Origin]
     shares: ClassVar[bool] = False
-    """Whether an answer contains several gauges of a port, distinguished by `channel`."""
+    """True if an answer contains several gauges of a port, distinguished by `channel`."""
     cables: ClassVar[dict[str, ModemLines]] = {}
-    """Modem lines by kind of cable, for cables powered by them."""
+    """Modem lines by kind of cable, for cables that they power."""
     bus: ClassVar[bool] = False
-    """Whether a port can have several gauges, polled separately."""
+    """True if a port can have several gauges, which are polled separately."""
     request_bytes: ClassVar[int] = 1
-    """Minimum characters of a request on a serial line, for its transmission time."""
+    """Smallest number of characters of a request on a serial line, which determines the transmission time."""
     timing_source: ClassVar[str] = "no public source says when a reading is latched"
     """Source of the default `timing`."""
 
     port: Port
-    """Serial device, preferably by its name in `/dev/serial/by-id/`, or `tcp://host:number`."""
+    """Serial device, preferably by the name in `/dev/serial/by-id/`, or `tcp://host:number`."""
     channel: int = Field(default=1, ge=1, le=32)
-    """Index in an answer shared by the gauges of a port; 1 for an instrument with a single gauge."""
+    """Index in an answer shared by several gauges of a port. 1 for an instrument with a single gauge."""
     units: Units = "mm"
-    """Unit set at the instrument; a reading in a different unit is a fault, never a value."""
+    """Unit set at the instrument. A reading in another unit is a fault, and is never used."""
     counts: Counts = "away"
-    """Direction of increasing readings: as the tool moves away from the ball, or towards it, as with most plunger
-    gauges, which are then pushed in. Runs store readings as displayed."""
+    """Direction of increasing readings: as the tool moves away from the ball, or towards it. Most plunger gauges
+    count towards it, as the plunger is pushed in. Runs contain the readings as displayed.
+    """
     offset_mm: Length
     """Position on the baseline, along y_T (yaw) or x_T (roll): +25 for gauge 1, -25 for gauge 2."""
     accuracy_mm: float = Field(default=0.0005, gt=0, le=10)
-    """Standard uncertainty of a single reading; errors common to all readings belong to the certificate."""
+    """Standard uncertainty of a single reading. Errors common to all readings belong to the certificate."""
     range_mm: Range | None = None
-    """Lowest and highest possible reading; a reading outside is a fault and left out."""
+    """Lowest and highest possible reading. A reading outside is a fault and is not used."""
     certificate: GaugeCertificate | None = None
     calibrated: dt.date | None = None
-    """Calibration date, in files older than `certificate`; not used."""
+    """Calibration date in files older than `certificate`. Not used."""
     timeout_s: float = Field(default=0.5, ge=0.01, le=60)
     """Time without an answer after which the gauge counts as silent."""
     timing: Timing = Timing()
-    """Latching time of readings; a value in the rig file replaces the maker's default completely."""
+    """Timing of readings. A value in the rig file replaces the maker's default completely."""
 
     @property
     def modem(self) -> ModemLines | None:
-        """Modem lines required by the cable; None if it needs none, and both are on."""
+        """Modem lines that the cable requires. None if it requires none, and both are on."""
         return None
 
     @property
     def sign(self) -> int:
-        """Sign that makes readings increase with the distance from the ball."""
+        """Sign for which readings increase with the distance from the ball."""
         return 1 if self.counts == "away" else -1
 
     @property
@@ -262,5 +266,5 @@ class Probe(Part):
 
     @property
     def limits_mm(self) -> tuple[float, float] | None:
-        """Lowest and highest reading, if checked."""
+        """Lowest and highest reading, if readings are checked."""
         return self.range_mm

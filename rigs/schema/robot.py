@@ -1,4 +1,4 @@
-"""Arm description in a rig file: modified Denavit–Hartenberg after Craig, in mm and degrees."""
+"""Description of an arm in a rig file: modified Denavit–Hartenberg after Craig, in mm and degrees."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from rigs.schema.vocabulary import DRIVEN_AXES, FEWEST_AXES, MOST_AXES, Build
 
 
 class Pose(Part):
-    """Frame: position, then fixed-axis roll-pitch-yaw (rotations about x, y, z of the parent)."""
+    """A frame: position, and fixed-axis roll-pitch-yaw (rotations about x, y, z of the parent)."""
 
     xyz_mm: Vector = (0.0, 0.0, 0.0)
     rpy_deg: tuple[Angle, Angle, Angle] = (0.0, 0.0, 0.0)
 
 
 class JointAxis(Part):
-    """Joint: `T(i-1,i) = RotX(alpha) TransX(a) RotY(beta) RotZ(theta) TransZ(d)`.
+    """A joint: `T(i-1,i) = RotX(alpha) TransX(a) RotY(beta) RotZ(theta) TransZ(d)`.
 
-    alpha, a and beta belong to the link before the joint (Craig's alpha[i-1], a[i-1]); beta is Hayati's angle, for a
-    joint parallel to the previous one.
+    alpha, a and beta belong to the link before the joint (Craig's alpha[i-1], a[i-1]). beta is Hayati's angle, used if
+    a joint is parallel to the previous one.
     """
 
     name: str
@@ -36,9 +36,9 @@ class JointAxis(Part):
     limits_deg: tuple[Angle, Angle]
     speed_deg_s: float = Field(gt=0, le=1e4)
     mass_kg: float = Field(default=0.0, ge=0, le=1e4)
-    """Mass of the link moved by this joint, for gravity effects."""
+    """Mass of the link moved by this joint, for effects of gravity."""
     centre_mm: Vector = (0.0, 0.0, 0.0)
-    """Centre of mass in the link's frame."""
+    """Centre of mass in the frame of the link."""
 
     @model_validator(mode="after")
     def _ordered(self) -> JointAxis:
@@ -48,10 +48,10 @@ class JointAxis(Part):
 
 
 class Rail(Part):
-    """Rail of the arm: at position e1_mm, the base is displaced from `base` by this distance along the rail."""
+    """Rail of the arm. At position e1_mm, the base is displaced from `base` by this distance along the rail."""
 
     direction: Vector = (1.0, 0.0, 0.0)
-    """Direction of motion in the base frame; its length is ignored."""
+    """Direction of motion in the base frame. Only the direction of the vector is used."""
     limits_mm: tuple[Length, Length]
 
     @model_validator(mode="after")
@@ -74,29 +74,30 @@ def identity(count: int) -> tuple[Row, ...]:
 
 
 _NUMBERED = re.compile(r"(a|j|axis|joint)?[ _.-]?a?\d")
-"""Names that contain only a number: `J4`, `joint_4`, `joint_a4`, `4`."""
+"""Names that consist of a number: `J4`, `joint_4`, `joint_a4`, `4`."""
 
 
 _SHORTEST_MM = 20.0
-"""Lengths of an arm in all: some 300 mm for hobby arms, 6 m for the longest industrial arms, which is 6 in metres."""
+"""Smallest sum of the lengths of an arm. Hobby arms have some 300 mm. The longest industrial arms have 6 m, which
+would be 6 if entered in metres.
+"""
 
 
 class Robot(Part):
-    """Arm with four to seven revolute axes. `theta = coupling @ q + offset`, with q reported by the controller."""
+    """An arm with four to seven revolute axes. `theta = coupling @ q + offset`, with q reported by the controller."""
 
     name: str
     serial: Annotated[str, Field(max_length=200)] = ""
-    """Serial number on the name plate, shown at the top of reports."""
+    """Serial number on the name plate, displayed at the top of reports."""
     axes: Annotated[tuple[JointAxis, ...], Field(min_length=FEWEST_AXES, max_length=MOST_AXES)]
     coupling: Annotated[tuple[Row, ...], Field(min_length=FEWEST_AXES, max_length=MOST_AXES)] = identity(DRIVEN_AXES)
     base: Pose = Pose()
     rail: Rail | None = None
     tool: Pose = Pose()
     payload_kg: float = Field(default=0.0, ge=0, le=1e4)
-    """Tool and ball link, at the flange."""
+    """Mass of tool and ball link, at the flange."""
     build: Build | None = Field(default=None, exclude_if=lambda value: value is None)
-    """Design of the arm; by default, an arm of seven axes has torque sensors, and an arm of four or five axes is
-    light."""
+    """Design of the arm. Default: an arm with seven axes has torque sensors, an arm with four or five axes is light."""
 
     @model_validator(mode="after")
     def _in_mm(self) -> Robot:
@@ -110,25 +111,26 @@ class Robot(Part):
 
     @property
     def built(self) -> Build:
-        """Design of the arm, as stated or as usual for its number of axes."""
+        """Design of the arm, as stated or as typical for the number of axes."""
         more = len(self.axes) - DRIVEN_AXES
         return self.build or ("torque_sensing" if more > 0 else "light" if more < 0 else "industrial")
 
     def axis_words(self, axis: int) -> str:
-        """Return the displayed name of an axis, counted from 1: `axis 4 (gamma)`, or `axis 4` if its name only
-        repeats the number."""
+        """Return the displayed name of an axis, counted from 1: `axis 4 (gamma)`, or `axis 4` if the name only
+        repeats the number.
+        """
         name = self.own_name(axis)
         return f"axis {axis} ({name})" if name else f"axis {axis}"
 
     def own_name(self, axis: int) -> str:
-        """Return the name of an axis, counted from 1; empty if it only repeats the number."""
+        """Return the name of an axis, counted from 1. Empty if it only repeats the number."""
         name = self.axes[axis - 1].name
         return "" if _NUMBERED.fullmatch(name.lower()) else name
 
     @model_validator(mode="before")
     @classmethod
     def _coupled(cls, written: Any) -> Any:
-        """Default coupling: each axis turns with its own joint."""
+        """Set the default coupling, in which each axis turns with its own joint."""
         if isinstance(written, Mapping) and "coupling" not in written:
             axes = written.get("axes")
             if isinstance(axes, list | tuple) and FEWEST_AXES <= len(axes) <= MOST_AXES:
@@ -142,7 +144,7 @@ class Robot(Part):
         if {len(rows), *map(len, rows)} != {count}:
             raise ValueError(f"coupling is not {count} rows of {count} numbers, one for each axis; correct its rows")
         remaining = [list(row) for row in rows]
-        for column in range(count):  # elimination, largest pivot first
+        for column in range(count):  # elimination with the largest pivot first
             remaining[column:] = sorted(remaining[column:], key=lambda row: -abs(row[column]))
             pivot, *below = remaining[column:]
             if abs(pivot[column]) < 1e-6:

@@ -1,14 +1,17 @@
-"""Interface between effects and simulation: one time-ordered trace from the reported angles to the readings.
+"""Interface between effects and simulation: a single time-ordered trace, from the reported angles to the readings.
 
-Effects replace parts of it in stages; nothing is changed in place. The stages, in order:
+Effects replace parts of the trace in stages, and never change values in place. The stages, in order:
 
-time    true times of the readings: `q` becomes the angles reported at these times arm     constants of the arm joint
-link-side angles `link_q`, initially `q`; every effect sees the reported angles, deviations add up tool    tool poses
-`T`, after the forward kinematics setup   ball form and gauge positions gauge   the readings `g_mm`
+- time: true times of the readings; `q` becomes the angles reported at these times
+- arm: constants of the arm
+- joint: link-side angles `link_q`, initially `q`; every effect sees the reported angles, and deviations add up
+- tool: tool poses `T`, after the forward kinematics
+- setup: form of the ball, and positions of the gauges
+- gauge: readings `g_mm`
 
-`analysis/robot/model/scene.py` implements this interface; rig files can be read without it.
+`analysis/robot/model/scene.py` implements this interface. Rig files can be read without it.
 
-The play operator, for a link with backlash or a sticking plunger, is also defined here.
+This module also defines the play operator, for a link with backlash or a sticking plunger.
 """
 
 from __future__ import annotations
@@ -25,7 +28,7 @@ STAGES: tuple[Stage, ...] = ("time", "arm", "joint", "tool", "setup", "gauge")
 
 
 class Scene(Protocol):
-    """Scene with n samples in order of time and k gauges. Values of later stages are empty."""
+    """A scene with n samples in order of time and k gauges. Values of later stages are empty."""
 
     @property
     def t_s(self) -> Array:
@@ -37,15 +40,15 @@ class Scene(Protocol):
 
     @property
     def T(self) -> Array:  # noqa: N802 - a frame
-        """Poses (n, 4, 4) of the tool in the world, positions in mm."""
+        """Poses (n, 4, 4) of the tool in the world, with positions in mm."""
 
     @property
     def base_mm(self) -> Array:
-        """Base position of the arm in the world (3,) mm."""
+        """Position of the arm's base in the world (3,) mm."""
 
     @property
     def samples_per_visit(self) -> int:
-        """Samples of each visit of a table without times, whose visits do not follow each other; 0 for one trace."""
+        """Number of samples per visit, in a table of separate visits that has no times. 0 for a single trace."""
 
     @property
     def contact(self) -> Array:
@@ -56,29 +59,28 @@ class Scene(Protocol):
         """Positions (k,) mm of the gauges on the baseline."""
 
     def reported_at(self, t_s: Array) -> Array:
-        """Reported angles (n, 6) rad at times t_s (n,), constant beyond the ends."""
+        """Return the reported angles (n, 6) rad at times t_s (n,) s, constant beyond both ends."""
 
     def reversals(self, axis: int) -> Sequence[tuple[float, float]]:
         """Return the reversals of a joint (1 … 6): time in s, and new direction (±1)."""
 
     def torques(self, payload_kg: float = 0.0) -> Array:
-        """Return the gravity torque on each joint (n, 6) Nm, with an additional payload at the flange."""
+        """Return the gravity torque (n, 6) Nm on each joint, with an additional payload at the flange."""
 
     def moment(self) -> Array:
-        """Return the gravity moment (n, 3) Nm on the base, about its origin and in its axes."""
+        """Return the gravity moment (n, 3) Nm on the base, about the origin and in the axes of the base."""
 
     def link_after(self, axis: int) -> tuple[Array, Array, Array]:
         """Return joint position (n, 3) mm, axis direction (n, 3), and end of the link (n, 3) mm for a joint (1 … 6).
 
-        The end is the joint position for a link without length.
+        If the link has no length, the end is the joint position.
         """
 
     def taken_at(self, t_s: Array) -> Self:
         """Return the scene as reported at other times t_s (n,) s."""
 
     def with_constant(self, field: str, axis: int, delta: float) -> Self:
-        """Return the scene with an arm constant (a, d in mm; alpha, beta in rad) of an axis (1 … 6) changed by
-        delta."""
+        """Return the scene with a constant of an axis (1 … 6) changed by delta: a or d in mm, alpha or beta in rad."""
 
     def turned(self, axis: int, deviation: Array | float) -> Self:
         """Return the scene with the link side of a joint (1 … 6) turned by a deviation (n,) rad."""
@@ -86,12 +88,15 @@ class Scene(Protocol):
     def along_rail(self, error_mm_m: Array) -> Self:
         """Return the scene with the tool moved by an error (3,) in mm per metre of the rail position.
 
-        Components: along the rail, across it horizontally, and across both. No change without a rail.
+        The components are along the rail, across it horizontally, and across both. The scene is unchanged if the arm
+        has no rail.
         """
 
     def tilted(self, turn: Array, below_mm: float) -> Self:
-        """Return the scene with the arm turned by rotation vectors (n, 3) rad in base axes, about a point below the
-        base origin."""
+        """Return the scene with the arm turned by rotation vectors (n, 3) rad in base axes, about a point below it.
+
+        below_mm: distance of the point from the base origin.
+        """
 
     def raised(self, height_mm: Array) -> Self:
         """Return the scene with the arm moved along the z axis of its base by (n,) mm."""
@@ -100,28 +105,31 @@ class Scene(Protocol):
         """Return the scene with the tool moved by (n, 3) mm in the world."""
 
     def with_form(self, form_mm: Array) -> Self:
-        """Return the scene with a ball radius larger by (n,) mm at the contact."""
+        """Return the scene with the ball radius increased by (n,) mm at the contact."""
 
     def blended(self, before: Self, after: Self, share: float) -> Self:
-        """Return the scene with a share of the change made by a joint or gauge effect."""
+        """Return the scene with a share of the change caused by a joint or gauge effect."""
 
     def with_gauges_at(self, offsets_mm: Array) -> Self:
-        """Return the scene with gauges at other positions (k,) mm on the baseline."""
+        """Return the scene with the gauges at other positions (k,) mm on the baseline."""
 
     def read(self, gauge: str, change: Callable[[Array], Array]) -> Self:
-        """Return the scene with changed readings (n,) mm of a gauge; unchanged in a test without this gauge."""
+        """Return the scene with changed readings (n,) mm of a gauge. Unchanged in a test without this gauge."""
 
     def all_read(self, change: Callable[[Array], Array]) -> Self:
         """Return the scene with changed readings (n, k) mm of all gauges."""
 
 
 S = TypeVar("S", bound=Scene)
-"""Scene passed to and returned by an effect."""
+"""A scene that is passed to and returned by an effect."""
 
 
 def plays_of_visits(x: Array, half: Array, samples: int) -> Array:
-    """Return the followers (w, n) of visits of so many samples each, x (n,), in gaps of ± half (w,). Each visit begins
-    in the middle of the gap, so that the order of the visits has no influence."""
+    """Return the followers (w, n) of x (n,) in gaps of ± half (w,), for visits of `samples` rows. The unit is that of
+    x.
+
+    Each visit begins in the middle of the gap, so that the order of visits has no influence.
+    """
     visits = x.reshape(-1, samples)
     followers: Array = np.repeat(visits[None], len(half), axis=0)
     gap = half[:, None]
@@ -133,25 +141,27 @@ def plays_of_visits(x: Array, half: Array, samples: int) -> Array:
 def play(x: Array, half: float, begin: float = 0.0) -> Array:
     """Return the follower y (n,) of x (n,) in a gap of ± half, starting at `begin` (-1 … 1) times half from the middle.
 
-    x, y and half have one unit. Play operator (Visintin, Differential Models of Hysteresis, 1994): y moves only when x
-    pushes against a side of the gap. On a monotone section it has the closed form used here.
+    x, y and half have the same unit. This is the play operator (Visintin, Differential Models of Hysteresis, 1994): y
+    moves only when x pushes against a side of the gap. On a monotone section it has the closed form used here.
     """
     follower: Array = plays(x, np.array([half]), begin)[0]
     return follower
 
 
 def plays(x: Array, half: Array, begin: float = 0.0) -> Array:
-    """Return the followers (w, n) of x (n,) in gaps of ± half (w,), all in the unit of x, starting at `begin` (-1 …
-    1) times half."""
+    """Return the followers (w, n) of x (n,) in gaps of ± half (w,), all in the unit of x.
+
+    begin: start in the gap, in units of half from the middle (-1 … 1).
+    """
     way = np.sign(np.diff(x))
     moving = np.flatnonzero(way)
-    # A standing x keeps its direction: rounded angles repeat in every other sample.
+    # An x at rest keeps its direction: rounded angles repeat in every other sample.
     turns = moving[1:][way[moving[1:]] != way[moving[:-1]]]
-    # A turning point ends its section: the gap is fully closed there.
+    # A turning point ends its section, and the gap is fully closed there.
     ends = x[turns].tolist()
     entered = np.array([_entered(float(x[0]) + begin * gap, ends, gap) for gap in half.tolist()])
     stretches = np.diff([0, *(turns + 1).tolist(), len(x)])
-    # At most one bound is active on a monotone section. In place this takes a quarter of the time.
+    # On a monotone section at most one bound is active. Computing in place takes a quarter of the time.
     followers: Array = np.repeat(entered, stretches, axis=1)
     bound = x - half[:, None]
     np.maximum(followers, bound, out=followers)
@@ -161,7 +171,7 @@ def plays(x: Array, half: Array, begin: float = 0.0) -> Array:
 
 
 def _entered(first: float, ends: list[float], half: float) -> list[float]:
-    """Return the follower at the start of each section, given x at the ends of the previous ones."""
+    """Return the follower at the start of each section. ends: x at the end of each previous section."""
     entered = [first]
     for end in ends:
         if first < end - half:

@@ -1,4 +1,4 @@
-"""Names shared by rig files, runs, commands and reports; without slow imports, for a fast command line."""
+"""Names shared by rig files, runs, commands and reports. The module has no slow imports, for a fast command line."""
 
 from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, Literal, get_args
@@ -12,24 +12,24 @@ TestName = Literal[
     "touch",
     "path",
 ]
-"""Kinds of tests: modules of `analysis.procedures`, or offered by packages as `rig.tests`."""
+"""Kinds of tests: modules of `analysis.procedures`, or provided by packages as `rig.tests`."""
 OFFERED_TESTS = {kind.name: kind for kind in entry_points(group="rig.tests") if kind.name not in get_args(TestName)}
-"""Tests of other packages by name, different from rig's own names."""
+"""Tests of other packages by name. Names of rig's own tests are ignored."""
 if not TYPE_CHECKING and OFFERED_TESTS:
     TestName = Literal[(*get_args(TestName), *sorted(OFFERED_TESTS))]
 Direction = Literal["cw", "acw"]
 
 CircleTest = Literal["yaw", "roll"]
 DrivenTest = Literal[CircleTest, "radial", "repeatability"]
-"""Tests with a robot program and the ball link."""
+"""Tests that use a robot program and the ball link."""
 ProgramTest = Literal[DrivenTest, "iso9283"]
-"""Kinds of programs: driven tests, and the poses and paths of ISO 9283 for a tracker."""
+"""Kinds of programs: driven tests, and poses and paths of ISO 9283 for a tracker."""
 SimulatedTest = Literal[DrivenTest, "touch", "iso9283"]
 """Simulated tests: ball link tests, touches guided by hand, and ISO 9283 with a tracker."""
 CIRCLES: tuple[CircleTest, ...] = get_args(CircleTest)
 """Tests on a circle."""
 OF_ISO9283: tuple[TestName, ...] = ("pose", "path")
-"""Tests of ISO 9283, recorded by a tracker itself."""
+"""Tests of ISO 9283, recorded by the tracker itself."""
 WITHOUT_GAUGES: tuple[TestName, ...] = (*OF_ISO9283, "touch")
 """Tests without gauges."""
 PartName = Literal["circle", "hemisphere", "touch", "iso9283"]
@@ -39,9 +39,9 @@ TEST_PARTS: dict[TestName, PartName] = {
     **dict.fromkeys(OF_ISO9283, "iso9283"),
     "touch": "touch",
 }
-"""The part of `tests` in a rig file that says where each test is driven."""
+"""Part of `tests` in a rig file that describes the motion of each test."""
 FURTHER = ("g3", "g4", "g5", "g6", "g7", "g8")
-"""Gauges not used by tests."""
+"""Gauges that tests do not use."""
 
 _WAYS: dict[str, Direction] = {
     "acw": "acw", "ccw": "acw", "counterclockwise": "acw", "anticlockwise": "acw", "cw": "cw", "clockwise": "cw"
@@ -49,19 +49,20 @@ _WAYS: dict[str, Direction] = {
 MeasuredBy = Literal["gauges", "tracker", "sockets"]
 """Measuring device: two gauges and a ball link, a tracker, or a ball seated in sockets."""
 TEST_WITHOUT_GAUGES: dict[MeasuredBy, TestName] = {"tracker": "pose", "sockets": "touch"}
-"""Test of an arm measured without gauges."""
+"""Test of an arm that is measured without gauges."""
 FEWEST_AXES, DRIVEN_AXES, MOST_AXES = 4, 6, 7
-"""Fewest and most axes of an arm, and the number for the ball link: a tool reaches any pose with six axes, so circles,
-their programs and controller entries require six."""
+"""Smallest and largest number of axes of an arm, and the number required by the ball link. Only with six axes can a
+tool reach any pose, so circles, their programs and controller entries require six.
+"""
 
 
 def direction_of(word: str) -> Direction | None:
-    """Return the direction for a common spelling: ccw is acw; None for other words."""
+    """Return the direction for a common spelling, for which ccw is acw. None for other words."""
     return _WAYS.get(word.casefold())
 
 
 MakerName = str
-"""Name of a controller maker: from MAKERS, or offered by a package."""
+"""Name of a controller maker, from MAKERS or provided by a package."""
 _ALSO_NAMED: dict[MakerName, tuple[str, ...]] = {
     "ur": ("universalrobots",),
     "fanuc": (),
@@ -69,25 +70,24 @@ _ALSO_NAMED: dict[MakerName, tuple[str, ...]] = {
     "abb": (),
     "yaskawa": ("motoman",),
 }
-"""Makers supported for programs and corrections, with other names of their arms; each has a folder in
-analysis/apps/makers."""
+"""Makers supported for programs and corrections, with other names for their arms. See analysis/apps/makers."""
 MAKERS: tuple[MakerName, ...] = tuple(_ALSO_NAMED)
 
 
 def offered_makers() -> dict[MakerName, str]:
-    """Return the makers of other packages with their packages."""
+    """Return the makers of other packages, with the packages."""
     from rigs.schema.plugins import packages_of_makers  # noqa: PLC0415 - no command line waits for pydantic
 
     return {name: package for name, package in packages_of_makers().items() if name not in MAKERS}
 
 
 def makers() -> tuple[MakerName, ...]:
-    """Return all makers, those of other packages last."""
+    """Return all makers, with those of other packages last."""
     return (*MAKERS, *offered_makers())
 
 
 def maker_named(word: str) -> MakerName | None:
-    """Return the maker for a common spelling: UR, Universal Robots and UR10e are ur; None for other words."""
+    """Return the maker for a common spelling: UR, Universal Robots and UR10e are ur. None for other words."""
     named = {_letters(maker): maker for maker in offered_makers()}
     named |= {name: maker for maker, others in _ALSO_NAMED.items() for name in (maker, *others)}
     names = [name for name in named if _letters(word).startswith(name)]
@@ -99,10 +99,13 @@ def _letters(word: str) -> str:
 
 
 def maker_of(interface: str) -> MakerName | None:
-    """Return the maker whose controllers use a feedback interface named after it; None for general interfaces."""
+    """Return the maker whose controllers use a feedback interface named after it. None for general interfaces."""
     return next((maker for maker in makers() if interface.startswith(f"{maker}_")), None)
 
 
 Build = Literal["industrial", "light", "torque_sensing", "servo"]
-"""Design of an arm, which determines normal sizes of effects: reducers of industrial arms, strain-wave gears of light
-arms and cobots, joint torque sensors, or hobby servos with load-bearing brackets."""
+"""Design of an arm, which determines the typical sizes of effects.
+
+The designs are the reducers of industrial arms, the strain-wave gears of light arms and cobots, joint torque sensors,
+and hobby servos with load-bearing brackets.
+"""
