@@ -43,9 +43,7 @@ _RESERVED = 256
 _IDLE_S = 30.0
 """Idle time after which a connection is closed. rig live sends ten requests a second."""
 _LINE_S = 5.0
-"""Time limit from the first byte of a request to its end, and for accepting an answer. Both usually take
-microseconds.
-"""
+"""Time limit from the first byte of a request to its end, and for accepting an answer. Both take microseconds."""
 _ACCEPT_S, _ASK_S = 0.001, 0.02
 """Pauses after a connection and after an answer, which leave time to the readers during a flood."""
 _BACK_OFF_S = (0.05, 1.0)
