@@ -3,7 +3,7 @@
 Gauge 1 defines the rows. The second gauge and the robot are interpolated to its instants. Rows in a gap of either
 stream are dropped and counted, because interpolation across missing data is not a measurement.
 
-A run is refused if a stream contains timestamps that `rigd` cannot have written, even with valid checksums. Host
+A run is refused if a stream contains timestamps that `rigd` cannot have written, even if the checksums are valid. Host
 timestamps never decrease, so such a stream was modified. Impossible values are dropped and counted.
 """
 
@@ -131,8 +131,8 @@ class Seen:
     """Observations about an instrument in a run, or in a part of a run.
 
     restarts, wrong, wanders_s, held, arrived, doubts: as in `Instants`.
-    doubtful, odd, stalled, dropped: number of rows marked by the gauge, without a reading, with an uncertain time, and
-    with a time equal to another row's.
+    doubtful, odd, stalled, dropped: number of rows marked by the gauge, rows lacking a reading, rows with an uncertain
+    time, and rows with a repeated time.
     gaps, longest_ns: number of rows of gauge 1 in gaps of the instrument, and the longest gap.
     before, after: number of rows of gauge 1 before the first and after the last row of the instrument.
     has_rows: whether the instrument has rows in this part.
@@ -434,7 +434,8 @@ def timing_doubts(name: str, instants: Instants | Seen) -> list[str]:
 
 
 def _track(instants: Instants, values: Array, sound: Mask, inside: Mask | None) -> tuple[Track, Seen]:
-    """Return the values in order of time, dropping rows without a valid reading or time, with one row per instant.
+    """Return the values in order of time with a single row per instant. Rows lacking a valid reading or time are
+    dropped.
 
     If several messages arrived together, the last one is kept, because the others waited for it. If a coarse clock
     repeats a time, the first row is kept.

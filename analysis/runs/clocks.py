@@ -2,7 +2,7 @@
 
 A byte can only arrive late. A requested reading was taken after the request was transmitted and before the answer was
 sent. The best estimate is therefore the tightest bound of all timestamps, and the remaining interval is the
-uncertainty. One part of the uncertainty is common to all readings, another is individual.
+uncertainty. Part of the uncertainty is common to all readings, and the rest is individual.
 """
 
 from __future__ import annotations

@@ -82,7 +82,7 @@ class Rows:
 def table_from(columns: pa.Table, test: TestName, direction: Direction | None, where: str) -> Table:
     """Convert columns of docs/tables.md to a table in memory, ignoring additional columns.
 
-    Raises FileError for columns of another test, for a table without rows, and for any content that import rejects.
+    Raises FileError for columns of a different test, for an empty table, and for any content that import rejects.
     """
     rows, kind = Rows(columns), kind_named(test)
     missing = [name for name in kind.layout(rows.axes).required if name not in columns.column_names]

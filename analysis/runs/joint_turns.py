@@ -4,7 +4,8 @@ A posture is the same at a joint angle of -106° and of 254°. Such a difference
 controller or an export restarted the count of turns, and the joint did not turn. Or the joint really made an additional
 turn, which only an error with a fractional number of waves per turn could show.
 
-The distribution of the angles distinguishes these causes. A joint that really turns has angles all over its range. A
+The distribution of the angles distinguishes these causes. A joint that really turns has angles over the complete range.
+A
 joint with a restarted count has angles in one window, and others exactly whole turns away. Rows are therefore counted
 back in two cases: if they are outside the limits of the joint, or if all angles of the table, modulo a turn, leave a
 gap that is unlikely by chance. A joint is not changed if the rig file contains an error of that joint with a fractional

@@ -31,9 +31,9 @@ _AWAY_S = 0.1
 """Shortest time away from the circle. Shorter deviations are faulty rows of the feedback."""
 _GAP_RAD, _WIDEST_RAD = np.radians(5.0), np.radians(10.0)
 _STEPS = 4.0
-"""Largest gap in a lap: 5°, or for a slow gauge this number of its steps, up to 10°."""
+"""Largest gap in a lap: 5°, or for a slow gauge this number of steps, up to 10°."""
 _TURNS_BACK_RAD = np.radians(20.0)
-"""Smallest reversal of the direction. Smaller ones are feedback noise, or a program moving to its start."""
+"""Smallest reversal of the direction. Smaller ones are feedback noise, or a program moving to the start."""
 _SEEN = 4000
 """Number of rows used to detect reversals and standstills."""
 _COVER = 40_000

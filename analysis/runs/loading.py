@@ -97,7 +97,7 @@ def load_measured(path: Path) -> Measured:
 
 
 def measured_in(directory: Path, path: Path) -> Measured:
-    """Load a run from its files in a directory. path: origin of the files. Raises FileError."""
+    """Load a run from the files in a directory. path: origin of the files. Raises FileError."""
     run = read_run(directory)
     return measured_of(replace(run, path=path), calibrated_beside(rig_of(run), directory))
 
@@ -105,7 +105,7 @@ def measured_in(directory: Path, path: Path) -> Measured:
 def refuse_copies(runs: Iterable[tuple[Path, str]]) -> None:
     """Raise FileError if two runs have equal readings. runs: path and digest of the readings of each run.
 
-    A copy would be mistaken for a repeat without noise, or for an independent held-out run.
+    A copy would be mistaken for a noise-free repeat, or for an independent held-out run.
     """
     by_digest: dict[str, Path] = {}
     for path, readings in runs:
@@ -147,7 +147,7 @@ def measured_of(run: Run, rig: Rig | None = None) -> Measured:
 
 
 def known_doubts(run: Run, rig: Rig) -> list[str]:
-    """Return the doubts about a run that do not depend on its readings, as text.
+    """Return the doubts about a run that do not depend on the readings, as text.
 
     Raises FileError if the run is invalid, or if it is a replay with instruments out of step.
     """

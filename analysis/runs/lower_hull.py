@@ -7,7 +7,7 @@ distance (for the straight line: Olson, A Passive Solution to the Sensor Synchro
 The polyline is the solution of a linear program on a chain: each corner involves only the two adjacent knots. The
 normal equations are therefore tridiagonal, and the cost of a step is linear in the number of knots and corners. The
 solver is a predictor-corrector method (Mehrotra, On the implementation of a primal-dual interior point method, 1992).
-It finishes before `scipy.optimize` could be imported.
+It takes less time than the import of `scipy.optimize`.
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ def _solved(diagonal: Array, off_diagonal: Array, target: Array) -> Array:
 
 
 TICK_S = 1e-9
-"""Resolution of host timestamps: 1 ns. A clock that advances by less stands still."""
+"""Resolution of host timestamps: 1 ns. A clock that advances by less is not advancing."""
 WINDOW_S = 120.0
 """Interval of the knots. With the temperature of a hall, a crystal's rate changes by less than 0.01 ppm/s: 18 µs
 over half of this window.
@@ -146,7 +146,7 @@ def floor(x: Array, y: Array, window: float = WINDOW_S) -> tuple[Array, Mask]:
 
 
 def low_outliers(x: Array, y: Array) -> Mask:
-    """Return a mask of wrong timestamps y (n,) at increasing x (n,), in s: isolated values far below their neighbours.
+    """Return a mask of wrong timestamps y (n,) at increasing x (n,), in s: isolated values well below their neighbours.
 
     The minimum of each block is compared with those of the neighbouring blocks. At most one in 500 points, or three, is
     treated as wrong, because repeated low points are short delays.

@@ -1,4 +1,4 @@
-"""Map an instrument's timestamps to host time, by the instrument's clock or by the steady rate of its messages.
+"""Map an instrument's timestamps to host time, by the instrument's clock or by the steady rate of the messages.
 
 The difference (host - instrument) is the clock offset plus a delay. Delays are positive, so the lower envelope of the
 differences is the offset. Timestamps are cleaned first: wrapped counters are continued, single wrong timestamps are
@@ -66,7 +66,7 @@ class FittedClock:
 
 
 def stands(device_s: Array) -> bool:
-    """Return whether a clock device_s (n,) stands still, within the resolution of host timestamps."""
+    """Return whether a clock device_s (n,) is not advancing, within the resolution of host timestamps."""
     return len(device_s) > 1 and bool(device_s.max() <= device_s.min() + TICK_S)
 
 
@@ -197,7 +197,7 @@ _EARLY = 0.15
 """Fraction of a period by which the smallest delay may decrease, due to the beat or an inaccurate period."""
 _MOSTLY = 0.75
 """Fraction of steps between groups of messages with an almost constant smallest delay that proves a steady rate. The
-other steps may be waits. Messages without a steady rate reach about a third.
+other steps may be waits. If the rate is not steady, the fraction is about a third.
 """
 _HARDLY = 8
 """Divisor of the usual delay. A message rarely precedes the earliest of the previous `_AHEAD` messages by more than
@@ -230,7 +230,7 @@ def through_pace(host_ns: Array) -> FittedClock:
     """Return the host times (n,) ns of messages that arrived at host_ns (n,), assuming a steady rate.
 
     A crystal keeps its rate regardless of the computer. A temporary delay is therefore a transmission delay, and the
-    lower envelope is the clock. An instrument that waits never catches up, for example a program without a crystal. A
+    lower envelope is the clock. An instrument that waits never catches up, for example a program timed by software. A
     permanent delay is therefore a delay of the instrument. If the delay wanders, the times follow the lower envelope of
     the arrivals, and the shared uncertainty covers both interpretations.
 
@@ -332,7 +332,8 @@ def numbered(host_ns: Array, period_ns: float) -> Integers:
 
 
 def _missing(least: Array, period_ns: float) -> Integers:
-    """Return the lag of each smallest delay (n,) behind the corrected delays of the previous `_AHEAD` rows, in periods.
+    """Return the lag of each smallest delay (n,) relative to the corrected delays of the previous `_AHEAD` rows, in
+    periods.
 
     If the previous rows have equal counts, the next count depends only on the increase of the delay. Such increases are
     found for all rows at once, and only the rows after an increase are processed one by one.
@@ -361,7 +362,7 @@ def _missing(least: Array, period_ns: float) -> Integers:
 def _counted(least: Array, behind: Array, period_ns: float) -> list[int]:
     """Return the counts of the first rows of least (n,), until `_AHEAD` consecutive counts are equal.
 
-    behind (_AHEAD,): smallest delays of the previous rows, minus the missing periods counted so far.
+    behind (_AHEAD,): smallest delays of the previous rows, minus the missing periods counted before.
     """
     before, counts, alike = deque(behind.tolist(), maxlen=_AHEAD), list[int](), 0
     lowest = min(before)

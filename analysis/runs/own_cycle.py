@@ -1,13 +1,13 @@
 """Reading times of a gauge with an internal cycle, determined from the readings.
 
-Such a gauge answers with the last reading of the cycle, regardless of its age. The value can change only at a tick, so
+Such a gauge answers with the last reading of the cycle, regardless of age. The value can change only at a tick, so
 there is a tick between two different answers. Each change therefore bounds a tick. If the cycle is steady, ticks are
-numbered and fitted, which determines each tick far better than its bounds (`CycleLine`). If the cycle is uneven, only
+numbered and fitted, which determines each tick much better than the bounds (`CycleLine`). If the cycle is uneven, only
 the bounds are used. If answers are not more frequent than ticks, ticks cannot be detected, and the age of a reading is
 up to one cycle.
 
 The fit is interval-censored least squares by the EM algorithm (Dempster, Laird, Rubin 1977). Each tick is estimated
-within its bounds, given the line and the scatter about it. The line is then fitted to the estimated ticks. The scatter
+within the bounds, given the line and the scatter about it. The line is then fitted to the estimated ticks. The scatter
 is the maximum-likelihood estimate.
 """
 
@@ -23,7 +23,7 @@ from analysis.robot.kinematics.arm import Array, Integers, Mask
 FEW = 16
 """Smallest number of changes sufficient for a period, a phase and a scatter."""
 _JUMP = 4.0
-"""Number of resolution steps between the readings of a moving gauge that makes equal readings rare."""
+"""Change between readings of a moving gauge, in steps of the resolution, that makes equal readings rare."""
 _REPEATS = 0.85
 """Largest fraction of changed answers that suggests an internal cycle."""
 _STAND = 4.0
@@ -109,7 +109,7 @@ _WRONG = 0.01
 _SHIFTS = 81
 _SCATTERS = 60
 _LOG_LIKELY = 2.0
-"""Largest decrease of the log likelihood from its maximum for a likely scatter: two standard deviations."""
+"""Largest decrease of the log likelihood from the maximum for a likely scatter: two standard deviations."""
 _SAMPLE = 2000
 """Number of ticks used for the common phase, and of requests used to detect synchronisation with the cycle. More
 give the same result.
@@ -275,7 +275,7 @@ def _phase(bounds: Bounds, line_ns: Array, scatter_ns: float, period_ns: float) 
 _WIDE = 0.7
 """Widest bounds of a tick, as a fraction of the cycle. Changes with wider bounds are not used."""
 _STATED = 0.02
-"""Relative tolerance of a stated cycle. A crystal is far more accurate, but the manufacturer may round the value."""
+"""Relative tolerance of a stated cycle. A crystal is more accurate, but the manufacturer may round the value."""
 _SOUGHT = 0.3
 """Relative search range of an unstated cycle around the usual distance of changes."""
 _AGREE = 0.8

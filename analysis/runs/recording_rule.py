@@ -1,4 +1,4 @@
-"""Derive from a recorded run the rule that would have started its recording.
+"""Derive from a recorded run the rule that would have started the recording.
 
 The rule uses a signal that changed during the recording. If there is none, it uses the departure of the robot from a
 posture. Angles are those reported by the controller, independent of the arm's constants and the ball.

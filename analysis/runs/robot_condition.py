@@ -1,6 +1,6 @@
 """Condition of the robot during a run: disturbances, joint temperatures, and friction.
 
-The test lies between the first and the last motion of the robot. A stop or pause may also have ended it. Stops
+The test takes place between the first and the last motion of the robot. A stop or pause may also have ended it. Stops
 therefore count from the first motion until the program ended by itself, or until the end of the run if the program
 state is unknown. Opening the gate after the program is harmless. A value of nan means not reported, and is ignored.
 
@@ -54,7 +54,7 @@ _ORDER = 3
 
 @dataclass(frozen=True)
 class Friction:
-    """Friction current of a joint's motor in A, its standard uncertainty, and the number of evaluated reversals."""
+    """Friction current of a joint's motor in A, the standard uncertainty, and the number of evaluated reversals."""
 
     current_a: float
     u_a: float
@@ -82,7 +82,7 @@ def friction_of(robot: Mapping[str, np.ndarray[Any, Any]], t_s: Array) -> dict[i
 
 
 def _turns(t_s: Array, q_deg: Array, current_a: Array) -> list[tuple[float, float]]:
-    """Return half the current jump at each reversal, which is the friction, and its standard uncertainty, in A."""
+    """Return half the current jump at each reversal, which is the friction, and the standard uncertainty, in A."""
     places = sorted((k, sign) for sign in (1, -1) for k in peaks(sign * q_deg, _WAY_DEG / 3))
     ends = [0, *(k for k, _ in places), len(q_deg) - 1]
     turns = []
@@ -129,9 +129,9 @@ _MOVED_DEG = 0.02
 """Smallest joint motion of a moving robot, as in recording_rule."""
 _BY_PROGRAM = "its figures are not those of a motion by program, compare them with their like only"
 _SAME_PERCENT = 1.0
-"""Largest difference of speeds that is ignored. Controllers report whole percent."""
+"""Largest difference of speeds that is ignored. Controllers report integer percentages."""
 _PART = 0.1
-"""Fraction of the run averaged for the temperatures at its start and end."""
+"""Fraction of the run averaged for the temperatures at the start and end."""
 
 
 @dataclass(frozen=True)

@@ -1,13 +1,13 @@
-"""Detect standstills of the robot, assign them to targets, and average their readings without outliers.
+"""Detect standstills of the robot, assign them to targets, and average the readings excluding outliers.
 
 A radial or repeatability program stops at each target. The readings of a standstill are averaged and assigned to the
 closest target of the rig file. The side of approach is the tool's radial position since the previous stop. Standstills
 outside the program's order are not visits: before the start, after the end, or additional waits. They are counted, but
 not used.
 
-Several readings of one standstill in a table count as one. Only a visit after a move shows repeatability; readings
-without a move show the scatter of the instrument. In one case three readings of each standstill, treated as visits,
-gave an RP of 0.008 mm, and tripled the data in calibration fits and held-out sets.
+Several readings of one standstill in a table count as one. Only a visit after a move shows repeatability; repeated
+readings show the scatter of the instrument. In one case three readings of each standstill, treated as visits, gave an
+RP of 0.008 mm, and tripled the data in calibration fits and held-out sets.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ STANDS_RAD = float(np.radians(0.01))
 FLICKER_DEG = 0.03
 """Noise of a resting joint in a live view. The slowest circle moves a joint further within half a second."""
 STOOD_RAD = float(np.radians(0.2))
-"""Largest joint motion in a run without any motion."""
+"""Largest joint motion in a run during which the robot stands still."""
 _WINDOW_S = 0.3
 _SETTLED = 0.5
-"""Fraction of a standstill, at its end, that is averaged. By then the vibration of the arm has decayed."""
+"""Fraction of a standstill that is averaged: its last part, when the vibration of the arm has decayed."""
 _OUTLYING = 6.0
 """Threshold of an outlier in scaled median deviations: twice the three of Hampel."""
 _MOST_OUTLYING = 0.1
@@ -43,7 +43,7 @@ _MOST_OUTLYING = 0.1
 class Stand:
     """Rows [begin, end) of a standstill, with mean time in s, mean angles (6,) rad and mean readings (k,) mm.
 
-    The means are those of the settled part without outliers. outliers: number of outliers.
+    The means are those of the settled part, excluding outliers. outliers: number of outliers.
     """
 
     begin: int
@@ -74,7 +74,7 @@ def _settled(begin: int, end: int) -> slice:
 
 
 def _averaged(values: Array) -> tuple[Array, int]:
-    """Return the mean (k,) of the readings or angles (n, k) without outliers, and the number of outliers."""
+    """Return the mean (k,) of the readings or angles (n, k) excluding outliers, and the number of outliers."""
     away = np.abs(values - np.median(values, axis=0))
     limit = _OUTLYING * 1.4826 * np.median(away, axis=0)
     # The median deviation is zero if most readings of a coarse gauge are equal. Outliers cannot be detected then.
@@ -168,7 +168,7 @@ def _longest_common(places: Sequence[Hashable], order: Sequence[Hashable]) -> li
 def at_targets(
     stands: Sequence[Stand], program: TargetProgram, rig: Rig, turned: float = _TURNED_RAD
 ) -> list[tuple[Stand, int]]:
-    """Assign each standstill to the closest program row. Standstills too far from all rows, or rotated, are omitted."""
+    """Assign each standstill to the closest program row. Standstills distant from all rows, or rotated, are omitted."""
     if not stands:
         return []
     arm = arm_of(rig.robot)

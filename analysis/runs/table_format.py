@@ -181,7 +181,7 @@ class Kind(ABC, Generic[T]):
         return ()
 
     def cannot_tell(self, table: T, rig: Rig) -> str:
-        """Return the reason why a table cannot show the meaning of the joint columns. Empty if it can."""
+        """Return the reason if a table cannot show the meaning of the joint columns. Empty if it can."""
         return self.without_joints
 
     def judged_joints(self, table: T, rig: Rig) -> Verdict:
@@ -218,7 +218,9 @@ class Kind(ABC, Generic[T]):
     # Use of the test in a fit of the arm.
 
     def rows_used(self, table: T, rig: Rig, where: str) -> Integers:
-        """Return the indices (m,) of the rows used in a fit. Raises FileError for a table of another rig."""
+        """Return the indices (m,) of the rows used in a fit. Raises FileError if the table belongs to a different
+        rig.
+        """
         return np.arange(len(table.q))
 
     def direction(self, table: T) -> Direction | None:
@@ -234,7 +236,8 @@ class Kind(ABC, Generic[T]):
         return None
 
     def sides(self, table: T) -> Integers | None:
-        """Return the side of the backlash of each joint (n, axes): direction of the last move, -1 or 1, 0 without move.
+        """Return the side of the backlash of each joint (n, axes): direction of the last move, -1 or 1, or 0 if not
+        moved.
 
         None if rows do not contain the approach of the joints.
         """

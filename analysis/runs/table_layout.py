@@ -1,4 +1,4 @@
-"""Columns of the tables in docs/tables.md. The kind of a test selects its columns."""
+"""Columns of the tables in docs/tables.md. The kind of a test selects the columns."""
 
 from __future__ import annotations
 

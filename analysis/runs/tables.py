@@ -132,7 +132,7 @@ class TouchTable(Table):
 
     @property
     def xyz_mm(self) -> Array:
-        """Position of the ball relative to its socket, (n, 3) mm: always zero."""
+        """Position of the ball relative to the socket, (n, 3) mm: always zero."""
         return np.zeros((len(self.q), 3))
 
 
@@ -145,7 +145,7 @@ def last_moves(table: PoseTable | TouchTable) -> Array | None:
 
 
 def counted_back(table: P, turns_rad: Array) -> P:
-    """Return the table with the joint angles reduced by whole turns, turns_rad (n, axes)."""
+    """Return the table with turns_rad (n, axes), multiples of a turn, subtracted from the joint angles."""
     came_from = None if table.came_from is None else table.came_from - turns_rad
     return replace(table, q=table.q - turns_rad, came_from=came_from)
 
@@ -160,7 +160,7 @@ class PathTable(Table):
 
     @property
     def q(self) -> Array:
-        """Empty array (n, 0) rad: a tracker reads no joints, and its clock differs from the robot's."""
+        """Empty array (n, 0) rad: a tracker reads no joints, and the clocks of tracker and robot differ."""
         return np.empty((len(self.t_s), 0))
 
 

@@ -45,7 +45,7 @@ _MARKS: dict[str, tuple[bytes, tuple[bytes, ...]]] = {
 def refuse_existing(path: Path, option: str = "--output") -> None:
     """Raise FileError before any computation if the path exists, for a file that records or decides something.
 
-    option: option for choosing another name, shown in the error.
+    option: command-line option for a different name, shown in the error.
     """
     if os.path.lexists(path):
         raise FileError(str(path), "exists already", f"give another {option}, or remove it first")
@@ -191,7 +191,7 @@ def _exists(path: Path) -> FileError:
 
 
 def write_parquet(table: pa.Table, file: BinaryIO) -> None:
-    """Write the table as Parquet without the metadata of the store."""
+    """Write the table as Parquet, excluding the metadata of the store."""
     import pyarrow.parquet as pq  # noqa: PLC0415 - slow to import, needed for Parquet only
 
     pq.write_table(table.replace_schema_metadata(None), file, compression="zstd")

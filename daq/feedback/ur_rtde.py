@@ -178,7 +178,7 @@ _MOST_UNKNOWN = 3
 _DISPENSABLE = {*CONDITION_TYPES, *OLDER.values(), *CURRENT_TYPES}
 """Optional fields."""
 _MAX_CLOCK_S = 1e9
-"""Largest valid time stamp. A controller is not switched on for 30 years."""
+"""Largest valid time stamp. No controller runs for 30 years without a restart."""
 
 
 def host(feedback: URRTDE) -> Host:

@@ -142,7 +142,7 @@ class Close:
 
 @dataclass(frozen=True)
 class Suspend:
-    """Count samples as missed from now on, because the run has ended."""
+    """Count samples as missed from now on. why: reason for the end of the run."""
 
     run: int
     why: str

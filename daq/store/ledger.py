@@ -75,7 +75,7 @@ class Chunk(Record):
 
     @property
     def number(self) -> int:
-        """Number of the chunk in the stream, from 1. 0 if the file is not named like a chunk."""
+        """Number of the chunk in the stream, from 1, or 0 if the file is not named like a chunk."""
         return (parse_chunk(self.file) or ("", 0, ""))[1]
 
 

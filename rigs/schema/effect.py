@@ -212,7 +212,7 @@ class Effect(Part, ABC):
     STAGE: ClassVar[Stage]
     PLACE: ClassVar[Place] = NOWHERE
     STRAIGHT: ClassVar[float] = 1.0
-    """Largest size with a linear response, in healthy sizes. 0 for nonlinear effects such as backlash."""
+    """Largest size with a linear response, in healthy sizes, or 0 for nonlinear effects such as backlash."""
     NEEDS_REPEATS: ClassVar[bool] = False
     """True if the effect is visible only in changes between laps or runs. Slow noise of a single lap looks similar."""
     PART: ClassVar[PartKind | None] = None

@@ -129,8 +129,8 @@ class RTDESignal(Part):
     """Location of the program number on the controller: digital outputs or a register."""
 
     outputs: tuple[Annotated[int, Field(ge=0, le=17)], ...] = ()
-    """Bits of a binary number, lowest first. 0-7 are standard outputs, 8-15 configurable ones, and 16 and 17 those
-    of the tool.
+    """Bits of a binary number, lowest first: 0-7 standard outputs, 8-15 configurable outputs, 16 and 17 outputs of
+    the tool.
     """
     int_register: int | None = Field(default=None, ge=0, le=47)
 
@@ -204,7 +204,7 @@ class LineFeed(_Feedback):
     separator: str = Field(default=",", min_length=1)
     """Separator of fields. A blank represents any sequence of blanks and tabs."""
     line: Line = Line(baud=9600, bits=8, parity="N", stop=1)
-    """Settings of a serial port. 100 lines of 60 characters per second require 115200 baud."""
+    """Settings of a serial port. At 100 lines of 60 characters per second, 115200 baud is required."""
 
     @field_validator("fields")
     @classmethod

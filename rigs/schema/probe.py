@@ -228,7 +228,7 @@ class Probe(Part):
     port: Port
     """Serial device, preferably by the name in `/dev/serial/by-id/`, or `tcp://host:number`."""
     channel: int = Field(default=1, ge=1, le=32)
-    """Index in an answer shared by several gauges of a port. 1 for an instrument with a single gauge."""
+    """Index in an answer shared by several gauges of a port, or 1 for an instrument with a single gauge."""
     units: Units = "mm"
     """Unit set at the instrument. A reading in another unit is a fault, and is never used."""
     counts: Counts = "away"

@@ -48,7 +48,7 @@ class Scene(Protocol):
 
     @property
     def samples_per_visit(self) -> int:
-        """Number of samples per visit, in a table of separate visits that has no times. 0 for a single trace."""
+        """Number of samples per visit, in a table of separate visits that has no times, or 0 for a single trace."""
 
     @property
     def contact(self) -> Array:

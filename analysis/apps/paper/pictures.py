@@ -151,7 +151,7 @@ def _curve(result: Result) -> CircleCurve:
 
 
 def _sine_deg(result: Result) -> Array:
-    """Return the least-squares sine (n,) deg of a run at the circle angles of its curve."""
+    """Return the least-squares sine (n,) deg of a run at the circle angles of the curve."""
     amplitude, shift, offset = (result.figures[f"{name}_deg"].value for name in ("amplitude", "shift", "offset"))
     return offset + amplitude * np.sin(np.radians(_curve(result).phi_deg + shift))
 
@@ -168,7 +168,7 @@ def _raw(figure: FigureBase, simulated: SimulatedFigures) -> None:
 
 
 def _eccentric(figure: FigureBase, simulated: SimulatedFigures) -> None:
-    """Figure 4: angle caused by an eccentricity alone."""
+    """Figure 4: angle caused only by an eccentricity."""
     (axes,) = _circle_panels(figure, 1, "yaw angle / °")
     curve = _curve(simulated.eccentric)
     axes.plot(curve.phi_deg, curve.angle_deg, color=_INK["acw"], lw=1.2)
@@ -196,7 +196,7 @@ def _yaw_error(figure: FigureBase, simulated: SimulatedFigures) -> None:
 
 
 def _yaw_simulated(figure: FigureBase, simulated: SimulatedFigures) -> None:
-    """Figure 8: orientation error caused by datum errors and backlash alone."""
+    """Figure 8: orientation error caused only by datum errors and backlash."""
     _errors(figure, [simulated.yaw_datum_and_play[direction] for direction in DIRECTIONS])
 
 

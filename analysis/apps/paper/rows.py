@@ -23,7 +23,7 @@ from rigs.schema.effect import is_play
 from rigs.schema.vocabulary import Direction
 
 STEP_DEG = 6.0
-"""Circle angle over which a jump is measured. Theta crosses its backlash within this angle."""
+"""Circle angle over which a jump is measured. Theta crosses the backlash within this angle."""
 DIRECTIONS: tuple[Direction, ...] = ("cw", "acw")
 
 
@@ -242,7 +242,7 @@ def as_table(rig: Rig, rows: Sequence[Row]) -> RenderableType:
 
 
 def written(row: Row, value: float | str) -> str:
-    """Format a value of a row with its unit."""
+    """Format a value of a row with the unit."""
     if isinstance(value, str):
         return value
     return f"{value:.{row.digits}f}{'' if row.unit in ('', '°') else ' '}{row.unit}"

@@ -28,7 +28,7 @@ from rigs.schema.vocabulary import Direction
 SCATTER = Noise(wander_mm=0.087, wander_s=0.5)
 """Scatter of readings between approaches to a target: 0.087 mm, fitted to the published 0.261 mm.
 
-This is the simulator's wander. Its time constant of 0.5 s is short compared with the 4 s between readings. Both gauges
+This is the simulator's wander. The time constant of 0.5 s is short compared with the 4 s between readings. Both gauges
 move equally, so yaw and roll angles are unaffected.
 """
 SEEDS = 100

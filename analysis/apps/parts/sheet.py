@@ -167,7 +167,7 @@ def _part(part: PrintedPart, width: float, height: float) -> Iterator[str]:
 
 
 def _below(part: PrintedPart) -> float:
-    """Return the distance from the foot of a link down to the lowest point of the ball, in mm. 0 for other parts."""
+    """Return the distance from the foot of a link down to the lowest point of the ball, in mm, or 0 for other parts."""
     reach = part.numbers.get("ball to ball", 0.0) - part.numbers.get("length", 0.0)
     return reach / 2 + part.numbers["ball"] / 2 if "ball to ball" in part.numbers else 0.0
 

@@ -17,9 +17,9 @@ from analysis.robot.kinematics.arm import Array
 from rigs.schema.robot import Rail
 
 _PARALLEL = 0.1
-"""Sine of the angle between axes below which beta is used: 6 degrees. Above it, the common normal is less than ten
-times as far away as the axes are apart, which is still a plausible link length. Nominal angles of 0 and 90
-degrees are not affected.
+"""Sine of the angle between axes below which beta is used: 6 degrees. Above it, the foot of the common normal is
+less than ten axis distances away, which is still a plausible link length. Nominal angles of 0 and 90 degrees are
+not affected.
 """
 _MEET_MM = 1e-6
 """Distance below which axes intersect. Sources are rounded to a micrometre or finer."""

@@ -33,8 +33,8 @@ _DENSITY = 2700.0
 _LEAST_KG = 1e-3
 """Mass of a body if the rig file contains none, because MuJoCo does not simulate massless bodies. Chosen: a gram."""
 _ARMATURE = 1e-3
-"""Armature in kg m² of the additional hinges of an axis, whose motion would otherwise be undetermined. Chosen: far
-below that of a rotor behind a gear, which is some tenths (MuJoCo Menagerie, universal_robots_ur10e: 0.1).
+"""Armature in kg m² of the additional hinges of an axis, whose motion would otherwise be undetermined. Chosen: much
+less than that of a rotor with a gear, which is some tenths (MuJoCo Menagerie, universal_robots_ur10e: 0.1).
 """
 _HEAD = (
     "Lengths are in metres and angles in radians. The hinge with a joint's name turns by the angle that the controller "
@@ -93,7 +93,7 @@ def mjcf_text(robot: Robot, arm: Arm, traits: JointTraits, where: str, remarks: 
 
 
 def _body(parent: ElementTree.Element, name: str, T: Array) -> ElementTree.Element:
-    """Add a body at T (4, 4) mm relative to its parent, and return it."""
+    """Add a body at T (4, 4) mm relative to the parent, and return it."""
     return ElementTree.SubElement(parent, "body", {"name": name} | _place(T))
 
 

@@ -19,13 +19,15 @@ from rigs.text import plain
 from rigs.yaml_text import flow
 
 _DECIMALS = 13
-"""Decimals of mm and degrees. An error of 1e-13 degrees moves a flange 3 m away by less than 1e-11 mm."""
+"""Decimals of mm and degrees. An error of 1e-13 degrees moves a flange at 3 m by less than 1e-11 mm."""
 _CENTRE_DECIMALS = 3
 """Decimals of a centre of mass in mm. No source is accurate to a micrometre."""
 TOLERANCE = 1e-9
-"""Largest permitted difference between the section and its source, in mm and rad."""
+"""Largest permitted difference between section and source, in mm and rad."""
 _POSTURES = 200
-"""Number of random postures, which moves each joint through its range. The URDF library needs 1 ms for each."""
+"""Number of random postures, which moves each joint through the complete range. The URDF library needs 1 ms for
+each.
+"""
 _ZERO = 1e-11
 """Magnitude in mm or degrees of a rounded zero. Doubles of a few metres have a resolution of 1e-12 mm."""
 
@@ -34,7 +36,7 @@ _ZERO = 1e-11
 class Joint:
     """Properties of a joint in a source, except the axis.
 
-    limits_deg: in the joint's own direction. speed_deg_s, mass_kg. centre_mm (3,): centre of mass in the base frame,
+    limits_deg: in the direction of the joint. speed_deg_s, mass_kg. centre_mm (3,): centre of mass in the base frame,
     with all joints at zero.
     """
 
@@ -47,7 +49,7 @@ class Joint:
 
 @dataclass(frozen=True)
 class Section:
-    """A robot and the text of its section.
+    """A robot, and the section as text.
 
     largest_mm, largest_rad: largest differences from the poses of the source, over random postures.
     """
@@ -116,7 +118,7 @@ def checked_section(
     path: Path,
     tolerance_mm: float = TOLERANCE,
 ) -> Section:
-    """Build a section, and compare it with its source.
+    """Build a section, and compare it with the source.
 
     head: comment lines above the section. source: function that returns flange poses (n, 4, 4) mm for joint angles q
     (n, axes) rad and the rail position in m, computed independently. Raises FileError, naming path, if the section
@@ -173,7 +175,7 @@ def _written(value: float) -> float:
 
 
 def _degrees(angle: float) -> float:
-    """Convert an angle from rad to degrees as written. -180 degrees become 180."""
+    """Convert an angle from rad to degrees as written, with 180 in place of -180 degrees."""
     degrees = _written(float(np.degrees(angle)))
     return -degrees if degrees == -180.0 else degrees
 

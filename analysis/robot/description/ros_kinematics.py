@@ -1,9 +1,9 @@
-"""Import of a UR's calibration: the differences in calibration.conf, applied to the `robot:` section of its model.
+"""Import of a UR's calibration: the differences in calibration.conf, applied to the `robot:` section of the model.
 
 The file contains the maker's measurements of this arm, as differences from the classic Denavit-Hartenberg constants of
 the model (metres and radians): T(i-1,i) = RotZ(theta) TransZ(d) TransX(a) RotX(alpha). Axes 2, 3 and 4 are nearly
 parallel. Their common normals therefore have offsets of hundreds of metres, which almost cancel. The section is written
-with Hayati's beta instead, which describes the same lines in space without such lengths.
+with Hayati's beta instead, which describes the same lines in space with plausible lengths.
 """
 
 from __future__ import annotations

@@ -5,8 +5,8 @@ about z of a frame fixed in the previous link, as in ROS drivers (`driver_kinema
 between `rail_base`, fixed in the world, and `base_link`. A rig file contains masses and their centres, but no moments
 of inertia or torques. These are written as zero, with a comment.
 
-The macro includes the arm in another description, with a prefix and a parent link. It contains the same URDF without
-the world, and has the same joints.
+The macro includes the arm in a second description, with a prefix and a parent link. It contains the URDF except for the
+world, with the same joints.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ between file and arm.
 
 
 def joint_senses(arm: Arm, where: str, kind: str) -> list[int]:
-    """Return 1 or -1 for each joint (6): the direction of its axis relative to the controller's angle.
+    """Return 1 or -1 for each joint (6): the direction of the axis relative to the controller's angle.
 
     kind: of file, named in errors. Raises FileError if an axis is coupled to another, or turns by a different ratio.
     """
@@ -136,7 +136,7 @@ def _fixed_joints(robot: Robot) -> tuple[str, str, str]:
 
 
 def _link(root: ElementTree.Element, name: str, kg: float = 0.0, centre_mm: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
-    """Add a link, with its mass if any."""
+    """Add a link, with a mass if any."""
     link = ElementTree.SubElement(root, "link", name=name)
     if kg > 0:
         inertial = ElementTree.SubElement(link, "inertial")
@@ -194,7 +194,7 @@ def macro_name(robot: Robot) -> str:
 
 
 def xacro_text(robot: Robot, arm: Arm, where: str, remarks: Sequence[str] = ()) -> str:
-    """Return a xacro file with a macro of an arm. Its parameters are a prefix for all names, and a parent link.
+    """Return a xacro file with a macro of an arm. Parameters: a prefix for all names, and a parent link.
 
     where: rig file named in errors. Raises FileError like `urdf_text`, and for a name that xacro would evaluate.
     """

@@ -56,7 +56,7 @@ def follow(arm: Arm, poses: Array, posture: Array, where: str) -> Array:
 def _knots(poses: Array) -> Indices:
     """Return indices between which the tool moved by a few degrees, or by the corresponding arc at arm length.
 
-    The function releases its temporary memory, twice that of the poses (n, 4, 4), before the path is computed.
+    The function releases the temporary memory, twice that of the poses (n, 4, 4), before the path is computed.
     """
     steps = [pose_error(poses[:-1][block], poses[1:][block]) for block in blocks(len(poses) - 1)]
     motion = np.abs(np.concatenate([np.zeros((1, 6)), *steps]) / ([LENGTH_MM] * 3 + [1.0] * 3)).sum(axis=1)

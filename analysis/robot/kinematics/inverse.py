@@ -130,7 +130,7 @@ def _first(q: Array, solved: Mask, most: int | None = _MOST) -> tuple[Array, Mas
 
 
 def _joints(arm: Arm, theta: Array) -> Array:
-    """Convert theta (…, 6) to q (…, 6), removing whole turns from coupling @ q."""
+    """Convert theta (…, 6) to q (…, 6), removing multiples of a turn from coupling @ q."""
     q: Array = wrapped(theta - arm.offset) @ np.linalg.inv(arm.coupling).T
     return q
 
@@ -159,9 +159,9 @@ class Solutions:
 def inverse(arm: Arm, poses: Array) -> Solutions:
     """Return all branches for tool poses (n, 4, 4) in the world: k = 8 with a closed form, otherwise 16.
 
-    Each solution reproduces its pose within 1e-8 mm and 1e-10 rad. Whole turns are removed: coupling @ q lies in
-    (-180°, 180°]. Joint limits are ignored; `within_limits` adds turns and filters. An unreachable or non-finite pose
-    has no solution, and no error is raised. At a singular wrist, theta4 corresponds to t4 = 0 (`closed_form.branches`).
+    Each solution reproduces its pose within 1e-8 mm and 1e-10 rad. Full turns are removed: coupling @ q is in (-180°,
+    180°]. Joint limits are ignored; `within_limits` adds turns and filters. An unreachable or non-finite pose has no
+    solution, and no error is raised. At a singular wrist, theta4 corresponds to t4 = 0 (`closed_form.branches`).
     Coinciding branches are returned once.
     """
     form = canonical(arm)

@@ -1,6 +1,6 @@
-"""Checks and variants of joint angles: accuracy of solutions, duplicates, and whole turns within the joint limits.
+"""Checks and variants of joint angles: accuracy of solutions, duplicates, and full turns within the joint limits.
 
-Postures of an arm with an endless wrist may differ by whole turns.
+Postures of an arm with an endless wrist may differ by full turns.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ _SLACK = 1e-9
 
 
 def within_limits(arm: Arm, q: Array) -> tuple[Array, NDArray[np.intp]]:
-    """Return all postures within the joint limits that differ from q (m, 6) rad by whole turns of the axes.
+    """Return all postures within the joint limits that differ from q (m, 6) rad by full turns of the axes.
 
     The result contains the postures (k, 6) rad, and the row of q for each (k,). Turns are turns of theta, which a
     coupling may distribute to several joints, so all combinations are tried. Non-finite rows of q have no postures.

@@ -34,7 +34,7 @@ LENGTH_MM = 500.0
 """Length that relates rotations to translations: the size of an arm."""
 TOLERANCE_MM = 1e-9
 REACHED_MM = 1e3 * TOLERANCE_MM
-"""Largest error after which a last step is sufficient. If the Jacobian is regular, the error is then far smaller."""
+"""Largest error after which a last step is sufficient. If the Jacobian is regular, the error is then much smaller."""
 _LARGEST_STEP = 0.5
 _FEW = 6
 _BLOCK = 1000
@@ -44,7 +44,7 @@ _BLOCK = 1000
 def newton(arm: Arm, poses: Array, q: Array, iterations: int = 60) -> tuple[Array, Mask]:
     """Solve poses (n, 4, 4) from angles q (n, 6) rad: angles (n, 6) rad, and a mask (n,) of convergence.
 
-    A row has converged if its error is below 1e-6 mm, with a radian counted as 500 mm. With a regular Jacobian the
+    A row has converged if the error is below 1e-6 mm, with a radian counted as 500 mm. With a regular Jacobian the
     final error is below 1e-9 mm.
     """
     q, off_mm = _all_converged(arm, poses, q, iterations)
@@ -163,8 +163,8 @@ def _applied(matrices: Array, vectors: Array) -> Array:
 def _damped(normal: Array, size: Array) -> Array:
     """Add damping to normal equations (6, 6, n) in place, for errors of size (n,) mm.
 
-    The damping decreases with the error: the steps are safe far away, and converge quadratically nearby. A minimum
-    above the rounding error of the normal equations ensures that a singular pose has a step.
+    The damping decreases with the error: the steps are safe for large errors, and converge quadratically for small
+    ones. A minimum above the rounding error of the normal equations ensures that a singular pose has a step.
     """
     diagonal = np.einsum("iin->in", normal)
     diagonal += 1e-6 * size**2 + 1e-14 * diagonal.sum(axis=0)
