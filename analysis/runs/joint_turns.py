@@ -5,8 +5,7 @@ controller or an export restarted the count of turns, and the joint did not turn
 turn, which only an error with a fractional number of waves per turn could show.
 
 The distribution of the angles distinguishes these causes. A joint that really turns has angles over the complete range.
-A
-joint with a restarted count has angles in one window, and others exactly whole turns away. Rows are therefore counted
+A joint with a restarted count has angles in one window, and others exactly whole turns away. Rows are therefore counted
 back in two cases: if they are outside the limits of the joint, or if all angles of the table, modulo a turn, leave a
 gap that is unlikely by chance. A joint is not changed if the rig file contains an error of that joint with a fractional
 number of waves per turn.

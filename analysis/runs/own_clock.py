@@ -200,8 +200,8 @@ _MOSTLY = 0.75
 other steps may be waits. If the rate is not steady, the fraction is about a third.
 """
 _HARDLY = 8
-"""Divisor of the usual delay. A message rarely precedes the earliest of the previous `_AHEAD` messages by more than
-the quotient.
+"""Divisor of the usual delay. A message rarely precedes the earliest of the previous
+`_AHEAD` messages by more than the quotient.
 """
 _APART = (_AHEAD, 8 * _AHEAD, 64 * _AHEAD, 64 * _AHEAD)
 """Message distances used to determine the period, at most a quarter of a short run. Between the closest pairs,
@@ -332,8 +332,8 @@ def numbered(host_ns: Array, period_ns: float) -> Integers:
 
 
 def _missing(least: Array, period_ns: float) -> Integers:
-    """Return the lag of each smallest delay (n,) relative to the corrected delays of the previous `_AHEAD` rows, in
-    periods.
+    """Return the lag of each smallest delay (n,) relative to the corrected delays of the
+    previous `_AHEAD` rows, in periods.
 
     If the previous rows have equal counts, the next count depends only on the increase of the delay. Such increases are
     found for all rows at once, and only the rows after an increase are processed one by one.

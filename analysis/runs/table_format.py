@@ -124,8 +124,8 @@ class Kind(ABC, Generic[T]):
         """Return the readings (n, k) in mm: a column for each gauge, or three coordinates."""
 
     def differs(self, table: T) -> Mask | None:
-        """Return a mask (n - 1,) of rows with labels or readings that differ from the previous row, ignoring the
-        joints.
+        """Return a mask (n - 1,) of rows with labels or readings that differ from the previous row,
+        ignoring the joints.
 
         None if rows are never repeated readings of one standstill, because the robot was moving or because each row is
         a separate visit.
@@ -218,8 +218,8 @@ class Kind(ABC, Generic[T]):
     # Use of the test in a fit of the arm.
 
     def rows_used(self, table: T, rig: Rig, where: str) -> Integers:
-        """Return the indices (m,) of the rows used in a fit. Raises FileError if the table belongs to a different
-        rig.
+        """Return the indices (m,) of the rows used in a fit.
+        Raises FileError if the table belongs to a different rig.
         """
         return np.arange(len(table.q))
 
@@ -236,8 +236,8 @@ class Kind(ABC, Generic[T]):
         return None
 
     def sides(self, table: T) -> Integers | None:
-        """Return the side of the backlash of each joint (n, axes): direction of the last move, -1 or 1, or 0 if not
-        moved.
+        """Return the side of the backlash of each joint (n, axes):
+        direction of the last move, -1 or 1, or 0 if not moved.
 
         None if rows do not contain the approach of the joints.
         """

@@ -112,8 +112,8 @@ class _End:
 def _listen() -> SimpleQueue[_End]:
     """Return the queue that receives the end of the daemon: a signal, or an unexpected error in a thread.
 
-    If a thread has failed, the daemon would appear to work but record incompletely. It ends, and the service manager
-    restarts it.
+    If a thread has failed, the daemon would appear to work but record incompletely.
+    It ends, and the service manager restarts it.
     """
     ends: SimpleQueue[_End] = SimpleQueue()
 

@@ -3,8 +3,8 @@
 Earlier label values are stored in the ledger, or in the manifest for a run of version 1. All else is unchanged: chunks
 and checksums, timestamps, rig file and name.
 
-The marks in `marks.json` record exports, and protection by the operator. Retention deletes only exported runs that are
-not protected.
+The marks in `marks.json` record exports, and protection by the operator.
+Retention deletes only exported runs that are not protected.
 """
 
 from __future__ import annotations

@@ -43,8 +43,8 @@ Use = Literal["joint zero", "link constant", "targets only", "none"]
 Deed = Literal["repair", "remaster", "enter", "mount", "wait"]
 """Action for an effect.
 
-The actions are to repair a part of the arm, re-master a joint, enter a number, remount ball or gauges, or wait for
-equilibrium.
+The actions are to repair a part of the arm, re-master a joint, enter a number, remount ball or gauges,
+or wait for equilibrium.
 """
 PHASE = "phase_deg"
 """Parameter of waves."""

@@ -1,7 +1,7 @@
 """Sources of the robot's position. `interface` is the name of a file in `daq/feedback/`.
 
-A source is a maker's interface, an OPC UA server with the Robotics companion specification (OPC 40010-1), or ROS 2
-joint states.
+A source is a maker's interface, an OPC UA server with the Robotics companion
+specification (OPC 40010-1), or ROS 2 joint states.
 """
 
 from __future__ import annotations
@@ -129,8 +129,8 @@ class RTDESignal(Part):
     """Location of the program number on the controller: digital outputs or a register."""
 
     outputs: tuple[Annotated[int, Field(ge=0, le=17)], ...] = ()
-    """Bits of a binary number, lowest first: 0-7 standard outputs, 8-15 configurable outputs, 16 and 17 outputs of
-    the tool.
+    """Bits of a binary number, lowest first: 0-7 standard outputs, 8-15 configurable outputs,
+    16 and 17 outputs of the tool.
     """
     int_register: int | None = Field(default=None, ge=0, le=47)
 

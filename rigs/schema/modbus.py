@@ -11,8 +11,8 @@ from rigs.schema.part import Origin, Part
 from rigs.schema.probe import Probe
 
 SLOWEST_HZ = 0.5
-"""Slowest rate. A recording cannot start with a reading older than 3 s, and a connection is lost after 10 s of
-silence.
+"""Slowest rate. A recording cannot start with a reading older than 3 s,
+and a connection is lost after 10 s of silence.
 """
 Number = Literal[
     "int16", "uint16", "float16", "int32", "uint32", "float32", "int64", "uint64", "float64"

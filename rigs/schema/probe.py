@@ -145,8 +145,8 @@ the reading is sent. unknown: not documented, so the delay is estimated from the
 """
 
 _FILTER_U = 0.1
-"""Relative standard uncertainty of a filter's delay. Makers state the length of an averaging filter, rarely the
-shape.
+"""Relative standard uncertainty of a filter's delay.
+Makers state the length of an averaging filter, rarely the shape.
 """
 
 

@@ -125,8 +125,8 @@ S = TypeVar("S", bound=Scene)
 
 
 def plays_of_visits(x: Array, half: Array, samples: int) -> Array:
-    """Return the followers (w, n) of x (n,) in gaps of ± half (w,), for visits of `samples` rows. The unit is that of
-    x.
+    """Return the followers (w, n) of x (n,) in gaps of ± half (w,), for visits of `samples` rows.
+    The unit is that of x.
 
     Each visit begins in the middle of the gap, so that the order of visits has no influence.
     """
