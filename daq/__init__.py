@@ -1,5 +1,5 @@
 """Data acquisition.
 
-Folders follow the data: protocol, gauges and feedback (pure), wire, acquisition, store, recording, service. Emulators
-and doctor are tools next to them. The package does not import the analysis.
+The folders follow the flow of data: protocol, gauges and feedback (pure), wire, acquisition, store, recording, service.
+Emulators and doctor are tools in addition. The package is independent of the analysis.
 """

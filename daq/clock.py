@@ -1,11 +1,11 @@
-"""Clock of the data acquisition; the only module of `daq` that uses the host's time functions.
+"""Clock of the data acquisition. Other modules of `daq` must not use the time functions of the host.
 
-A `Simulation` can replace the host's clock in a process. The threads of the daemon then run one at a time: each runs
-until it waits here, and the simulation chooses the next thread and advances the time. Hours pass in seconds, and a seed
-reproduces a run.
+A `Simulation` can replace the host's clock in a process. The threads of the daemon then run in turn. Each thread runs
+until it waits here, and the simulation chooses the next thread and advances the time. Hours of recording are simulated
+in seconds, and a seed reproduces a run.
 
-`now_ns` and similar names refer directly to the host's functions, so a stamp costs one module look-up and one call.
-Always call `clock.now_ns()`; never import or store the function itself.
+`now_ns` and similar names refer directly to functions of the host, so that a timestamp costs a module look-up and a
+call. Always call `clock.now_ns()`, and never import or store the function itself.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ _T = TypeVar("_T")
 
 
 def _boot_ns() -> int:
-    # Only Linux has this clock, and rigd needs Linux; other systems import and simulate runs.
+    # Only Linux has this clock, and rigd requires Linux. Other systems import and simulate runs.
     return time.clock_gettime_ns(time.CLOCK_BOOTTIME) if hasattr(time, "CLOCK_BOOTTIME") else time.monotonic_ns()
 
 
 now_ns: Callable[[], int] = time.monotonic_ns
-"""Monotonic clock used for all stamps, in ns."""
+"""Monotonic clock used for all timestamps, in ns."""
 now_s: Callable[[], float] = time.monotonic
 """Monotonic clock, in s."""
 wall_ns: Callable[[], int] = time.time_ns
-"""Wall clock, in ns since 1970 UTC; it can be set by the user."""
+"""Wall clock, in ns since 1970 UTC. The user can set it."""
 boot_ns: Callable[[], int] = _boot_ns
 """Monotonic clock including suspends, in ns."""
 worked_s: Callable[[], float] = time.thread_time
-"""Processor time of the present thread, in s."""
+"""Processor time of the current thread, in s."""
 sleep: Callable[[float], None] = time.sleep
 """Wait for a number of seconds."""
 
@@ -47,7 +47,7 @@ def wall_time() -> datetime:
 
 
 class Simulation(Protocol):
-    """Clock in place of the host's, which also schedules the threads."""
+    """Replacement for the host's clock, which also schedules the threads."""
 
     def now_ns(self) -> int:
         """Return the simulated monotonic time in ns."""
@@ -59,13 +59,13 @@ class Simulation(Protocol):
         """Return the simulated monotonic time in ns, including suspends."""
 
     def runs(self) -> bool:
-        """Return whether the present thread is simulated; other threads use the host's clock."""
+        """Return whether the current thread is simulated. Other threads use the host's clock."""
 
     def wait(self, ready: Callable[[], bool], timeout_s: float | None) -> bool:
-        """Run other threads until `ready()` or the time-out, None for no limit; return `ready()`."""
+        """Run other threads until `ready()` or the time-out, then return `ready()`. None means unlimited."""
 
     def begin(self, thread: threading.Thread, body: Callable[[], None]) -> Callable[[], None]:
-        """Register a thread before its start; return the replacement for its body."""
+        """Register a thread before it starts, and return a replacement for its body."""
 
     def has_ended(self, thread: threading.Thread) -> bool:
         """Return whether the body of a registered thread has finished."""
@@ -75,13 +75,13 @@ _simulation: Simulation | None = None
 
 
 def _simulated() -> Simulation | None:
-    """Return the simulation of the present thread, if any."""
+    """Return the simulation of the current thread, if any."""
     return _simulation if _simulation is not None and _simulation.runs() else None
 
 
 @contextmanager
 def replaced_by(simulation: Simulation) -> Iterator[None]:
-    """Replace the host's clock in this process by a simulation. No thread may be waiting here at that time."""
+    """Replace the host's clock in this process by a simulation. Threads must not be waiting here at that time."""
     global now_ns, now_s, wall_ns, boot_ns, worked_s, sleep, _simulation
     before = now_ns, now_s, wall_ns, boot_ns, worked_s, sleep, _simulation
     now_ns, wall_ns, boot_ns = simulation.now_ns, simulation.wall_ns, simulation.boot_ns
@@ -101,17 +101,17 @@ def _simulated_sleep(seconds: float) -> None:
 
 
 class Event(threading.Event):
-    """Event whose waits use this clock."""
+    """Event that waits by this clock."""
 
     def wait(self, timeout: float | None = None) -> bool:
-        """Wait until the event is set or the time-out; return whether the event is set."""
+        """Wait until the event is set or the time-out. Returns whether the event is set."""
         if simulation := _simulated():
             return simulation.wait(self.is_set, timeout)
         return super().wait(timeout)
 
 
 class Thread(threading.Thread):
-    """Thread whose waits use this clock."""
+    """Thread that waits by this clock."""
 
     def start(self) -> None:
         """Start the thread."""
@@ -120,7 +120,7 @@ class Thread(threading.Thread):
         super().start()
 
     def join(self, timeout: float | None = None) -> None:
-        """Wait until the thread has ended or the time-out."""
+        """Wait until the thread has ended, or the time-out."""
         simulation = _simulated()
         if simulation is not None and not simulation.wait(partial(simulation.has_ended, self), timeout):
             return
@@ -128,7 +128,7 @@ class Thread(threading.Thread):
 
 
 def result(future: Future[_T]) -> _T:
-    """Wait for a future; return the result or raise the error."""
+    """Wait for a future, then return the result or raise the error."""
     if simulation := _simulated():
         simulation.wait(future.done, None)
     return future.result()
@@ -140,7 +140,7 @@ def one_thread(name: str) -> Executor:
 
 
 class _OneThread(Executor):
-    """Executor in a simulation: one thread per task, each waiting for the previous one."""
+    """Executor in a simulation, with a thread per task that waits for the previous task."""
 
     def __init__(self, name: str) -> None:
         self._name = name

@@ -1,1 +1,1 @@
-"""From recorded runs to tables: times, alignment, whole laps, stops at targets, columns of table files."""
+"""Conversion of recorded runs to tables: timestamps, alignment, laps, stops at targets, and columns of table files."""

@@ -1,11 +1,10 @@
 """Align a recorded run to one table: each gauge reading with the joint angles at the same instant.
 
-Gauge 1 defines the rows; the second gauge and the robot are interpolated to its instants. A row in a gap of either is
-left out and counted, because interpolation across missing data is not a measurement.
+Gauge 1 defines the rows. The second gauge and the robot are interpolated to its instants. Rows in a gap of either
+stream are dropped and counted, because interpolation across missing data is not a measurement.
 
-A stream with stamps that `rigd` cannot have written was modified, regardless of its checksums: the clock never
-decreases, and no time can be derived from one that does, so such a run is refused. Impossible values are left out and
-counted.
+A run is refused if a stream contains timestamps that `rigd` cannot have written, even if the checksums are valid. Host
+timestamps never decrease, so such a stream was modified. Impossible values are dropped and counted.
 """
 
 from __future__ import annotations
@@ -28,17 +27,17 @@ from rigs.schema.vocabulary import CIRCLES, TestName
 from rigs.text import counted
 
 LONGEST_MM = 1e5
-"""No gauge has a range above 100 m, the bound of lengths in a rig file (`rigs.schema.part.Length`)."""
+"""Largest gauge reading: 100 m, the bound of lengths in a rig file (`rigs.schema.part.Length`)."""
 LARGEST_DEG = 36e3
-"""No robot joint makes more than 100 turns."""
+"""Largest joint angle: 100 turns."""
 _LATEST_NS = 2**61
-"""A monotonic clock starts with its computer: 73 years."""
+"""Largest timestamp of a monotonic clock, which starts with the computer: 73 years."""
 _LONGEST_MESSAGE = 65_536
-"""Bytes; the longest message of any protocol is a UDP datagram."""
+"""Largest message in bytes, the size of a UDP datagram. No protocol sends longer messages."""
 
 
 def require_sound(path: Path, instrument: str, columns: Mapping[str, np.ndarray[Any, Any]]) -> None:
-    """Raise FileError for columns (n,), stamps in ns and sizes in bytes, that `rigd` cannot have written."""
+    """Raise FileError if `rigd` cannot have written these columns (n,): timestamps in ns and sizes in bytes."""
     requested, first, last = (columns[name] for name in ("requested_ns", "first_byte_ns", "last_byte_ns"))
     rules = {
         "an impossible stamp": (first < 0) | (last > _LATEST_NS),
@@ -54,7 +53,7 @@ def require_sound(path: Path, instrument: str, columns: Mapping[str, np.ndarray[
 
 
 def is_reading(values: Array, largest: float) -> Mask:
-    """Return a mask of the rows of values (n, k) with valid numbers only, up to the largest possible."""
+    """Return a mask of the rows of values (n, k) in which all numbers are finite and at most `largest` in magnitude."""
     sound = np.ones(len(values), dtype=bool)
     for column in values.T:  # column by column, to use no more memory than the result
         sound &= column <= largest
@@ -63,42 +62,46 @@ def is_reading(values: Array, largest: float) -> Mask:
 
 
 _GAP = 4.0
-"""A gap is longer than this multiple of the usual sampling interval, …"""
+"""Threshold of a gap: this multiple of the usual sampling interval, and at least MOVES_NS or JUMPS_NS."""
 MOVES_NS = 25e6
-"""… and for a robot longer than this: a quarter period of the fastest arm vibration, about 10 Hz; …"""
+"""Shortest gap of a robot: a quarter period of the fastest arm vibration, about 10 Hz."""
 JUMPS_NS = 5e6
-"""… for a gauge longer than this: at a reversal, backlash is crossed in about ten milliseconds."""
+"""Shortest gap of a gauge: at a reversal, backlash is crossed in about ten milliseconds."""
 _OFTEN = 0.05
-"""Rows lost in gauge gaps are reported above this share, or if a gap is as long as a robot's: rigd itself delays polled
-gauges occasionally (daq.protocol.polled), for less."""
+"""Share of rows in gauge gaps above which they are reported. Fewer are reported only if one gap is as long as a
+robot's, because rigd itself occasionally delays polled gauges (daq.protocol.polled).
+"""
 _BLOCK = 1 << 14
 """Rows per block, to fit the processor's cache."""
 _CONTEXT = 8
-"""Rows before and after a part used to judge outliers at its ends (`noise.readings`)."""
+"""Number of rows before and after a part, needed to detect outliers at both ends (`noise.readings`)."""
 _NEVER = ("gauges and robot were never recorded at the same time", "record both through the whole test")
 _STALLED = 5.0
-"""A row's time is doubtful if its own uncertainty exceeds the usual by this factor, …"""
+"""Threshold of a doubtful row time: this multiple of the usual individual uncertainty, and at least _STALLED_S."""
 _TOGETHER = {
     True: "arrival together with a later one; have each message sent at once (TCP_NODELAY), or with its own time",
     False: "the same time as that of one before; have the instrument send its time in finer steps",
 }
-"""Reasons for rows sharing an instant, depending on whether times are arrivals, with remedies."""
+"""Reasons for rows with equal times, with remedies; the key states whether the times are arrivals."""
 _STALLED_S = 1e-3
-"""… and this value: smaller doubts are covered by the figures' uncertainty."""
+"""Smallest doubtful uncertainty. Smaller ones are included in the uncertainty of the figures."""
 
 Streams = Mapping[str, Columns]
 """Columns of each stream by name."""
 WANDERS_S = 1e-3
-"""Deviations from the pace up to this size are not reported: the uncertainty of the figures includes them."""
+"""Largest deviation from a steady rate that is not reported. It is included in the uncertainty of the figures."""
 
 
 @dataclass(frozen=True)
 class Aligned:
-    """Run as one table.
+    """A run as one table.
 
-    t_s (n,): since its first row. q (n, 6) rad: as reported. g_mm (n, k): of g1 and, on a circle, g2. u_lag_s: standard
-    uncertainty of the gauges' time relative to the robot's, common to all rows; u_t_s (n,): individual part of each
-    row. doubts: as text.
+    t_s (n,): time since the first row.
+    q (n, 6): reported joint angles in rad.
+    g_mm (n, k): readings of g1, and of g2 on a circle.
+    u_lag_s: standard uncertainty of the gauges' time relative to the robot's, common to all rows.
+    u_t_s (n,): individual part of the time uncertainty.
+    doubts: as text.
     """
 
     t_s: Array
@@ -112,7 +115,9 @@ class Aligned:
 @dataclass(frozen=True)
 class Track:
     """Values (n, k) of an instrument at increasing times (n,) ns, with common and individual (n,) uncertainty in s.
-    inside (n,): mask of the rows in the requested part of a run, None for all."""
+
+    inside (n,): mask of the rows in the requested part of a run, None for all rows.
+    """
 
     ns: Array
     values: Array
@@ -123,11 +128,14 @@ class Track:
 
 @dataclass(frozen=True)
 class Seen:
-    """Observations about an instrument in a run, or in a part of it.
+    """Observations about an instrument in a run, or in a part of a run.
 
-    restarts, wrong, wanders_s, held, arrived and doubts: as in `Instants`. Numbers of doubtful rows: odd (no reading),
-    stalled (uncertain time) and dropped (shared instant). gaps: rows of gauge 1 in its gaps, the longest being
-    longest_ns. before, after: rows of gauge 1 before its first row and after its last, if it has any here.
+    restarts, wrong, wanders_s, held, arrived, doubts: as in `Instants`.
+    doubtful, odd, stalled, dropped: number of rows marked by the gauge, rows lacking a reading, rows with an uncertain
+    time, and rows with a repeated time.
+    gaps, longest_ns: number of rows of gauge 1 in gaps of the instrument, and the longest gap.
+    before, after: number of rows of gauge 1 before the first and after the last row of the instrument.
+    has_rows: whether the instrument has rows in this part.
     """
 
     restarts: int = 0
@@ -168,11 +176,12 @@ class Seen:
 
 @dataclass(frozen=True)
 class Joined:
-    """Run, or a part of it, on the rows of gauge 1 with complete data.
+    """A run, or a part of one, on the rows of gauge 1 with complete data.
 
-    rows_ns (n,): `inside` those of the part, with a few before and after. Tracks of gauges and robot span these rows.
-    u_lag_s,
-    own_u_s (n,): as in `Aligned`. seen: by instrument.
+    rows_ns (n,): times of the rows, including a few before and after the part; `inside` selects the part. The tracks of
+    gauges and robot span all rows.
+    u_lag_s, own_u_s (n,): as u_lag_s and u_t_s in `Aligned`.
+    seen: observations by instrument.
     """
 
     rows_ns: Array
@@ -189,12 +198,12 @@ class Joined:
         return _columns_at(self.rows_ns, self.gauges)
 
     def q_at(self, rows_ns: Array) -> Array:
-        """Return joint angles (m, 6) rad at some of the rows (m,) ns."""
+        """Return the joint angles (m, 6) rad at times rows_ns (m,)."""
         return _columns_at(rows_ns, [self.robot])
 
 
 class NotTogether(FileError):
-    """Gauges and robot were not read at the same time; seen: observations of each, in a part of a run."""
+    """Gauges and robot have no common time. seen: observations of each instrument, in a part of a run."""
 
     def __init__(self, where: str, problem: str, remedy: str, seen: Mapping[str, Seen] | None = None) -> None:
         super().__init__(where, problem, remedy)
@@ -202,12 +211,12 @@ class NotTogether(FileError):
 
 
 def align(path: Path, run: Run, rig: Rig) -> Aligned:
-    """Return the table of a run. Raises FileError if a stream is missing or has no common time with the others."""
+    """Align a run to a table. Raises FileError if a stream is missing or has no common time with the others."""
     return align_streams(path, run.streams, run.manifest.test, rig)
 
 
 def align_streams(path: Path, streams: Streams, test: TestName, rig: Rig) -> Aligned:
-    """Return the table for the streams of a test; path: names them in errors. Raises FileError like `align`."""
+    """Align the streams of a test to a table. Error messages contain the path. Raises FileError like `align`."""
     joined = join(path, streams, test, rig)
     rows_ns = joined.rows_ns
     doubts = doubts_of(joined.seen, len(joined.gauges[0].ns))
@@ -216,10 +225,10 @@ def align_streams(path: Path, streams: Streams, test: TestName, rig: Rig) -> Ali
 
 
 def join(path: Path, streams: Streams, test: TestName, rig: Rig, part: tuple[float, float] | None = None) -> Joined:
-    """Return the streams of a test on the rows of gauge 1, optionally in a part [begin, end) ns of the run.
+    """Join the streams of a test on the rows of gauge 1, optionally in a part [begin, end) ns of the run.
 
-    At targets only gauge 1 is used: a second gauge is irrelevant. Raises FileError like `align`, NotTogether if the
-    part may be the reason.
+    Tests at targets use gauge 1 only. Raises FileError like `align`. Raises NotTogether, a subclass, if a longer part
+    could avoid the error.
     """
     tracks, seen = _read(path, streams, test, rig, part)
     if "g1" not in tracks:
@@ -249,7 +258,7 @@ def join(path: Path, streams: Streams, test: TestName, rig: Rig, part: tuple[flo
     robot, of_part = tracks.pop("robot"), slice(int(kept[0]), int(kept[-1]) + 1)
     gauges = tuple(tracks.values())
     u_lag_s = float(np.hypot(max(track.u_s for track in gauges), robot.u_s))
-    own_u_s = np.zeros(len(rows_ns))  # for each row the uncertainties of the less certain gauge and the robot combined
+    own_u_s = np.zeros(len(rows_ns))  # per row: uncertainty of the less certain gauge, combined with that of the robot
     for track, together in [*((gauge, np.maximum) for gauge in gauges), (robot, np.hypot)]:
         if track.own_u_s.any():
             own_u_s = together(own_u_s, np.interp(rows_ns, track.ns, track.own_u_s))
@@ -259,7 +268,7 @@ def join(path: Path, streams: Streams, test: TestName, rig: Rig, part: tuple[flo
 def _read(
     path: Path, streams: Streams, test: TestName, rig: Rig, part: tuple[float, float] | None
 ) -> tuple[dict[str, Track], dict[str, Seen]]:
-    """Return gauges and robot of a run, or those with readings in a part. Raises FileError."""
+    """Read gauges and robot of a run, or those with readings in a part. Raises FileError."""
     tracks, seen = {}, {}
     for name in [*gauges_of(test, rig), "robot"]:
         try:
@@ -283,7 +292,7 @@ def gauges_of(test: TestName, rig: Rig) -> list[str]:
 
 
 def doubts_of(seen: Mapping[str, Seen], rows: int) -> list[str]:
-    """Return doubts about a run with `rows` rows of gauge 1, as text."""
+    """Return the doubts about a run as text. rows: number of rows of gauge 1."""
     doubts = [doubt for name, of in seen.items() for doubt in _doubts_of(name, of)]
     gaps = ((name, of.gaps) for name, of in seen.items() if of.gaps and are_many(of.gaps, of.longest_ns, rows))
     return [*doubts, *(f"{_left_out(name, count)} at gaps" for name, count in gaps)]
@@ -310,10 +319,9 @@ def _left_out(name: str, count: int) -> str:
 
 
 def robot_alone(path: Path, run: Run) -> tuple[Array, Array, tuple[str, ...]]:
-    """Return times (n,) s since the first, reported angles (n, 6) rad, and doubts of a recorded run, regardless of its
-    gauges.
+    """Return times (n,) s since the first row, reported angles (n, 6) rad, and doubts of a recorded run.
 
-    Raises FileError if the robot was not recorded.
+    Gauges are ignored. Raises FileError if the robot was not recorded.
     """
     track, seen = _robot(path, run.streams, None)
     if len(track.ns) < 2:
@@ -323,8 +331,10 @@ def robot_alone(path: Path, run: Run) -> tuple[Array, Array, tuple[str, ...]]:
 
 
 def _columns_at(rows_ns: Array, tracks: Sequence[Track]) -> Array:
-    """Return values (n, k) of all tracks, interpolated linearly at increasing times (n,) spanned by each track, in
-    blocks."""
+    """Interpolate all tracks linearly at increasing times (n,) ns and return the values (n, k).
+
+    Each track must span the times. The computation is done in blocks.
+    """
     at_rows = np.empty((len(rows_ns), sum(track.values.shape[1] for track in tracks)))
     first = 0
     for track in tracks:
@@ -343,7 +353,7 @@ def _columns_at(rows_ns: Array, tracks: Sequence[Track]) -> Array:
             if len(ns) < 2:
                 at_rows[rows, columns] = values[:1]
                 continue
-            # The position of each track row among the rows gives the interval of all rows.
+            # The positions of the track's rows among the requested times give the interval of each time.
             passed = np.searchsorted(at_ns, ns[1:-1], side="left")
             before = np.repeat(np.arange(len(ns) - 1), np.diff(passed, prepend=0, append=len(at_ns)))
             chords = np.diff(values, axis=0)[before]
@@ -354,8 +364,10 @@ def _columns_at(rows_ns: Array, tracks: Sequence[Track]) -> Array:
 
 
 def are_many(gaps: int, longest_ns: float, rows: int) -> bool:
-    """Return whether the gaps exceed the delays that rigd itself causes: number of rows in gaps, and length of the
-    longest in ns."""
+    """Return whether the gaps exceed the delays caused by rigd itself.
+
+    gaps: number of rows in gaps. longest_ns: length of the longest gap.
+    """
     return longest_ns > MOVES_NS or gaps > _OFTEN * rows
 
 
@@ -366,21 +378,21 @@ def _gauge(
     gauge, column = dict(rig.gauges)[name], f"{name}_mm"
     stream = _stream(path, streams, [column], f"gauge {name}", LONGEST_MM)
     if gauge.bus and sum(key.endswith("_mm") for key in stream) > 1:
-        # On a line with polled instruments, rows of the others do not belong to this gauge.
+        # Several polled instruments may share a line; select the rows of this gauge.
         rows = np.isfinite(stream[column])
         stream = {key: values[rows] for key, values in stream.items() if not key.endswith("_mm") or key == column}
     instants, inside = gauge_instants(stream, gauge), _inside(stream, part)
     values = gauge.sign * stream[column][:, None]
     sound = is_reading(values, LONGEST_MM)
     if test in CIRCLES and rig.tests.circle:
-        # With the ball inside the circle, links are never longer than twice its radius.
+        # The ball is inside the circle, so the distance to it is never more than twice the radius.
         sound &= is_reading(values - np.median(values[sound]), 2 * rig.tests.circle.radius_mm)
     track, seen = _track(instants, values, sound, inside)
     return track, replace(seen, doubtful=_count(stream["status"] != 0, inside))
 
 
 def _inside(stream: Columns, part: tuple[float, float] | None) -> Mask | None:
-    """Return a mask (n,) of a stream's rows in a part of the run."""
+    """Return a mask (n,) of the rows of a stream in a part of the run, None for the complete run."""
     if part is None:
         return None
     came_ns = stream["last_byte_ns"]
@@ -394,7 +406,7 @@ def _count(rows: Mask, inside: Mask | None) -> int:
 
 
 def _robot(path: Path, streams: Streams, part: tuple[float, float] | None) -> tuple[Track, Seen]:
-    """Return joint angles (n, 6) rad as reported."""
+    """Read the joint angles (n, 6) rad as reported."""
     columns = [f"q{axis}_deg" for axis in range(1, 7)]
     stream = _stream(path, streams, columns, "the robot", LARGEST_DEG)
     q_deg = np.stack([stream[column] for column in columns], axis=1)
@@ -422,9 +434,11 @@ def timing_doubts(name: str, instants: Instants | Seen) -> list[str]:
 
 
 def _track(instants: Instants, values: Array, sound: Mask, inside: Mask | None) -> tuple[Track, Seen]:
-    """Return the values in order of time, without rows lacking a reading or time, and one row per instant.
+    """Return the values in order of time with a single row per instant.
+    Rows lacking a valid reading or time are dropped.
 
-    Among messages arriving together the last is kept, for which the others waited; for a coarse clock the first.
+    If several messages arrived together, the last one is kept, because the others waited for it. If a coarse clock
+    repeats a time, the first row is kept.
     """
     usual_s = float(np.median(instants.own_u_s[sound])) if sound.any() else 0.0
     timely = sound & (instants.own_u_s <= max(_STALLED * usual_s, _STALLED_S))
@@ -444,7 +458,7 @@ def _track(instants: Instants, values: Array, sound: Mask, inside: Mask | None) 
         track_inside = None if track_inside is None else track_inside[kept]
     seen = Seen(
         instants.restarts if inside is None else int(inside[list(instants.restarted)].sum()),
-        # Only a row with a wrong stamp has its own uncertainty.
+        # Only rows with a wrong timestamp have an individual uncertainty.
         min(instants.wrong, _count(instants.own_u_s > 0, inside)) if instants.wrong else 0,
         instants.wanders_s,
         instants.held,
@@ -467,8 +481,10 @@ def _stream(path: Path, streams: Streams, columns: Sequence[str], instrument: st
 
 
 def gaps_ns(rows: Array, times: Array, short_ns: float) -> Array:
-    """Return the distance (n,) ns of the two `times` (m,) ns around each row (n,) ns: 0 if usual, or if a row has one
-    of the times. Both increase."""
+    """Return for each of the rows (n,) ns the length in ns of the gap containing it, 0 outside gaps.
+
+    times (m,) ns: instants of the other instrument; both arrays increase. A row equal to one of the times is outside.
+    """
     apart = np.diff(times)
     wide = np.flatnonzero(apart > max(short_ns, _GAP * np.median(apart)))
     begins, ends = np.searchsorted(rows, times[wide], side="right"), np.searchsorted(rows, times[wide + 1], side="left")

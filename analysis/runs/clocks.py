@@ -1,8 +1,8 @@
-"""Determine the measurement times from host stamps, transmission times and instrument clocks.
+"""Determine measurement times from host timestamps, transmission times and instrument clocks.
 
-A byte can only arrive late, and a requested reading was taken after the request was transmitted and before its answer
-was sent. So the tightest bound from all stamps is the best, and the remaining interval is the uncertainty: one part
-common to all readings, one part of each reading.
+A byte can only arrive late. A requested reading was taken after the request was transmitted and before the answer was
+sent. The best estimate is therefore the tightest bound of all timestamps, and the remaining interval is the
+uncertainty. Part of the uncertainty is common to all readings, and the rest is individual.
 """
 
 from __future__ import annotations
@@ -22,33 +22,37 @@ from rigs.schema.links import tcp_address
 from rigs.schema.probe import Timing
 
 _HIDDEN_S = 1e-3
-"""Variation of an instrument's answer time that can be hidden by a buffering adapter."""
+"""Variation of an instrument's answer time that a buffering adapter can hide."""
 
 _HOLDS_NS = 25e6
-"""Adapters delay bytes by up to 16 ms plus transmission, …"""
+"""Longest delay by a buffering adapter: 16 ms plus transmission, or _HOLDS times the 90 % quantile of answer times."""
 _HOLDS = 1.5
-"""… or this multiple of the 90 % quantile of the answer times; longer delays are caused by a stalled computer."""
+"""Factor for the 90 % quantile of the answer times. Delays above both bounds are caused by a stalled computer."""
 _HOST_S = 30e-6
-"""Resolution of a host's stamps."""
+"""Resolution of host timestamps."""
 _TIMER_NS = 3e6
-"""A faster timer is hidden by the general variation."""
+"""Shortest detectable timer period of an adapter. A shorter one is hidden by the general variation."""
 _MOST = (0.05, 0.95)
 _DRIFTING = 0.7
-"""Limit of the scatter about a pace, relative to successive differences: 1.2 to 1.4 for independent delays."""
+"""Ratio of successive differences to the scatter about a steady rate below which the rate drifts. Independent delays
+have a ratio of 1.2 to 1.4.
+"""
 _IN_STEP = 0.9
-"""Mean cosine of arrivals released by a timer of whole milliseconds, as in all adapters."""
+"""Smallest mean cosine of arrivals released by a timer with a period of whole milliseconds, as in all adapters."""
 _SAMPLE = 20_000
-"""Messages sufficient for detecting a timer."""
+"""Number of messages used to detect a timer."""
 _STIRRED = 5
 _STIRRED_NS = 2e6
-"""With this many requests not directly after the previous answer, and answer times of this variation, a buffering
-adapter is visible (`daq.protocol.polled` gives the reason)."""
+"""Variation of answer times that reveals a buffering adapter. At least _STIRRED requests must not directly follow
+the previous answer (`daq.protocol.polled` gives the reason).
+"""
 
 _LONGER = 1.2
-"""Readings constant for more than this multiple of the stated cycle contradict the cycle."""
+"""Multiple of the stated cycle beyond which constant readings contradict the cycle."""
 _SPARSE_NS = 50e6
-"""At a reversal, backlash is crossed in about ten milliseconds: five times that makes it visible to one gauge long
-before the other."""
+"""Interval of readings at which one gauge may show backlash long before the other. Backlash is crossed in about ten
+milliseconds at a reversal; this is five times longer.
+"""
 _SPARSE = (
     "its readings are {:.0f} ms apart, too far to follow a joint that turns back: a band may be too large by what the "
     "other gauge shows earlier; drive the circle slower"
@@ -72,7 +76,7 @@ Columns = Mapping[str, np.ndarray[Any, Any]]
 
 @dataclass(frozen=True)
 class TimingDoubt:
-    """Doubt about an instrument's times: form of a sentence, and its value in ms."""
+    """A doubt about an instrument's times: sentence with a placeholder, and the value in ms."""
 
     form: str
     ms: float = 0.0
@@ -85,11 +89,13 @@ class TimingDoubt:
 class Instants:
     """Times of samples: ns (n,) on the host's clock.
 
-    u_s: common standard uncertainty. own_u_s (n,): individual part. restarted: rows at which the instrument's clock
-    changes.
-    wrong: number of stamps left out. held: whether an adapter buffers bytes. wanders_s: permanent change of the delay
-    of its
-    pace. arrived: whether the times are arrivals, shared by messages bundled in a network. doubts: further doubts.
+    u_s: common standard uncertainty. own_u_s (n,): individual part.
+    restarted: rows at which the instrument's clock restarts.
+    wrong: number of ignored timestamps.
+    held: whether an adapter buffers bytes.
+    wanders_s: size of permanent changes in the delay of a steadily sending instrument.
+    arrived: whether the times are arrivals, which bundled network messages share.
+    doubts: further doubts.
     """
 
     ns: Array
@@ -109,7 +115,7 @@ class Instants:
 
 
 def gauge_instants(stream: Columns, gauge: Gauge) -> Instants:
-    """Return the time of each gauge reading, in the middle of its filter's averaging interval."""
+    """Return the time of each gauge reading, in the middle of the averaging interval of the filter."""
     stream, doubts = _without_standing_clock(stream)
     timing, device_s = gauge.timing, stream["device_time_s"]
     character_ns = 0 if tcp_address(gauge.port) else gauge.line.character_ns
@@ -128,30 +134,28 @@ def gauge_instants(stream: Columns, gauge: Gauge) -> Instants:
 
 
 def _without_standing_clock(stream: Columns) -> tuple[Columns, tuple[TimingDoubt, ...]]:
-    """Remove an instrument clock that does not advance, with a doubt about it."""
+    """Ignore an instrument clock that does not advance, and report it as a doubt."""
     if not stands(stream["device_time_s"]):
         return stream, ()
     return {**stream, "device_time_s": np.full(len(stream["device_time_s"]), np.nan)}, (TimingDoubt(_STANDS),)
 
 
 def _requested(stream: Columns, went_through: Array, set_out: Array, timing: Timing) -> Instants:
-    """Return the times of answers sent at set_out (n,) ns, to requests transmitted before."""
+    """Return the times of readings sent at set_out (n,) ns, for requests transmitted at went_through (n,) ns."""
     set_out = set_out - timing.answer_delay_ms * 1e6
     window = np.maximum(set_out - went_through, 0.0)
     if timing.latched_within_ms is not None:
         window = np.minimum(window, timing.latched_within_ms * 1e6)
-    # An adapter buffers bytes if answers to out-of-step requests have less even times. Quartiles are used: a busy host
-    # delays some
-    # of either kind, an adapter most of those out of step.
+    # An adapter buffers bytes if answers to out-of-step requests scatter more. The comparison uses quartiles, because a
+    # busy host delays some answers of both kinds, while an adapter delays most of the out-of-step ones.
     idle_before = stream["requested_ns"][1:] > stream["last_byte_ns"][:-1]
     in_step, stirred = window[1:][~idle_before], window[1:][idle_before]
     held = min(len(in_step), len(stirred)) >= _STIRRED and _spread(stirred) > 2 * _spread(in_step) + _STIRRED_NS
     device_s = stream["device_time_s"]
     if not np.isfinite(device_s).all():
         return asked_instants(went_through, window, held)
-    # The instrument's clock lies between two lines: no reading before its request or after its answer. A gauge
-    # answering with a
-    # reading older than the request violates the first; then only the second applies.
+    # The instrument's clock lies between two lines: a reading is taken after its request and before its answer. A gauge
+    # that answers with a reading older than the request violates the first bound. In this case only the second is used.
     after = through_clock(device_s, set_out)
     before = through_clock(-device_s[::-1], -went_through[::-1])
     width = float(np.median(after.ns + before.ns[::-1]))
@@ -160,7 +164,7 @@ def _requested(stream: Columns, went_through: Array, set_out: Array, timing: Tim
 
 
 def _of_own_cycle(asked: Instants, values: Array, timing: Timing) -> Instants:
-    """Return the times of readings (n, k) mm from an internal cycle, for answers to requests."""
+    """Return the times of readings (n, k) mm that a gauge takes in an internal cycle and sends on request."""
     cycle_ns = None if timing.cycle_ms is None else timing.cycle_ms * 1e6
     if cycle_ns is None and not repeats(values):
         return asked
@@ -195,7 +199,7 @@ def _spread(window: Array) -> float:
 def robot_instants(stream: Columns) -> Instants:
     """Return the times of reported positions.
 
-    A controller reports a value latched during the previous cycle, so a cycle is the uncertainty. A controller polled
+    A controller reports a value latched during the previous cycle, so the uncertainty is one cycle. A controller polled
     over a network (registers) was read between request and answer.
     """
     if (stream["requested_ns"] >= 0).all():
@@ -204,16 +208,16 @@ def robot_instants(stream: Columns) -> Instants:
     stream, doubts = _without_standing_clock(stream)
     fitted = _by_any_clock(stream["device_time_s"], stream["first_byte_ns"].astype(float))
     arrived = not np.isfinite(stream["device_time_s"]).all()
-    # Usual time between messages; bundled ones share the time since the previous bundle.
+    # Usual interval of messages. Bundled messages share the interval since the previous bundle.
     at, count = np.unique(fitted.ns, return_counts=True)
     cycle_ns = float(np.median(np.repeat(np.diff(at) / count[1:], count[1:]))) if len(at) > 1 else 0.0
     return replace(_listened(fitted, cycle_ns), arrived=arrived, doubts=doubts)
 
 
 def _streamed(device_s: Array, set_out: Array, character_ns: int) -> Instants:
-    """Return the times of unprompted readings, latched when sent or up to a character before."""
+    """Return the times of unprompted readings, latched up to one character before they were sent."""
     fitted = _by_any_clock(device_s, set_out)
-    # Timer of an adapter buffering uneven unprompted bytes: arrivals are multiples of it apart.
+    # An adapter that buffers uneven unprompted bytes releases them by a timer, at multiples of its period.
     late, timer_ns, steps = set_out - fitted.ns, 0.0, np.diff(set_out[:_SAMPLE])
     if len(steps) >= 2 * _STIRRED:
         timers = np.arange(_HOLDS_NS, _TIMER_NS, -1e6)
@@ -222,7 +226,8 @@ def _streamed(device_s: Array, set_out: Array, character_ns: int) -> Instants:
         timer_ns = float(uneven[in_step].max(initial=0.0))
     if np.isfinite(device_s).all() or _keeps_pace(late, timer_ns):
         return _listened(fitted, character_ns)
-    # The arrival within the timer period, and the share of the transmission in the variation, are unknown.
+    # Two quantities are unknown: the arrival within the timer period, and the part of the variation due to
+    # transmission.
     open_ns = timer_ns or float(np.ptp(np.quantile(np.diff(set_out), _MOST)))
     own_u_s = np.full(len(set_out), _anywhere_in(open_ns))
     u_s = math.hypot(character_ns / math.sqrt(3) / 1e9, _HOST_S)
@@ -230,15 +235,16 @@ def _streamed(device_s: Array, set_out: Array, character_ns: int) -> Instants:
 
 
 def _listened(fitted: FittedClock, before_ns: float) -> Instants:
-    """Return times latched within before_ns before the fitted times."""
+    """Return the times of readings latched at most before_ns before the fitted times."""
     u_s = math.hypot(before_ns / math.sqrt(3) / 1e9, fitted.shared_u_s)
     return Instants(fitted.ns, u_s, fitted.u_s, fitted.restarted, fitted.wrong, wanders_s=fitted.wanders_s)
 
 
 def _keeps_pace(late: Array, timer_ns: float) -> bool:
-    """Return whether delays late (n,) ns against a pace come from the transmission: independent, or by a timer.
+    """Return whether delays late (n,) ns relative to a steady rate are caused by transmission.
 
-    An uneven pace drifts away from any line with small successive differences; without a pace there are no delays.
+    Transmission delays are independent, or quantised by a timer. Without a steady rate, the difference from any line
+    drifts slowly, in small steps.
     """
     if len(late) < 2 or not late.any():
         return len(late) < 2
@@ -259,12 +265,12 @@ def _by_any_clock(device_s: Array, host_ns: Array) -> FittedClock:
 def asked_instants(went_through: Array, window: Array, held: bool) -> Instants:
     """Return times in the middle of windows (n,) ns between request and answer, as in NTP clock comparisons.
 
-    Behind a buffering adapter only the fastest answer shows the instrument's answer time: the excess belongs to the
-    adapter.
+    Behind a buffering adapter only the fastest answer shows the instrument's answer time. Longer answers contain delays
+    of the adapter.
     """
-    shortest = float(np.partition(window, 1)[:2].max())  # the very shortest may have a wrong stamp
+    shortest = float(np.partition(window, 1)[:2].max())  # the second shortest: the shortest may have a wrong timestamp
     if held:
-        # the computer stalled before or after the reading
+        # Delays beyond this bound are stalls of the computer before or after the reading.
         holds_ns = max(_HOLDS_NS, _HOLDS * (float(np.quantile(window, 0.9)) - shortest))
         own_u_s = _anywhere_in(np.maximum(window - shortest - holds_ns, 0.0))
         window = np.minimum(window, shortest)
@@ -274,5 +280,5 @@ def asked_instants(went_through: Array, window: Array, held: bool) -> Instants:
 
 
 def _anywhere_in(window_ns: Any) -> Any:
-    """Return the standard uncertainty, in s, of the middle of a window with a uniform distribution."""
+    """Return the standard uncertainty in s of the middle of a window in ns, assuming a uniform distribution."""
     return window_ns / math.sqrt(12) / 1e9

@@ -14,9 +14,9 @@ from rigs.schema.vocabulary import Direction, TestName
 
 
 def table_from(columns: pa.Table, test: TestName, direction: Direction | None, where: str) -> Table:
-    """Return a table in memory from the columns of docs/tables.md, without extra columns.
+    """Convert columns of docs/tables.md to a table in memory, ignoring additional columns.
 
-    Raises FileError for columns of a different test, for no rows, and for content rejected by imports.
+    Raises FileError for columns of a different test, for an empty table, and for any content that import rejects.
     """
     rows, table_format = Rows(columns), format_of(test)
     missing = [name for name in table_format.layout(rows.axes).required if name not in columns.column_names]
@@ -29,30 +29,32 @@ def table_from(columns: pa.Table, test: TestName, direction: Direction | None, w
 
 
 def u_lag_s_of(columns: pa.Table) -> float:
-    """Return the common standard uncertainty in s of the gauges' time relative to the joints'; 0 if not stated."""
+    """Return the common standard uncertainty in s of the gauges' time relative to the joints', 0 if not stated."""
     stated = "u_lag_s" in columns.column_names and pa.types.is_floating(columns.schema.field("u_lag_s").type)
     return float(Rows(columns).floats("u_lag_s").max(initial=0.0)) if stated else 0.0
 
 
 def columns_of(table: Table) -> pa.Table:
-    """Return the columns of docs/tables.md in order: degrees and mm. Times that are all zero are left out."""
+    """Convert a table to the columns of docs/tables.md, in their documented order, in degrees and mm.
+
+    Times that are all zero are omitted.
+    """
     return pa.table({name: pa.array(values) for name, values in format_of(table.test).columns(table).items()})
 
 
 # ----------------------------------------------------------------------------------------------------------------------
-# Rules for every table from any program: finite plausible numbers, increasing times.
+# Rules for all tables from any program: finite, plausible numbers and increasing times.
 #
-# Import reports the same with line numbers. A run directory consists of files, and one that was edited, or written by
-# another
-# program, had a time of nan or 1e300, which stopped the analysis of all runs with it.
+# Import reports violations with line numbers. Run directories must be checked too, because their files may have been
+# edited or written by another program. In one run, a time of nan or 1e300 stopped the analysis of all runs.
 
 LARGEST = 1e12
-"""Limit of angles, lengths and times, in any unit chosen by mistake."""
+"""Largest plausible angle, length or time, in any unit that may have been chosen by mistake."""
 _REMEDY = "restore the run from a copy, or correct its table and import it again"
 
 
 def hold_table(table: Table, where: str) -> None:
-    """Raise FileError for the first row rejected by imports; `where` names the table."""
+    """Raise FileError for the first row that import would reject. `where` names the table."""
     columns = {name: values for name, values in vars(table).items() if isinstance(values, np.ndarray)}
     for field, values in columns.items():
         name = "g1_mm" if field == "g_mm" and values.ndim == 1 else field

@@ -1,12 +1,14 @@
-"""Joint angles beside the limits of the rig file, and rows that state a joint whole turns further than the others.
+"""Comparison of joint angles with the limits of the rig file, and correction of wrong turn counts.
 
-A posture is the same whether a joint stands at -106° or at 254°. Two things may be behind it. The controller or an
-export restarts its count of turns: the joint did not turn. Or the joint really turned once more, which only an error
-that does not repeat with the turn could show. A joint that really turns further stands at angles all over its range;
-a joint whose count restarted stands in one window, and a whole number of turns away from it. So rows are turned back
-if they leave the limits of the joint, or if all angles of the table, modulo a turn, leave a gap that so many angles
-all over a turn would hardly leave. A joint is kept if the rig file has an error of it that does not repeat with the
-turn.
+A posture is the same at a joint angle of -106° and of 254°. Such a difference has two possible causes. Either the
+controller or an export restarted the count of turns, and the joint did not turn. Or the joint really made an additional
+turn, which only an error with a fractional number of waves per turn could show.
+
+The distribution of the angles distinguishes these causes. A joint that really turns has angles over the complete range.
+A joint with a restarted count has angles in one window, and others exactly whole turns away. Rows are therefore counted
+back in two cases: if they are outside the limits of the joint, or if all angles of the table, modulo a turn, leave a
+gap that is unlikely by chance. A joint is not changed if the rig file contains an error of that joint with a fractional
+number of waves per turn.
 """
 
 from __future__ import annotations
@@ -20,14 +22,15 @@ from rigs.text import listed
 
 _TURN = 2 * np.pi
 _SLACK_RAD = float(np.radians(0.1))
-"""Tolerance of a reading beyond the limit: noise, and the rounding of limits in data sheets."""
+"""Tolerance of readings beyond a limit: noise, and rounding of limits in data sheets."""
 _BY_CHANCE = 1e-3
-"""Probability below which a gap in the angles of a joint, modulo a turn, is no accident: n angles all over a turn leave
-a share g of it free with a probability of at most n (1 - g)^(n - 1)."""
+"""Largest probability of a gap by chance. If n angles are spread over a turn, the probability that a share g of the
+turn is empty is at most n (1 - g)^(n - 1).
+"""
 
 
 def without_whole_turns(table: Table, rig: Rig) -> tuple[Table, tuple[str, ...]]:
-    """Return poses or touches with each joint counted in the same turn, and a message for each joint that was not."""
+    """Return poses or touches with each joint counted in the same turn, and a message for each corrected joint."""
     if not isinstance(table, PlaceTable):
         return table, ()
     limits, turned, doubts = arm_of(rig.robot).limits, np.zeros(table.q.shape), list[str]()
@@ -41,8 +44,10 @@ def without_whole_turns(table: Table, rig: Rig) -> tuple[Table, tuple[str, ...]]
 
 
 def turns_further(angle: Array, limits: Array) -> Integers:
-    """Return the number of turns by which each angle (n,) rad of a joint was counted further than the others, or
-    than the limits (2,) rad allow; zero if the joint really turned."""
+    """Return the number of excess turns in each angle (n,) rad of a joint, zero if the joint really turned.
+
+    The excess is relative to the other angles, or to the limits (2,) rad.
+    """
     places = np.sort(angle % _TURN)
     gaps = np.diff(places, append=places[:1] + _TURN)
     widest = int(np.argmax(gaps))
@@ -59,8 +64,10 @@ def turns_further(angle: Array, limits: Array) -> Integers:
 
 
 def _turns_beyond(angle: Array, limits: Array) -> Integers:
-    """Return the number of turns by which angles (n,) rad must be counted back to lie within limits (2,) rad; zero
-    if they do, or if no turn brings them there."""
+    """Return the number of turns to subtract from angles (n,) rad to bring them within limits (2,) rad.
+
+    Zero for an angle already inside, and for one that no number of turns brings inside.
+    """
     low, high = limits[0] - _SLACK_RAD, limits[1] + _SLACK_RAD
     above, below = np.ceil((angle - high) / _TURN), np.floor((angle - low) / _TURN)
     turns = np.where(angle > high, above, np.where(angle < low, below, 0.0))
@@ -69,7 +76,7 @@ def _turns_beyond(angle: Array, limits: Array) -> Integers:
 
 
 def beyond_limits(table: Table, rig: Rig) -> tuple[str, ...]:
-    """Return a message for each joint that a table has outside the limits of the rig file."""
+    """Return a message for each joint with angles outside the limits of the rig file."""
     limits, doubts = arm_of(rig.robot).limits, []
     for axis, ((low, high), angle) in enumerate(zip(limits, table.q.T, strict=False), start=1):
         outside = (angle < low - _SLACK_RAD) | (angle > high + _SLACK_RAD)
@@ -84,13 +91,13 @@ def beyond_limits(table: Table, rig: Rig) -> tuple[str, ...]:
 
 
 def _has_fractional_wave(rig: Rig, axis: int) -> bool:
-    """Return whether the rig file contains an error of an axis that does not repeat with the turn."""
+    """Return whether the rig file contains an error of an axis that differs from turn to turn."""
     effects = (*rig.effects, *(rig.calibrated.effects if rig.calibrated else ()))
     return any(getattr(effect, "axis", None) == axis and not effect.repeats_each_turn for effect in effects)
 
 
 def _counted_further(table: Table, axis: int, turns: Integers, count: int) -> str:
-    """Return the message about rows in which a joint is counted this number of turns further."""
+    """Return the message about rows in which a joint has this number of excess turns."""
     rows = turns == count
     way = f"{abs(count)} whole turn{'s' * (abs(count) > 1)} {'further' if count > 0 else 'back'}"
     low, high = np.degrees([table.q[rows, axis - 1].min(), table.q[rows, axis - 1].max()])
@@ -101,7 +108,7 @@ def _counted_further(table: Table, axis: int, turns: Integers, count: int) -> st
 
 
 def _row_words(table: Table, chosen: Mask) -> str:
-    """Return the rows of the file selected by a mask (n,), in words."""
+    """Describe the rows of the file selected by a mask (n,)."""
     rows = np.sort(table.rows[chosen]).tolist()
     if len(rows) == 1:
         return f"in row {rows[0]}"

@@ -1,7 +1,7 @@
-"""Whole laps of a circle run from the start angle, without lead-in and lead-out.
+"""Complete laps of a circle run, without lead-in and lead-out.
 
-The circle angle phi is computed from the reported joint angles by nominal kinematics, the position assumed by the
-robot.
+The circle angle phi follows from the reported joint angles by nominal kinematics.
+It is the position assumed by the robot.
 """
 
 from __future__ import annotations
@@ -28,23 +28,22 @@ from rigs.text import as_argument
 
 _RADIUS_OFF_MM = 2.0
 _AWAY_S = 0.1
-"""Minimum time away from the circle; shorter deviations are wrong rows of the feedback."""
+"""Shortest time away from the circle. Shorter deviations are faulty rows of the feedback."""
 _GAP_RAD, _WIDEST_RAD = np.radians(5.0), np.radians(10.0)
 _STEPS = 4.0
-"""Permitted gaps in a lap: 5°, or for a slow gauge this number of its steps, up to 10°."""
+"""Largest gap in a lap: 5°, or for a slow gauge this number of steps, up to 10°."""
 _TURNS_BACK_RAD = np.radians(20.0)
-"""Smaller reversals are feedback noise, or a program locating its start."""
+"""Smallest reversal of the direction. Smaller ones are feedback noise, or a program moving to the start."""
 _SEEN = 4000
-"""Rows for detecting reversals and standstills."""
+"""Number of rows used to detect reversals and standstills."""
 _COVER = 40_000
-"""Rows for detecting gaps in a lap, closer than a hundredth of a degree."""
+"""Number of rows used to detect gaps in a lap; they are less than a hundredth of a degree apart."""
 _REPORTS_S = 0.002
-"""Shortest reporting interval of controllers: 2 ms (RTDE of the e-Series); gauges may be faster."""
+"""Shortest reporting interval of controllers: 2 ms (RTDE of the e-Series). Gauges may be faster."""
 _BLOCK = 4096
-"""Rows per block of poses, to limit the memory of a long run."""
+"""Number of rows per block of poses, which limits the memory for a long run."""
 _HARDLY = 0.01
-"""A run that ends by less than this share before the full lap counts as complete; a wider gap would be refused
-anyway."""
+"""Share of a lap that may be missing at the end. A wider gap would be refused in any case."""
 _JUMP_RAD = np.radians(1.0)
 _JUMP_SPEEDS = 3.0
 """Limit of joint motion between two rows: this multiple of the maximum speed, plus _JUMP_RAD."""
@@ -52,11 +51,13 @@ _JUMP_SPEEDS = 3.0
 
 @dataclass(frozen=True)
 class Laps:
-    """Whole laps in order of time.
+    """Complete laps in order of time.
 
-    t_s (n,), q (n, 6) rad, g_mm (n, k). phi (n,) rad: continuous from lap to lap, whatever happened in between. notes:
-    about the selection. count: number of laps. lap_s: mean duration. apart_s: time between the starts of laps. u_t_s:
-    rms of the individual time uncertainties.
+    t_s (n,), q (n, 6) rad, g_mm (n, k): times, joint angles and readings.
+    phi (n,): circle angle in rad, continuous from lap to lap regardless of the motion in between.
+    lap_s: mean duration of a lap. apart_s: time between the starts of laps. count: number of laps.
+    u_t_s: rms of the individual time uncertainties.
+    notes: remarks on the selection.
     """
 
     direction: Direction
@@ -73,28 +74,28 @@ class Laps:
 
     @property
     def first(self) -> Laps:
-        """Return the first lap."""
+        """The first lap."""
         rows = np.abs(self.phi - self.start) < 2 * np.pi
         return replace(self, count=1, **{name: getattr(self, name)[rows] for name in ("t_s", "phi", "q", "g_mm")})
 
     @property
     def without_rows(self) -> Laps:
-        """Return the laps with a copy of their first row only."""
+        """The laps, containing a copy of the first row only."""
         rows = {name: getattr(self, name)[:1].copy() for name in ("t_s", "phi", "q", "g_mm")}
         return replace(self, **rows)
 
     @property
     def start(self) -> float:
-        """Circle angle, rad, of the lap start, to the nearest row."""
+        """Circle angle of the first row, in rad: the start of a lap."""
         return float(self.phi[0])
 
 
 def laps_of(table: CircleTable, rig: Rig, where: str) -> Laps:
-    """Return all whole laps of a circle table in its direction; `where` names the run in errors.
+    """Return all complete laps of a circle table in its direction. `where` names the run in errors.
 
-    Laps may be consecutive, or have returns in between, because few wrists have two spare turns. Laps of short tables
-    are cached with the table, for all parts of a diagnosis, others as long as they are referenced. Raises FileError if
-    the robot did not drive the circle of the rig file.
+    Laps are consecutive, or separated by returns, because few wrists have two spare turns. Laps of short tables are
+    cached with the table and shared by all parts of a diagnosis. Laps of long tables are cached only while they are
+    referenced. Raises FileError if the robot did not drive the circle of the rig file.
     """
     key, cell = id(table), (rig.robot, rig.tests.circle)
     if (kept := _LAPS.get(key)) is not None and kept[0]() is table and kept[1] == cell and (laps := kept[2]()):
@@ -113,13 +114,13 @@ def laps_of(table: CircleTable, rig: Rig, where: str) -> Laps:
 
 
 _LAPS: dict[int, tuple[ref[CircleTable], tuple[Robot, Circle | None], Callable[[], Laps | None]]] = {}
-"""Cached laps by the identity of the table, with the arm and circle."""
+"""Cached laps by id of the table, with the robot and circle they belong to."""
 _KEPT_ROWS = 50_000
 """Rows above which a copy needs more than 5 MB."""
 
 
 def _cut_out(table: CircleTable, rig: Rig, where: str) -> Laps:
-    """Return the laps of a table. Raises FileError."""
+    """Select the laps of a table. Raises FileError."""
     circle = circle_of(rig)
     frame, sense = frame_of(circle), SENSE[table.direction]
     start, lead = np.radians(circle.start_deg), np.radians(circle.lead_deg)
@@ -135,7 +136,7 @@ def _cut_out(table: CircleTable, rig: Rig, where: str) -> Laps:
         laps = [_lap_from(rows, ahead, _turns_before(ahead, lead))]
     for _, ahead in laps:
         _require_covered(where, ahead, sense, start)
-    # A view is sufficient for a single lap, which may be long.
+    # For a single lap, which may be long, a view is sufficient.
     inside = laps[0][0] if len(laps) == 1 else np.concatenate([np.arange(rows.start, rows.stop) for rows, _ in laps])
     begins = np.array([table.t_s[rows.start] for rows, _ in laps])
     lap_s = float(np.mean([table.t_s[rows.stop - 1] - table.t_s[rows.start] for rows, _ in laps]))
@@ -149,12 +150,11 @@ def _cut_out(table: CircleTable, rig: Rig, where: str) -> Laps:
 def _ways_along(
     frame: CircleFrame, start: float, table: CircleTable, rig: Rig, where: str
 ) -> list[tuple[slice, Array]]:
-    """Return the rows of each motion along a circle, and their angles, rad, after its start in the direction of the
-    table.
+    """Return the rows of each motion along the circle, with angles in rad from the start in the direction of the table.
 
-    Raises FileError if the robot drove a different circle, DirectionError for the opposite direction.
+    Raises FileError if the robot drove a different circle, and DirectionError if it drove in the opposite direction.
     """
-    # No closer than a controller reports: rows in between are interpolated.
+    # Compute poses at the reporting rate of controllers. Rows in between are interpolated.
     step = max(1, int(_REPORTS_S / max(float(np.median(np.diff(table.t_s[:_SEEN]))), 1e-9)))
     rows_seen = np.append(np.arange(0, len(table.t_s) - 1, step), len(table.t_s) - 1)
     tool = places_along(arm_of(rig.robot), table.q, rows_seen)
@@ -169,10 +169,10 @@ def _ways_along(
     for stretch in stretches:
         rows = _without_leaps(where, table, phi, stretch, rig)
         ahead = SENSE[table.direction] * (phi[rows] - start)
-        # A motion begins at the lead-in, so the start is less than half a turn ahead.
+        # A motion starts at the lead-in, so the start of the lap is less than half a turn ahead.
         ways += [(slice(rows.start + a, rows.start + b), ahead[a:b]) for a, b in _ways(ahead)]
-    # A robot that drives a lap and returns completely, to unwind its wrist, moves equally in both directions: the label
-    # decides.
+    # A robot that drives a lap and returns completely, to unwind its wrist, moves equally in both directions. In this
+    # case the label is correct.
     forth, back = (sum(max(sign * float(way[-1] - way[0]), 0.0) for _, way in ways) for sign in (1.0, -1.0))
     if back > forth + np.radians(10):
         drove: Direction = "acw" if table.direction == "cw" else "cw"
@@ -190,7 +190,7 @@ def is_on_circle(tool: Array, frame: CircleFrame) -> Mask:
 
 
 def _ways(ahead: Array) -> list[tuple[int, int]]:
-    """Return the rows (begin, end) of each motion between reversals along circle angles (n,)."""
+    """Return the rows (begin, end) of each motion between reversals, along circle angles (n,) rad."""
     step = max(1, len(ahead) // _SEEN)
     turns, extreme, sense = [0], 0, 0.0
     for row in range(0, len(ahead), step):
@@ -207,7 +207,7 @@ def _ways(ahead: Array) -> list[tuple[int, int]]:
 
 
 def _turns_before(ahead: Array, lead: float) -> float:
-    """Return the circle angle, a multiple of whole turns, at which the first lap of a motion (n,) begins.
+    """Return the circle angle, in whole turns, at which the first lap of a motion (n,) begins.
 
     The first row is at the lead-in, or at the start itself.
     """
@@ -215,9 +215,9 @@ def _turns_before(ahead: Array, lead: float) -> float:
 
 
 def _lap_from(rows: slice, ahead: Array, begins: float) -> tuple[slice, Array]:
-    """Return the rows of the lap beginning at a circle angle, and its circle angles from 0.
+    """Return the rows of the lap that begins at a circle angle, with circle angles (n,) rad from 0.
 
-    In order of time, so a standstill or an approach to the start is not included.
+    The rows are contiguous in time, so a standstill or an approach to the start is excluded.
     """
     since = ahead - begins
     end = int(np.argmax(since >= 2 * np.pi)) or len(since)
@@ -226,7 +226,7 @@ def _lap_from(rows: slice, ahead: Array, begins: float) -> tuple[slice, Array]:
 
 
 def places_along(arm: Arm, q: Array, rows: Integers) -> Array:
-    """Return tool positions (m, 3) mm in some rows (m,) of joint angles (n, 6) rad."""
+    """Return the tool positions (m, 3) mm at selected rows (m,) of joint angles (n, 6) rad."""
     places = np.empty((len(rows), 3))
     for begin in range(0, len(rows), _BLOCK):
         places[begin : begin + _BLOCK] = forward(arm, q[rows[begin : begin + _BLOCK]])[:, :3, 3]
@@ -234,10 +234,10 @@ def places_along(arm: Arm, q: Array, rows: Integers) -> Array:
 
 
 def _on_circle(t_s: Array, tool: Array, frame: CircleFrame, seen: Integers) -> list[slice]:
-    """Return the rows (n,) of each stay on the circle, for tool positions (m, 3) mm in rows seen (m,).
+    """Return the rows of each stay on the circle. tool (m, 3) mm: positions at the rows seen (m,).
 
-    Approach and departure, which may have any angle, are excluded. One or two rows off the circle belong to their stay,
-    and are detected later.
+    Approach and departure, which may be at any angle, are excluded. One or two faulty rows off the circle do not
+    interrupt a stay. They are detected later.
     """
     on = np.flatnonzero(is_on_circle(tool, frame))
     if not len(on):
@@ -249,9 +249,9 @@ def _on_circle(t_s: Array, tool: Array, frame: CircleFrame, seen: Integers) -> l
 
 
 def _without_leaps(where: str, table: CircleTable, phi: Array, rows: slice, rig: Rig) -> slice:
-    """Return a section without the part before or after a jump at standstill, where the robot was set to a start.
+    """Return a section without the part before or after a jump at standstill, as caused by a move to a start.
 
-    Raises FileError if a joint jumps by more than its speed permits in the middle of the circle.
+    Raises FileError if a joint jumps in the middle of the circle by more than its speed permits.
     """
     t_s, q = table.t_s[rows], table.q[rows]
     begin, end = 0, len(q)
@@ -271,10 +271,9 @@ def _without_leaps(where: str, table: CircleTable, phi: Array, rows: slice, rig:
 
 
 def leaps_of(t_s: Array, q: Array, rig: Rig) -> list[tuple[int, int, float]]:
-    """Return row before, axis and size, rad, of each step between rows of q (n, 6) rad at t_s (n,) s beyond the joint
-    speeds.
+    """Return the jumps of q (n, 6) rad at t_s (n,) s: steps that exceed the joint speeds.
 
-    Computed axis by axis, because a run may be long.
+    Each jump is the row before it, the axis, and the size in rad. Axes are processed singly, because a run may be long.
     """
     leaps = []
     for axis, joint in enumerate(q.T):

@@ -1,4 +1,4 @@
-"""Load a run for analysis: table, rig, and doubts; or only the robot's motion, sufficient for locating a circle."""
+"""Load a run for analysis: table, rig file, and doubts. For locating a circle, the robot's motion is sufficient."""
 
 from __future__ import annotations
 
@@ -41,20 +41,21 @@ ONLY_COMMANDED = (
     "only commanded joint angles are known: an angle that was not reached, by deflection under gravity or by a "
     "following error, cannot be distinguished from an error of zeros, lengths, compliance or gears"
 )
-"""Doubt of a run without measured angles."""
+"""Doubt about a run with commanded joint angles only."""
 SIMULATED = "simulated, "
 """Prefix of the source of a simulated table, followed by the seed."""
 
 
 @dataclass(frozen=True)
 class Measured(Tabular):
-    """Run with its rig file (rig), and its readings as one table, in radians and mm.
+    """A run with the rig file (rig) and the readings as one table, in rad and mm.
 
-    u_lag_s: standard uncertainty of the gauges' time relative to the robot's, 0 for tables with their own time. doubts:
-    as text.
-    systematic: uncertainties from certificates. condition: of the robot. The run is without its streams: the table is
-    derived
-    from them, and needs as much memory for a long run.
+    u_lag_s: standard uncertainty of the gauges' time relative to the robot's, 0 for tables with a common time.
+    doubts: as text.
+    systematic: uncertainties from certificates.
+    condition: condition of the robot.
+
+    The run contains no streams, because the table is derived from them, and the streams of a long run need much memory.
     """
 
     path: Path
@@ -74,37 +75,37 @@ class Measured(Tabular):
 
     @property
     def is_simulated(self) -> bool:
-        """Whether no real robot was measured: a simulated table, or a run of an emulated cell."""
+        """True if the data are simulated: a simulated table, or a run of an emulated cell."""
         table = self.run.manifest.table
         return self.rig.emulated or (table is not None and table.file.startswith(SIMULATED))
 
     @property
     def has_only_commanded_angles(self) -> bool:
-        """Whether its joint angles are commands, and no measured ones are known."""
+        """True if the joint angles are commands, and measured angles are unknown."""
         table = self.run.manifest.table
         return table is not None and table.only_commanded
 
     def to_table(self) -> pa.Table:
-        """Return the columns of docs/tables.md: the imported ones unchanged, or those of the aligned table."""
+        """Return the columns of docs/tables.md: unchanged for an imported table, else those of the aligned table."""
         return columns_of(self.table) if self.run.table is None else self.run.table
 
 
 def load_measured(path: Path) -> Measured:
-    """Load a run, recorded or imported, local or remote. Raises FileError."""
+    """Load a recorded or imported run from a local or remote path. Raises FileError."""
     with fetched(path) as directory:
         return measured_in(directory, path)
 
 
 def measured_in(directory: Path, path: Path) -> Measured:
-    """Load a run with its files in a directory; path: their origin. Raises FileError."""
+    """Load a run from the files in a directory. path: origin of the files. Raises FileError."""
     run = read_run(directory)
     return measured_of(replace(run, path=path), calibrated_beside(rig_of(run), directory))
 
 
 def refuse_copies(runs: Iterable[tuple[Path, str]]) -> None:
-    """Raise FileError if two runs, each with the digest of its readings, have equal readings.
+    """Raise FileError if two runs have equal readings. runs: path and digest of the readings of each run.
 
-    A copy used as a repeat would indicate zero noise, and a held-out copy would not be independent.
+    A copy would be mistaken for a noise-free repeat, or for an independent held-out run.
     """
     by_digest: dict[str, Path] = {}
     for path, readings in runs:
@@ -114,12 +115,12 @@ def refuse_copies(runs: Iterable[tuple[Path, str]]) -> None:
 
 
 def rig_of(run: Run) -> Rig:
-    """Return the rig of a run's manifest, without calibration. Raises RigFileError."""
+    """Parse the rig file in the manifest of a run, without calibration. Raises RigFileError."""
     return parse(run.manifest.rig_text, f"{run.path}, rig file")
 
 
 def measured_of(run: Run, rig: Rig | None = None) -> Measured:
-    """Return a loaded run with the rig of its manifest, or the given one, and its table. Raises FileError."""
+    """Build the table of a loaded run, with the given rig or the one in the manifest. Raises FileError."""
     path = run.path
     rig = rig or rig_of(run)
     if run.table is None:
@@ -146,9 +147,9 @@ def measured_of(run: Run, rig: Rig | None = None) -> Measured:
 
 
 def known_doubts(run: Run, rig: Rig) -> list[str]:
-    """Return doubts about a run independent of its readings, as text.
+    """Return the doubts about a run that do not depend on the readings, as text.
 
-    Raises FileError for an invalid run, and for a replay with instruments out of step.
+    Raises FileError if the run is invalid, or if it is a replay with instruments out of step.
     """
     seconds = {stream: counted.get("out_of_step", 0) for stream, counted in run.manifest.counters.items()}
     if out_of_step := ", ".join(f"{stream} for {count} s" for stream, count in seconds.items() if count):
@@ -170,16 +171,16 @@ def known_doubts(run: Run, rig: Rig) -> list[str]:
 def measured_as(
     run: Run, rig: Rig, table: Table, u_lag_s: float, doubts: Sequence[str], condition: Condition
 ) -> Measured:
-    """Return a recorded run with the table made of its streams, and the robot's condition."""
+    """Combine a recorded run with the table aligned from its streams, and with the condition of the robot."""
     bare = replace(run, streams={})
     doubts = (*doubts, *condition.doubts)
     return Measured(run.path, bare, rig, table, u_lag_s, doubts, _systematic(rig, table), condition)
 
 
 def _taken_as_corrected(run: Run, rig: Rig) -> list[str]:
-    """Return the corrections of the rig file possibly missing in imported readings, if the import does not state it.
+    """Return doubts about corrections in the rig file that imported readings may lack.
 
-    Simulated readings need no correction.
+    There are none if the import states the correction, or if the readings are simulated.
     """
     table_format, table = format_of(run.manifest.test), run.manifest.table
     names = table_format.gauges
@@ -215,7 +216,7 @@ def _doubts(run: Run) -> list[str]:
     ]
     if manifest.exit_status != "complete":
         doubts.append(f"the recording ended {manifest.exit_status}: {manifest.reason}")
-    # original label in one line; empty if it was restored
+    # Original and last value of each changed label, omitting labels that were restored.
     last = {change.field: change for change in manifest.relabelled}
     first = {change.field: change for change in reversed(manifest.relabelled)}
     old_and_new = {name: (first[name].old, last[name].new) for name in last}
@@ -233,8 +234,10 @@ def _doubts(run: Run) -> list[str]:
 
 @dataclass(frozen=True)
 class RobotMotion:
-    """Reported angles q (n, 6) rad at times t_s (n,) s; where: name in messages; direction: of the label, if any;
-    doubts: as text."""
+    """Reported angles q (n, 6) rad at times t_s (n,) s.
+
+    where: name of the run in messages. direction: label of the run, if any. doubts: as text.
+    """
 
     where: str
     t_s: Array
@@ -244,7 +247,7 @@ class RobotMotion:
 
 
 def motion_in(run: Run) -> RobotMotion:
-    """Return the motion of a run, recorded, imported or simulated. Raises FileError if there is none."""
+    """Return the motion of a recorded, imported or simulated run. Raises FileError if it contains no motion."""
     path, direction = run.path, run.manifest.direction
     if run.table is None:
         t_s, q, doubts = robot_alone(path, run)

@@ -1,13 +1,13 @@
 """Lower envelope of points raised by delays: a line through the least delayed points.
 
-Straight over a short span; over a long one, where a clock's rate follows the temperature, a continuous polyline of
-windows. Both are the lines below all points with the smallest mean distance (Olson, A Passive Solution to the Sensor
-Synchronization Problem, IROS 2010, for the straight one).
+The envelope is straight over a short span. Over a long span a clock's rate follows the temperature, and the envelope is
+a continuous polyline with a knot per window. In both cases it is the line below all points with the smallest mean
+distance (for the straight line: Olson, A Passive Solution to the Sensor Synchronization Problem, IROS 2010).
 
-The polyline is a linear program on a chain, in which each corner involves only the two adjacent knots: its normal
-equations are tridiagonal, and a step costs as little for the clock of a day as for that of a minute. It is solved by a
-predictor and corrector (Mehrotra, On the implementation of a primal-dual interior point method, 1992); importing
-`scipy.optimize` takes longer than this solution.
+The polyline is the solution of a linear program on a chain: each corner involves only the two adjacent knots. The
+normal equations are therefore tridiagonal, and the cost of a step is linear in the number of knots and corners. The
+solver is a predictor-corrector method (Mehrotra, On the implementation of a primal-dual interior point method, 1992).
+It takes less time than the import of `scipy.optimize`.
 """
 
 from __future__ import annotations
@@ -17,17 +17,18 @@ import numpy as np
 from analysis.robot.kinematics.arm import Array, Integers
 
 _ENOUGH = 1e-10
-"""Permitted distance of the mean height from the optimum, relative to the range of the corners."""
+"""Tolerance of the mean height, relative to the range of the corners."""
 _ROUNDS = 80
-"""About 15 are usual."""
+"""Largest number of iterations; about 15 are usual."""
 _SHORT = 0.995
-"""Step length relative to the first bound."""
+"""Step length relative to the first bound that limits it."""
 
 
 def highest_under(pull: Array, right: Integers, share: Array, corners: Array) -> Array | None:
-    """Return heights (k,) that maximise pull @ heights, pull (k,) ≥ 0, with each corner (m,) on or above the polyline.
+    """Return the heights (k,) below all corners that maximise pull @ heights, or None if the method does not converge.
 
-    A corner lies between knots right - 1 and right, at the relative position share (m,). None without convergence.
+    pull (k,): at least 0. right, share, corners (m,): a corner lies between knots right - 1 and right, at the relative
+    position share, and has the ordinate corners, in the unit of the heights.
     """
     size, knots = float(np.abs(corners).max()) or 1.0, len(pull)
     bound, pull = corners / size, pull / pull.sum()
@@ -48,7 +49,7 @@ def highest_under(pull: Array, right: Integers, share: Array, corners: Array) ->
         diagonal = _summed(right - 1, (1 - share) ** 2 * stiff, knots) + _summed(right, share**2 * stiff, knots)
         off_diagonal = _summed(right, share * (1 - share) * stiff, knots)[1:]
         aim, target = -space * price, np.zeros(len(bound))
-        for _ in range(2):  # predictor step to the bounds, then a corrector step towards the central path
+        for _ in range(2):  # a predictor step to the bounds, then a corrector step towards the central path
             rise = _solved(diagonal, off_diagonal, unpaid - at_knots(aim / space))
             taken = -at_corners(rise)
             paid = (aim - price * taken) / space
@@ -65,20 +66,20 @@ def highest_under(pull: Array, right: Integers, share: Array, corners: Array) ->
 
 
 def _summed(knot: Integers, weights: Array, knots: int) -> Array:
-    """Return the sums of weights (m,) per knot (k,)."""
+    """Sum weights (m,) per knot: (k,)."""
     return np.bincount(knot, weights, knots).astype(np.float64)
 
 
 def _most(values: Array, change: Array) -> float:
-    """Return the largest share of a change, at most 1, that keeps positive values (m,) positive."""
+    """Return the largest fraction of a change, at most 1, for which positive values (m,) remain positive."""
     falls = change < 0
     return min(1.0, _SHORT * float((-values[falls] / change[falls]).min(initial=np.inf)))
 
 
 def _solved(diagonal: Array, off_diagonal: Array, target: Array) -> Array:
-    """Solve symmetric tridiagonal equations with diagonal (k,) and off-diagonal (k - 1,) by elimination: (k,).
+    """Solve symmetric tridiagonal equations by elimination: diagonal (k,), off-diagonal (k - 1,), solution (k,).
 
-    An unconstrained knot stays unchanged.
+    The value of an unconstrained knot is not changed.
     """
     pivots, values, sides = np.where(diagonal > 0, diagonal, 1.0).tolist(), target.tolist(), off_diagonal.tolist()
     for k, side in enumerate(sides):
@@ -92,26 +93,28 @@ def _solved(diagonal: Array, off_diagonal: Array, target: Array) -> Array:
 
 
 TICK_S = 1e-9
-"""Host stamps count nanoseconds: smaller advances are indistinguishable from standstill."""
+"""Resolution of host timestamps: 1 ns. A clock that advances by less is not advancing."""
 WINDOW_S = 120.0
-"""A crystal's rate changes by less than 0.01 ppm/s with the temperature of a hall: 18 µs over half of this window."""
+"""Interval of the knots. With the temperature of a hall, a crystal's rate changes by less than 0.01 ppm/s: 18 µs
+over half of this window.
+"""
 _BLOCK = 8
 _BLOCKS = 400
 _HULL_BLOCK = 64
-"""Initial block size, of which only the lowest point is examined."""
+"""Initial block size in the search for hull corners. Only the lowest point of a block is examined."""
 _NEIGHBOURS = 9
 _SPREADS = 4.0
 _SHORT_S = 50e-6
 _FEW = 0.002
-"""Largest share of points treated as errors below their neighbours; more of them define the line."""
+"""Largest share of points below their neighbours that are treated as errors. More numerous low points are valid."""
 
 Mask = np.ndarray[tuple[int], np.dtype[np.bool_]]
 
 
 def floor(x: Array, y: Array, window: float = WINDOW_S) -> tuple[Array, Mask]:
-    """Return the line (n,) below points y (n,) at increasing x (n,), both in s, and a mask of impossibly low points.
+    """Return the lower envelope (n,) of y (n,) at increasing x (n,), both in s, and a mask of impossibly low points.
 
-    Requires two points. Raises nothing: with few points none is treated as wrong.
+    At least two points are required. If there are few points, all are treated as valid.
     """
     low = low_outliers(x, y)
     under = (x[~low], y[~low]) if low.any() else (x, y)
@@ -122,7 +125,8 @@ def floor(x: Array, y: Array, window: float = WINDOW_S) -> tuple[Array, Mask]:
         line += offset
         return line, low
     knots = np.linspace(x[0], x[-1], windows + 1)
-    # A polyline is below the points of its window if it is below the corners of their hull: a small linear program.
+    # The polyline is below all points of a window if it is below the corners of their hull. This keeps the linear
+    # program small.
     under_x, under_y = under
     edges = np.searchsorted(under_x, knots[1:-1], side="left")
     pieces = list(zip(np.split(under_x, edges), np.split(under_y, edges), strict=True))
@@ -130,7 +134,7 @@ def floor(x: Array, y: Array, window: float = WINDOW_S) -> tuple[Array, Mask]:
     corner_x, corner_y = (np.concatenate(of) for of in zip(*corners, strict=True))
     pull = np.zeros(len(knots))
     for k, (inside, _) in enumerate(pieces):
-        # A point pulls the two adjacent knots by its shares.
+        # Each point contributes to the two adjacent knots, weighted by its position.
         share = float((inside - knots[k]).sum() / (knots[k + 1] - knots[k]))
         pull[k : k + 2] += len(inside) - share, share
     offset, rate = lower_line(corner_x, corner_y)
@@ -142,11 +146,10 @@ def floor(x: Array, y: Array, window: float = WINDOW_S) -> tuple[Array, Mask]:
 
 
 def low_outliers(x: Array, y: Array) -> Mask:
-    """Return a mask of y (n,) at increasing x (n,), both in s, isolated below the minimum of their neighbours: wrong
-    stamps.
+    """Return a mask of wrong timestamps y (n,) at increasing x (n,), in s: isolated values well below their neighbours.
 
-    Block minima are compared with their neighbours. At most one in 500 (or three) is treated as wrong: repeated low
-    points are short delays.
+    The minimum of each block is compared with those of the neighbouring blocks. At most one in 500 points, or three, is
+    treated as wrong, because repeated low points are short delays.
     """
     none = np.zeros(len(x), dtype=bool)
     size = max(_BLOCK, len(x) // _BLOCKS)
@@ -167,7 +170,7 @@ def low_outliers(x: Array, y: Array) -> Mask:
     spread = float(np.quantile(np.abs(level - around), 0.95))
     level = around - _SPREADS * spread - _SHORT_S
     low = none.copy()
-    # Points of a block are not below its minimum, less the larger of the line's two ends.
+    # The points of a block are not below its minimum minus the larger value of the line at the two ends of the block.
     above = least - np.maximum(slope * at, slope * x[np.arange(1, blocks + 1) * size - 1])
     for block in np.flatnonzero(above < level).tolist():
         rows = slice(block * size, (block + 1) * size)
@@ -178,9 +181,10 @@ def low_outliers(x: Array, y: Array) -> Mask:
 
 
 def lower_line(x: Array, y: Array) -> tuple[float, float]:
-    """Return intercept and slope (units of x and y) of the line below all points (n,) with the smallest mean distance.
+    """Return intercept and slope, in units of x and y, of the line below all points (n,) with
+    the smallest mean distance.
 
-    It is the edge of the lower convex hull above the mean of x.
+    The line is the edge of the lower convex hull at the mean of x.
     """
     hx, hy = lower_hull(x, y)
     if len(hx) == 1:
@@ -191,7 +195,7 @@ def lower_line(x: Array, y: Array) -> tuple[float, float]:
 
 
 def lower_hull(x: Array, y: Array) -> tuple[Array, Array]:
-    """Return the corners (m,) of the lower convex hull of points x, y (n,) in any unit, x increasing."""
+    """Return the corners (m,) of the lower convex hull of points x, y (n,) in any unit, with increasing x."""
     blocks = len(x) // _HULL_BLOCK
     if not (x[1:] > x[:-1]).all():
         order = np.lexsort((y, x))
@@ -199,9 +203,8 @@ def lower_hull(x: Array, y: Array) -> tuple[Array, Array]:
         once = np.concatenate([[True], np.diff(x) > 0])
         x, y = x[once], y[once]
     elif blocks >= _NEIGHBOURS:
-        # All corners are in blocks whose minimum is not above the hull of all block minima, which is convex and
-        # therefore highest at an
-        # end of a block.
+        # A block contains corners only if its minimum is not above the hull of all block minima. This hull is convex
+        # and therefore highest at an end of a block.
         kept = np.zeros(len(x), dtype=bool)
         kept[0] = kept[-1] = kept[blocks * _HULL_BLOCK :] = True
         begins = np.arange(blocks) * _HULL_BLOCK
@@ -211,7 +214,7 @@ def lower_hull(x: Array, y: Array) -> tuple[Array, Array]:
         kept[: blocks * _HULL_BLOCK].reshape(blocks, _HULL_BLOCK)[y[lowest] <= over] = True
         x, y = x[kept], y[kept]
     while len(x) > 2:
-        # A point on or above the line between two others is not a corner, independent of other removed points.
+        # A point on or above the line between two others is not a corner, even if either was removed.
         turn = (x[1:-1] - x[:-2]) * (y[2:] - y[:-2]) - (y[1:-1] - y[:-2]) * (x[2:] - x[:-2])
         corner = np.concatenate([[True], turn > 0, [True]])
         if corner.all():

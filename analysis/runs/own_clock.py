@@ -1,12 +1,12 @@
-"""Map an instrument's timestamps to host time: by the clock of the instrument, or by the steady rate of the messages.
+"""Map an instrument's timestamps to host time, by the instrument's clock or by the steady rate of the messages.
 
-(host - instrument) is the offset of the clock plus a delay, and delays are positive: the lower envelope is the clock.
-First the timestamps are cleaned: a wrapped counter is continued, single wrong timestamps are left out, and a restarted
-clock is fitted in pieces.
+The difference (host - instrument) is the clock offset plus a delay. Delays are positive, so the lower envelope of the
+differences is the offset. Timestamps are cleaned first: wrapped counters are continued, single wrong timestamps are
+ignored, and a clock that restarted is fitted in pieces.
 
-An instrument with no clock that sends unprompted has a steady rate. Message n was sent at n periods and arrived with a
-delay; with n as the clock the lower envelope determines the time. This works through an adapter that buffers bytes for
-16 ms.
+An instrument without a clock that sends unprompted has a steady rate. Message n was sent at n periods, and arrived with
+a delay. With n as the clock, the lower envelope determines the times. This also works with an adapter that buffers
+bytes for 16 ms.
 """
 
 from __future__ import annotations
@@ -26,26 +26,30 @@ from analysis.robot.kinematics.arm import Array, Integers
 from analysis.runs.lower_hull import TICK_S, Mask, floor
 
 _LEAP_S = 1.0
-"""No network or serial line delays a message this long without losing the link; a busy computer may."""
+"""Smallest jump of a clock. A network or serial connection does not survive a delay of this length, although a busy
+computer may cause one.
+"""
 _WRAPS_S = (2**32 * 1e-3, 2**32 * 1e-6)
-"""Counters of 32 bits, in ms and in µs."""
+"""Ranges of 32-bit counters in ms and in µs."""
 
 _LATEST_S = 1e11
-"""Latest valid clock value; a later stamp means that there is no clock."""
+"""Largest valid clock value. A larger timestamp means that the instrument has no clock."""
 
 
 _BLOCK = 1 << 15
 """Rows per block, to fit the processor's cache."""
 _AROUND = 8
-"""Stamps before and after a decrease, among which the wrong ones are searched."""
+"""Number of timestamps before and after a decrease that are searched for the wrong ones."""
 
 
 @dataclass(frozen=True)
 class FittedClock:
-    """Host times (n,) ns of an instrument's stamps; u_s (n,): only for times not given by its clock.
+    """Host times (n,) ns of an instrument's timestamps. u_s (n,): uncertainty of times derived from arrivals, else 0.
 
-    restarted: rows at which the clock changes. wrong: number of stamps left out. wanders_s: permanent change of the
-    delay of an instrument's pace; shared_u_s: resulting common uncertainty.
+    restarted: rows at which the clock restarts.
+    wrong: number of ignored timestamps.
+    wanders_s: size of permanent changes in the delay of a steadily sending instrument.
+    shared_u_s: common uncertainty caused by these changes.
     """
 
     ns: Array
@@ -62,14 +66,14 @@ class FittedClock:
 
 
 def stands(device_s: Array) -> bool:
-    """Return whether a clock device_s (n,) does not advance, within the resolution of host stamps."""
+    """Return whether a clock device_s (n,) is not advancing, within the resolution of host timestamps."""
     return len(device_s) > 1 and bool(device_s.max() <= device_s.min() + TICK_S)
 
 
 def through_clock(device_s: Array, host_ns: Array) -> FittedClock:
-    """Return the host times of instrument stamps device_s (n,) s; host_ns (n,): arrivals or other upper bounds.
+    """Return the host times of timestamps device_s (n,) s. host_ns (n,): arrival times or other upper bounds.
 
-    The host times themselves for an instrument without a clock.
+    If the instrument has no clock, the result is host_ns.
     """
     if len(device_s) < 3 or not -_LATEST_S < device_s.min() <= device_s.max() < _LATEST_S:
         return FittedClock(host_ns, np.zeros(len(host_ns)))
@@ -79,7 +83,7 @@ def through_clock(device_s: Array, host_ns: Array) -> FittedClock:
             rows = slice(begin, begin + _BLOCK)
             offset_s = (host_ns[rows] - host_ns[0]) / 1e9 - device_s[rows]
             least, most = min(least, offset_s.min()), max(most, offset_s.max())
-        # monotone and continuous: the usual case, without further checks
+        # The usual case: a monotone and continuous clock requires no further checks.
         if most - least < _LEAP_S:
             return _by_arrival(*_fitted(device_s, host_ns), (), host_ns)
     device_s = unwrapped(device_s, host_ns)
@@ -94,15 +98,14 @@ def through_clock(device_s: Array, host_ns: Array) -> FittedClock:
 
 
 def _among(wrong: Mask, kept: NDArray[Any], filler: float) -> NDArray[Any]:
-    """Return values for all rows (n,): the kept ones, and a filler for wrong stamps."""
+    """Expand values from the valid rows to all rows (n,). The filler replaces the values of wrong timestamps."""
     values = np.full(len(wrong), filler, dtype=kept.dtype)
     values[~wrong] = kept
     return values
 
 
 def _starts(device_s: Array, host_ns: Array) -> Integers:
-    """Return the rows of the clock restarts: the clock decreased, or the offset from the host's clock changed
-    permanently."""
+    """Return the rows at which the clock restarts: it decreases, or its offset changes permanently."""
     offset_s = (host_ns - host_ns[0]) / 1e9 - device_s
     leaps = np.flatnonzero((np.diff(device_s) < 0) | (np.abs(np.diff(offset_s)) > _LEAP_S)) + 1
     starts: list[int] = []
@@ -117,7 +120,10 @@ def _starts(device_s: Array, host_ns: Array) -> Integers:
 
 
 def unwrapped(device_s: Array, host_ns: Array) -> Array:
-    """Timestamps (n,) s of a counter, continued after each wrap: a decrease by exactly the counter range."""
+    """Return the timestamps (n,) s of a counter, continued after each wrap.
+
+    A wrap is a decrease by the range of the counter.
+    """
     ticks, passed = np.diff(device_s), np.diff(host_ns) / 1e9
     leaps = np.flatnonzero(np.abs(ticks - passed) > min(_WRAPS_S) - _LEAP_S)
     if not len(leaps):
@@ -125,15 +131,15 @@ def unwrapped(device_s: Array, host_ns: Array) -> Array:
     added, ticks, passed = np.zeros(len(device_s)), ticks[leaps], passed[leaps]
     for wrap_s in _WRAPS_S:
         added[leaps[(ticks < 0) & (np.abs(ticks + wrap_s - passed) < _LEAP_S)] + 1] = wrap_s
-        # A late duplicate of an earlier message.
+        # The opposite jump is a late duplicate of an earlier message.
         added[leaps[(ticks > 0) & (np.abs(ticks - wrap_s - passed) < _LEAP_S)] + 1] = -wrap_s
     return np.asarray(device_s + np.cumsum(added))
 
 
 def out_of_order(device_s: Array) -> Mask:
-    """Return the wrong timestamps (n,): the fewest whose removal leaves increasing timestamps around them.
+    """Return a mask of wrong timestamps (n,): the fewest that must be removed for the others to increase.
 
-    If they are many, the clock restarted, and none is wrong.
+    Many decreases are a restart of the clock, and no timestamp is wrong.
     """
     wrong = np.zeros(len(device_s), dtype=bool)
     for fell in (np.flatnonzero(np.diff(device_s) < 0) + 1).tolist():
@@ -145,7 +151,7 @@ def out_of_order(device_s: Array) -> Mask:
 
 
 def _longest_in_order(values: Sequence[float]) -> list[int]:
-    """Places of the longest part of some values that never falls, by patience sorting."""
+    """Return the indices of the longest non-decreasing subsequence, by patience sorting."""
     piles: list[float] = []
     tops: list[int] = []
     below: list[int] = []
@@ -174,7 +180,7 @@ def _fitted(device_s: Array, host_ns: Array) -> tuple[Array, Mask]:
 
 
 def _by_arrival(ns: Array, wrong: Mask, restarted: tuple[int, ...], host_ns: Array) -> FittedClock:
-    """Replace wrong timestamps by the arrival minus the usual delay."""
+    """Replace wrong timestamps with the arrival time minus the usual delay."""
     u_s = np.zeros(len(ns))
     if wrong.any() and not wrong.all():
         delay = (host_ns - ns)[~wrong]
@@ -184,56 +190,63 @@ def _by_arrival(ns: Array, wrong: Mask, restarted: tuple[int, ...], host_ns: Arr
 
 
 _AHEAD = 32
-"""Messages of which at least a single message is hardly late: some beats of a period against an adapter's timer."""
+"""Number of consecutive messages of which at least one has almost no delay. It covers several beats between the
+message period and an adapter's timer.
+"""
 _EARLY = 0.15
-"""The share of a period by which the least delay may fall, by the beat and by a period not yet well known."""
+"""Fraction of a period by which the smallest delay may decrease, due to the beat or an inaccurate period."""
 _MOSTLY = 0.75
-"""Share of steps between groups of messages with hardly any change of the smallest delay that proves a steady rate:
-the other steps may be waits. Messages with no steady rate reach a third."""
+"""Fraction of steps between groups of messages with an almost constant smallest delay that proves a steady rate. The
+other steps may be waits. If the rate is not steady, the fraction is about a third.
+"""
 _HARDLY = 8
-"""A message is hardly ever earlier than the earliest of the `_AHEAD` before by such a part of their usual delay."""
+"""Divisor of the usual delay. A message rarely precedes the earliest of the previous
+`_AHEAD` messages by more than the quotient.
+"""
 _APART = (_AHEAD, 8 * _AHEAD, 64 * _AHEAD, 64 * _AHEAD)
-"""Message distances that determine the period: between the nearest pairs hardly any message is missing, and between
-the others the missing ones are then known; a quarter of a short run at most."""
+"""Message distances used to determine the period, at most a quarter of a short run. Between the closest pairs,
+missing messages are rare. For the other distances the missing messages are already known.
+"""
 _PAIRS = 100_000
-"""Number of pairs; the uncertainty of their median is a three-hundredth of their scatter."""
+"""Number of pairs. The uncertainty of their median is 1/300 of their scatter."""
 _STAYS = 0.4
-"""Ratio of the change of the delay between groups of messages to the scatter in the complete run (von Neumann's
-ratio, 1 for independent values) below which a delay wanders, …"""
+"""Threshold of a wandering delay: ratio of the changes between groups of messages to the scatter of the complete run
+(von Neumann's ratio, 1 for independent values).
+"""
 _WANDERS = 6.0
-"""… or multiple of the scatter by which it leaves the median; …"""
+"""Alternative threshold of a wandering delay: deviation from the median, as a multiple of the scatter."""
 _WANDERS_NS = 0.2e6
-"""… and smallest change: a busy computer is slightly later for a longer time."""
+"""Smallest deviation of a wandering delay. A busy computer may cause smaller ones for a longer time."""
 _HELD_UP_NS = 0.5e9
-"""Longest usual stall of a computer: of the messages in such a time, and of `_AHEAD`, hardly all are late."""
+"""Longest usual stall of a computer. Rarely are all messages late within this time, or within `_AHEAD` messages."""
 
 _COMES_BACK = 8
-"""Number of blocks of that time after which a recovered delay was a stall of some seconds: an instrument that waited
-never catches up. A quarter of a short run at most."""
+"""Number of blocks of _HELD_UP_NS, at most a quarter of a short run, after which a delay is permanent. If it
+recovers earlier, it was a stall of a few seconds, because an instrument that waited never catches up.
+"""
 
 
 def through_pace(host_ns: Array) -> FittedClock:
-    """Return host times (n,) ns of messages that arrived at host_ns (n,).
+    """Return the host times (n,) ns of messages that arrived at host_ns (n,), assuming a steady rate.
 
-    A crystal keeps the rate regardless of the computer. A temporary delay is therefore a transmission delay, and the
-    lower envelope is the clock. An instrument that waits, like a program with no crystal, never catches up: a permanent
-    delay belongs to the instrument. If the delay wanders, the lower envelope of the arrivals determines the times, and
-    the shared uncertainty covers both interpretations.
+    A crystal keeps its rate regardless of the computer. A temporary delay is therefore a transmission delay, and the
+    lower envelope is the clock. An instrument that waits never catches up, for example a program timed by software. A
+    permanent delay is therefore a delay of the instrument. If the delay wanders, the times follow the lower envelope of
+    the arrivals, and the shared uncertainty covers both interpretations.
 
-    The result is the arrivals themselves if they have no steady rate: the smallest delays differ between groups of
-    messages. A host that stalls sometimes delays many messages, but never all. The scatter of the arrivals is then
-    their uncertainty.
+    The rate is not steady if the smallest delays differ between groups of messages. A stalling host delays many
+    messages, but never all of them. In this case the result is the arrival times, and their scatter is the uncertainty.
     """
     if len(host_ns) < 2 * _AHEAD:
         return FittedClock(host_ns, _uneven_s(host_ns))
     number = np.arange(len(host_ns), dtype=np.int64)
     for apart in _APART:
-        # Pairs of messages at these distances, `_PAIRS` or a few more.
+        # Pairs of messages at this distance, about `_PAIRS` of them.
         lag, every = min(apart, len(number) // 4), max(1, len(host_ns) // _PAIRS)
         later, earlier = slice(lag, None, every), slice(None, -lag, every)
         period_ns = float(np.median((host_ns[later] - host_ns[earlier]) / (number[later] - number[earlier])))
         if not period_ns > 0:
-            return FittedClock(host_ns, _uneven_s(host_ns))  # most arrived at once, after a stall
+            return FittedClock(host_ns, _uneven_s(host_ns))  # most messages arrived at once, after a stall
         former, number = number, numbered(host_ns, period_ns)
         if apart > _APART[0] and np.array_equal(number, former):
             break
@@ -247,8 +260,10 @@ def through_pace(host_ns: Array) -> FittedClock:
 
 
 def _not_early(number: Integers, host_ns: Array, period_ns: float) -> Integers:
-    """Return the numbers (n,) with the last few before a missing message corrected: very late messages are mistaken
-    for the first ones after it, and would then be earlier than all before."""
+    """Correct the numbers (n,) of the last messages before a missing one.
+
+    Very late messages are counted as the first messages after it, and appear earlier than all messages before.
+    """
     number = number.copy()
     for row in (np.flatnonzero(np.diff(number) > 1) + 1).tolist():
         before, after = slice(max(0, row - _AHEAD), row), slice(row, row + _AHEAD)
@@ -256,19 +271,19 @@ def _not_early(number: Integers, host_ns: Array, period_ns: float) -> Integers:
         first_ns = late_ns.min() - (np.median(late_ns) - late_ns.min()) / _HARDLY
         early = np.append(host_ns[after] - number[after] * period_ns < first_ns, False)
         few = int(early.argmin())
-        if few < _AHEAD:  # else the instrument waited
+        if few < _AHEAD:  # otherwise the instrument waited
             number[row : row + few] = number[row - 1] + 1 + np.arange(few)
     return number
 
 
 def _wandering(fitted: FittedClock, late_ns: Array, block: int) -> FittedClock:
-    """Return times of messages that are late_ns (n,) late; the minimum of each block shows whether a delay is
-    permanent."""
+    """Return the times of messages that are late_ns (n,) late. The minima of blocks show permanent delays."""
     least_ns = _least_of_blocks(late_ns, block)
     steps_ns = np.diff(least_ns)
     level_ns = np.median(np.lib.stride_tricks.sliding_window_view(np.pad(least_ns, 1, mode="edge"), 3), axis=1)
     few = max(1, min(_COMES_BACK, len(level_ns) // 4))
-    stayed_ns = _floor_around(np.pad(level_ns, few, mode="edge"), few)[few:-few]  # at an end no recovery can be seen
+    # both ends are padded: a recovery cannot be observed there
+    stayed_ns = _floor_around(np.pad(level_ns, few, mode="edge"), few)[few:-few]
     off_ns = np.abs(stayed_ns - np.median(stayed_ns)).max()
     # 0.6745: median absolute value of a normal variable
     scatter_ns = np.median(np.abs(steps_ns)) / 0.6745 / math.sqrt(2)
@@ -276,7 +291,7 @@ def _wandering(fitted: FittedClock, late_ns: Array, block: int) -> FittedClock:
     if not (stays and off_ns > _WANDERS_NS):
         return replace(fitted, shared_u_s=float(stayed_ns.std()) / 1e9)
     wanders_s = float(np.ptp(level_ns)) / 1e9
-    # Either interpretation is true: root mean square error of the chosen interpretation.
+    # The interpretation is uncertain: the uncertainty is the root mean square error of the chosen one.
     ns = fitted.ns + _floor_around(late_ns, block)
     return replace(fitted, ns=ns, shared_u_s=wanders_s / math.sqrt(2), wanders_s=wanders_s)
 
@@ -287,20 +302,21 @@ def _least_of_blocks(values: Array, block: int) -> Array:
 
 
 def _floor_around(late_ns: Array, width: int) -> Array:
-    """Return the smallest delay (n,) of `width` messages before or after each; it steps exactly at the start of a
-    permanent delay."""
+    """Return the larger of the smallest delays in `width` messages up to each message and from it on, (n,) ns.
+
+    The result steps exactly at the start of a permanent delay.
+    """
     least = _least_of_next(late_ns, width)
     return np.maximum(np.pad(least, (0, width - 1), mode="edge"), np.pad(least, (width - 1, 0), mode="edge"))
 
 
 def numbered(host_ns: Array, period_ns: float) -> Integers:
-    """Return the sequence number (n,) of each arrival (n,): after a missing message all following ones are a period
-    late.
+    """Return the sequence number (n,) of each arrival (n,) ns. A missing message delays all later ones by a period.
 
-    Any message may be late for other reasons, but hardly all of the next `_AHEAD`. Among the last messages of a run a
-    missing message is not detected. There are at least `_AHEAD` arrivals.
+    A single message may be late for other reasons, but rarely all of the next `_AHEAD`. A missing message near the end
+    of a run is not detected. At least `_AHEAD` arrivals are required.
     """
-    least = np.empty(len(host_ns) - _AHEAD + 1)  # the least of `_AHEAD` delays against the period in turn
+    least = np.empty(len(host_ns) - _AHEAD + 1)  # smallest of `_AHEAD` delays relative to the period
     for begin in range(0, len(least), _BLOCK):
         rows = slice(begin, begin + _BLOCK + _AHEAD - 1)
         delays_ns = host_ns[rows] - np.arange(begin, begin + len(host_ns[rows])) * period_ns
@@ -310,17 +326,17 @@ def numbered(host_ns: Array, period_ns: float) -> Integers:
     if not missing.any():
         return along
     missing = np.pad(missing, (0, _AHEAD - 1), mode="edge")
-    # A missing message is permanent: a stall longer than the look-ahead is not.
+    # A missing message shifts all later messages. A stall longer than the look-ahead does not.
     along += np.minimum.accumulate(missing[::-1])[::-1]
     return along
 
 
 def _missing(least: Array, period_ns: float) -> Integers:
-    """Return the number of periods by which each smallest delay (n,) lags behind those of the `_AHEAD` rows before, as
-    these are counted.
+    """Return the lag of each smallest delay (n,) relative to the corrected delays of the
+    previous `_AHEAD` rows, in periods.
 
-    If those rows are counted alike, the count of the next changes with the rise of the delay, regardless of their
-    count: such changes are found for all rows at once. Only the rows after a change are counted singly.
+    If the previous rows have equal counts, the next count depends only on the increase of the delay. Such increases are
+    found for all rows at once, and only the rows after an increase are processed one by one.
     """
     missing, done, count = np.zeros(len(least), dtype=np.int64), 0, 0
     changes: list[int] = []
@@ -346,7 +362,7 @@ def _missing(least: Array, period_ns: float) -> Integers:
 def _counted(least: Array, behind: Array, period_ns: float) -> list[int]:
     """Return the counts of the first rows of least (n,), until `_AHEAD` consecutive counts are equal.
 
-    behind (_AHEAD,): smallest delays of the rows before, with the periods missing until then subtracted.
+    behind (_AHEAD,): smallest delays of the previous rows, minus the missing periods counted before.
     """
     before, counts, alike = deque(behind.tolist(), maxlen=_AHEAD), list[int](), 0
     lowest = min(before)
@@ -367,7 +383,7 @@ def _counted(least: Array, behind: Array, period_ns: float) -> list[int]:
 
 
 def _least_of_next(values: Array, width: int = _AHEAD) -> Array:
-    """Running minimum of values (n,) over `width` values, (n - width + 1,)."""
+    """Return the running minimum of values (n,) over `width` values, (n - width + 1,)."""
     covered = 1
     while covered < width:
         step = min(covered, width - covered)
@@ -377,8 +393,10 @@ def _least_of_next(values: Array, width: int = _AHEAD) -> Array:
 
 
 def _uneven_s(host_ns: Array) -> Array:
-    """Standard uncertainty (n,) s of arrivals with delays of the size of their scatter: the usual scatter, and that
-    of each."""
+    """Return the standard uncertainty (n,) s of arrivals with delays as large as their scatter.
+
+    It combines the usual scatter with the deviation of each arrival.
+    """
     if len(host_ns) < 2:
         return np.zeros(len(host_ns))
     steps = np.diff(host_ns)

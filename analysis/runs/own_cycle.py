@@ -1,13 +1,14 @@
-"""Reading times of a gauge with an internal cycle, found from the readings themselves.
+"""Reading times of a gauge with an internal cycle, determined from the readings.
 
-Such a gauge answers with the last reading of the cycle, of any age. The value can change only at a tick; two different
-answers therefore have a tick between them. Each such change bounds a tick; a steady cycle, numbered and fitted through
-all of them, determines each far better than the bounds (`CycleLine`). In an uneven cycle only the bounds are valid. If
-answers are hardly more frequent than ticks, ticks are invisible, and the age of a reading is anything up to a cycle.
+Such a gauge answers with the last reading of the cycle, regardless of age. The value can change only at a tick, so
+there is a tick between two different answers. Each change therefore bounds a tick. If the cycle is steady, ticks are
+numbered and fitted, which determines each tick much better than the bounds (`CycleLine`). If the cycle is uneven, only
+the bounds are used. If answers are not more frequent than ticks, ticks cannot be detected, and the age of a reading is
+up to one cycle.
 
-The fit is interval-censored least squares by the EM algorithm (Dempster, Laird, Rubin 1977): each tick is expected
-within the bounds according to the line and the scatter about it, the line is fitted to the expected ticks, and the
-scatter is the likeliest.
+The fit is interval-censored least squares by the EM algorithm (Dempster, Laird, Rubin 1977). Each tick is estimated
+within the bounds, given the line and the scatter about it. The line is then fitted to the estimated ticks. The scatter
+is the maximum-likelihood estimate.
 """
 
 from __future__ import annotations
@@ -20,20 +21,22 @@ import numpy as np
 from analysis.robot.kinematics.arm import Array, Integers, Mask
 
 FEW = 16
-"""Changes from which a period, a phase and a scatter can be determined."""
+"""Smallest number of changes sufficient for a period, a phase and a scatter."""
 _JUMP = 4.0
-"""Steps of the resolution by which a gauge on the move changes from tick to tick: by chance it repeats itself …"""
+"""Change between readings of a moving gauge, in steps of the resolution, that makes equal readings rare."""
 _REPEATS = 0.85
-"""… in less than the rest of this share of its answers."""
+"""Largest fraction of changed answers that suggests an internal cycle."""
 _STAND = 4.0
-"""Multiple of the usual number of answers with the same value from which the gauge was at rest."""
+"""Multiple of the usual number of equal answers above which the gauge was at rest."""
 _NEAR = 8
 
 
 @dataclass(frozen=True)
 class Bounds:
-    """Changes of the value: tick in (low_ns, high_ns] (m,), visible from answer `row` (m,) on; jumps (m,): whether
-    the gauge was moving there."""
+    """Changes of the value, with a tick in each interval (low_ns, high_ns], (m,).
+
+    row (m,): first answer with the new value. jumps (m,): whether the gauge was moving.
+    """
 
     low_ns: Array
     high_ns: Array
@@ -41,28 +44,28 @@ class Bounds:
     jumps: Mask
 
     def of(self, chosen: Mask) -> Bounds:
-        """The changes that a mask (m,) selects."""
+        """Return the changes selected by a mask (m,)."""
         return Bounds(self.low_ns[chosen], self.high_ns[chosen], self.row[chosen], self.jumps[chosen])
 
     @property
     def middle_ns(self) -> Array:
-        """The middles (m,) of the bounds."""
+        """Midpoints (m,) of the bounds."""
         return (self.low_ns + self.high_ns) / 2
 
     @property
     def width_ns(self) -> Array:
-        """The widths (m,) of the bounds."""
+        """Widths (m,) of the bounds."""
         return self.high_ns - self.low_ns
 
     @property
     def usual_ns(self) -> float:
-        """Distance of neighbouring ticks during motion."""
+        """Interval of consecutive ticks during motion."""
         lag = min(_NEAR, len(self.row) // 2)
         return float(np.quantile(self.middle_ns[lag:] - self.middle_ns[:-lag], 0.3)) / lag
 
     @property
     def repeating(self) -> bool:
-        """Whether a gauge repeated values during motion more often than the resolution explains."""
+        """True if values repeated during motion more often than the resolution explains."""
         runs = np.diff(self.row)[self.jumps[1:]]
         if len(runs) < FEW or self.jumps.mean() < 0.5 or self.usual_ns <= 0:
             return False
@@ -71,9 +74,9 @@ class Bounds:
 
 
 def changes(asked_ns: Array, values: Array) -> Bounds:
-    """Return the changes of values (n, k) between consecutive answers at asked_ns (n,); NaN equals NaN."""
+    """Return the changes of values (n, k) between consecutive answers at asked_ns (n,). NaN equals NaN."""
     row = np.flatnonzero(_changed(values)) + 1
-    with np.errstate(over="ignore"):  # readings may be as large as a double: their difference is then infinite
+    with np.errstate(over="ignore"):  # the difference of very large doubles is infinite
         steps = np.nan_to_num(np.abs(values[row] - values[row - 1])).max(axis=1, initial=0.0)
     resolution = steps[steps > 0].min(initial=np.inf)
     near = np.lib.stride_tricks.sliding_window_view(np.pad(steps, 2, mode="edge"), 5) if len(steps) else steps[:, None]
@@ -92,26 +95,32 @@ def _changed(values: Array) -> Mask:
 
 
 _LAGS = (8, 32, 128)
-"""Numbers of changes over which distances are compared with the cycle: each step improves the estimate by that
-factor."""
+"""Numbers of changes between which distances are compared with multiples of the cycle. Each step refines the period
+by the ratio of these numbers.
+"""
 _BLOCK = 32
-"""Changes that share a phase while they are being numbered: half a cycle of drift over these would lose count."""
+"""Number of changes with a common phase during numbering. A drift of half a cycle within a block causes errors."""
 _KNOT = 50
-"""Ticks from knot to knot of the cycle's drift: some seconds, in which a crystal's rate hardly changes."""
+"""Number of ticks between the knots of the cycle's drift, a few seconds. A crystal's rate is almost constant then."""
 _ROUNDS = 8
 _STEPS = 5
 _WRONG = 0.01
-"""Share of the changes that may not be a tick, such as garbled digits on a line."""
+"""Assumed fraction of changes that are not ticks, such as garbled digits on a line."""
 _SHIFTS = 81
 _SCATTERS = 60
 _LOG_LIKELY = 2.0
-"""Largest difference in log likelihood from the best scatter: two standard deviations."""
+"""Largest decrease of the log likelihood from the maximum for a likely scatter: two standard deviations."""
 _SAMPLE = 2000
-"""Ticks that determine the common phase, and requests that show synchronisation with the cycle: more show the same."""
+"""Number of ticks used for the common phase, and of requests used to detect synchronisation with the cycle. More
+give the same result.
+"""
 
 
 def period_of(middle_ns: Array, usual_ns: float, within: float) -> float:
-    """The period of which all distances of changes at middle_ns (m,) are multiples, within a share of the usual."""
+    """Return the period of which the distances of changes at middle_ns (m,) are multiples.
+
+    within: relative range of the search around usual_ns.
+    """
     period_ns = usual_ns
     for lag in _LAGS:
         if 2 * lag > len(middle_ns):
@@ -129,7 +138,7 @@ def period_of(middle_ns: Array, usual_ns: float, within: float) -> float:
 
 
 def numbered(middle_ns: Array, period_ns: float) -> Integers:
-    """Which tick each change (m,) is: the phase is followed from block to block, since a cycle drifts."""
+    """Return the tick number of each change (m,). The phase is tracked from block to block, as the cycle drifts."""
     turns = middle_ns / period_ns
     starts = np.arange(0, max(len(turns) - _BLOCK // 2, 1), _BLOCK)
     count = np.diff(np.append(starts, len(turns)))
@@ -140,9 +149,13 @@ def numbered(middle_ns: Array, period_ns: float) -> Integers:
 
 @dataclass(frozen=True)
 class CycleLine:
-    """A cycle: at_ns (k,) of the knots by their number (k,), period and scatter, uncertainty of the phase, and for
-    the changes (m,) the agreement with the cycle, the number and the likeliest time of the tick, and the separate
-    uncertainty."""
+    """A fitted cycle.
+
+    knots (k,): tick numbers. at_ns (k,): their times.
+    period_ns, scatter_ns: period, and scatter of ticks about the line. u_phase_ns: uncertainty of the phase.
+    agreeing (m,): mask of the changes that agree with the cycle.
+    number, ns, u_ns (m,): number, most likely time and individual uncertainty of the tick of each change.
+    """
 
     knots: Array
     at_ns: Array
@@ -155,18 +168,18 @@ class CycleLine:
     u_ns: Array
 
     def tick_ns(self, number: Array) -> Array:
-        """Time of ticks by their number (n,); beyond the ends the cycle is extrapolated."""
+        """Return the times in ns of ticks by number (n,). The cycle is extrapolated beyond both ends."""
         inside = np.clip(number, self.knots[0], self.knots[-1])
         return np.asarray(np.interp(inside, self.knots, self.at_ns) + (number - inside) * self.period_ns)
 
     def number_at(self, at_ns: Array) -> Array:
-        """Numbers of ticks (n,), with their fraction, at times (n,)."""
+        """Return the tick numbers (n,), with fractions, at times (n,) ns."""
         inside = np.clip(at_ns, self.at_ns[0], self.at_ns[-1])
         return np.asarray(np.interp(inside, self.at_ns, self.knots) + (at_ns - inside) / self.period_ns)
 
 
 def fitted(bounds: Bounds, number: Integers, period_ns: float) -> CycleLine:
-    """The broken line in ns through the ticks of a number (m,) that lie within bounds, and their scatter about it."""
+    """Fit a polyline in ns through the ticks with the given numbers (m,) within their bounds. Estimate the scatter."""
     each = np.linspace(0, len(number) - 1, max(2, len(number) // _KNOT + 1)).astype(int)
     knots = np.unique(np.sort(number)[each]).astype(float)
     width_ns = bounds.width_ns
@@ -179,7 +192,7 @@ def fitted(bounds: Bounds, number: Integers, period_ns: float) -> CycleLine:
             line_ns = np.interp(number, knots, at_ns)
             ticks, _, inside = _expected(bounds.low_ns - line_ns, bounds.high_ns - line_ns, scatter_ns)
             ticks, weight = ticks + line_ns, _likely(inside, width_ns / period_ns)
-        # Smallest and largest likely scatter of ticks about the line, since wide bounds show little of it.
+        # Range of likely scatters. Wide bounds determine the scatter poorly.
         low, high = _sampled(bounds, np.interp(number, knots, at_ns))
         scatters = np.geomspace(1e-4, 0.5, _SCATTERS) * period_ns
         log = np.array([_log_likelihood(low, high, scatter, period_ns) for scatter in scatters])
@@ -196,10 +209,10 @@ def fitted(bounds: Bounds, number: Integers, period_ns: float) -> CycleLine:
 
 
 def _broken(x: Array, y: Array, weight: Array, knots: Array) -> Array:
-    """Heights (k,) at increasing knots of the broken line closest to y (n,) at x (n,), by the normal equations."""
+    """Return the heights (k,) at increasing knots of the polyline closest to y (n,) at x (n,), in the unit of y."""
     from scipy.linalg import solveh_banded  # noqa: PLC0415 - slow to import, needed for such gauges only
 
-    weight = weight + 1e-6  # a knot with no change agreeing with a tick
+    weight = weight + 1e-6  # a knot may have no agreeing change
     knot = np.clip(np.searchsorted(knots, x, side="right") - 1, 0, len(knots) - 2)
     right_share = (x - knots[knot]) / (knots[knot + 1] - knots[knot])
     left_share = 1 - right_share
@@ -214,8 +227,7 @@ def _summed(place: Integers, values: Array, knots: Array) -> Array:
 
 
 def _expected(low: Array, high: Array, scatter: float) -> tuple[Array, Array, Array]:
-    """Mean (n,) and standard deviation (n,) of a normal variable within bounds (n,), and the probability of the
-    interval."""
+    """Return mean and standard deviation (n,) of a normal variable within bounds (n,), and their probability."""
     from scipy.special import ndtr  # noqa: PLC0415 - as above
 
     a, b = low / scatter, high / scatter
@@ -227,13 +239,13 @@ def _expected(low: Array, high: Array, scatter: float) -> tuple[Array, Array, Ar
 
 
 def _likely(inside: Array, by_chance: Array) -> Array:
-    """Chance (n,) that a change is a tick of the cycle and not anything else."""
+    """Return the probability (n,) that a change is a tick of the cycle."""
     tick = (1 - _WRONG) * inside
     return np.asarray(tick / (tick + _WRONG * by_chance))
 
 
 def _sampled(bounds: Bounds, line_ns: Array) -> tuple[Array, Array]:
-    """Bounds (m,) against the line, of no more changes than are needed."""
+    """Return bounds (m,) relative to the line, for as many changes as needed."""
     each = np.linspace(0, len(line_ns) - 1, min(len(line_ns), _SAMPLE)).astype(int)
     return bounds.low_ns[each] - line_ns[each], bounds.high_ns[each] - line_ns[each]
 
@@ -244,9 +256,9 @@ def _log_likelihood(low: Array, high: Array, scatter_ns: float, period_ns: float
 
 
 def _phase(bounds: Bounds, line_ns: Array, scatter_ns: float, period_ns: float) -> tuple[float, float]:
-    """Standard deviation and mean of the shift common to all ticks of the line.
+    """Return standard deviation and mean of a shift common to all ticks of the line.
 
-    If requests are synchronous with the cycle, every change has the same bounds, and the phase may be anywhere in them.
+    If requests are synchronous with the cycle, all changes have the same bounds, and any phase within them is possible.
     """
     low, high = _sampled(bounds, line_ns)
     reach, mean, sd = float(np.median(high - low)) + 2 * scatter_ns, 0.0, 0.0
@@ -261,21 +273,23 @@ def _phase(bounds: Bounds, line_ns: Array, scatter_ns: float, period_ns: float) 
 
 
 _WIDE = 0.7
-"""Changes that are not seen to this share of a cycle do not bound a tick, …"""
+"""Widest bounds of a tick, as a fraction of the cycle. Changes with wider bounds are not used."""
 _STATED = 0.02
-"""Relative tolerance of a stated cycle (far less for a crystal, this for a manufacturer's round figure), …"""
+"""Relative tolerance of a stated cycle. A crystal is more accurate, but the manufacturer may round the value."""
 _SOUGHT = 0.3
-"""… and of an unstated cycle relative to the usual distance of changes."""
+"""Relative search range of an unstated cycle around the usual distance of changes."""
 _AGREE = 0.8
-"""Share of the changes that must agree with a cycle before it is believed."""
+"""Smallest fraction of agreeing changes for an accepted cycle."""
 _STEADY = 0.15
-"""Ticks that scatter by more than this share of a cycle cannot serve as a clock."""
+"""Largest scatter of ticks, as a fraction of the cycle, for a cycle that serves as a clock."""
 
 
 @dataclass(frozen=True)
 class Ticks:
-    """Reading times of n answers. ns (n,); own_u_s (n,); u_s: shared by all; period_ns; steady: whether the cycle is
-    steady."""
+    """Reading times ns (n,) of n answers.
+
+    own_u_s (n,), u_s: individual and common uncertainty. period_ns: period. steady: whether the cycle is steady.
+    """
 
     ns: Array
     own_u_s: Array
@@ -285,10 +299,10 @@ class Ticks:
 
 
 def through_cycle(asked_ns: Array, values: Array, cycle_ns: float | None) -> Ticks | None:
-    """Return the ticks of the answers given at asked_ns (n,) with values (n, k); None if they are invisible.
+    """Return the ticks of answers at asked_ns (n,) with values (n, k), or None if ticks cannot be detected.
 
-    cycle_ns: as stated. If unstated, a cycle is accepted only for a gauge that repeated values while it moved by more
-    than the resolution.
+    cycle_ns: stated cycle. An unstated cycle is accepted only if values were repeated while the gauge moved by more
+    than its resolution.
     """
     start_ns = float(asked_ns[0])
     asked_ns = asked_ns - start_ns
@@ -310,7 +324,7 @@ def through_cycle(asked_ns: Array, values: Array, cycle_ns: float | None) -> Tic
         return replace(ticks, ns=start_ns + ticks.ns)
     if not bounds.repeating:
         return None
-    # During motion every answer was read at the first appearance of the value; otherwise within a usual cycle.
+    # During motion, an answer was read when the value first appeared. Otherwise it was read within the last cycle.
     run = np.searchsorted(bounds.row, np.arange(len(asked_ns)), side="right") - 1
     seen = (run >= 0) & bounds.jumps[np.maximum(run, 0)]
     ns = np.where(seen, bounds.middle_ns[run], asked_ns - bounds.usual_ns / 2)
@@ -319,8 +333,8 @@ def through_cycle(asked_ns: Array, values: Array, cycle_ns: float | None) -> Tic
 
 
 def _at_ticks(asked_ns: Array, bounds: Bounds, close: Mask, line: CycleLine) -> Ticks:
-    """Return the tick of every answer at asked_ns (n,): of the preceding change, or a later tick with no change."""
-    # A change agreeing with no tick is not a tick: a garbled reading, and the next correct reading.
+    """Return the tick of each answer at asked_ns (n,): the last change, or a later tick with an equal value."""
+    # Changes that agree with no tick are garbled readings, and the correct readings after them.
     true = ~close
     true[close] = line.agreeing
     bounds, close = bounds.of(true), close[true]
@@ -330,7 +344,7 @@ def _at_ticks(asked_ns: Array, bounds: Bounds, close: Mask, line: CycleLine) -> 
     number[~close] = np.floor(exact)
     tick_ns, u_ns = line.tick_ns(number.astype(float)), np.full(len(number), line.scatter_ns)
     tick_ns[close], u_ns[close] = line.ns[line.agreeing], line.u_ns[line.agreeing]
-    # A change across a gap that ends close to a tick may show that tick or the previous tick.
+    # A change across a gap may belong to the previous tick if the gap ends close to a tick.
     unclear = np.abs(exact - np.round(exact)) * line.period_ns < 2 * line.scatter_ns
     u_ns[~close] = np.where(unclear, line.period_ns / math.sqrt(12), u_ns[~close])
 
@@ -338,7 +352,7 @@ def _at_ticks(asked_ns: Array, bounds: Bounds, close: Mask, line: CycleLine) -> 
     first = np.concatenate([[np.iinfo(np.int64).min // 2], number])[run]
     last = np.concatenate([number, [np.iinfo(np.int64).max // 2]])[run] - 1
     seen = np.minimum(np.floor(line.number_at(asked_ns)).astype(np.int64), last)
-    # No two readings are equal during motion: the gauge missed a tick, and the answer is as old as it appears.
+    # Consecutive readings differ during motion. An equal one means that the gauge missed a tick, and the answer is old.
     stale = np.concatenate([[False], bounds.jumps])[run] & (run < len(bounds.row))
     later = (seen > first) & ~stale
     of_run = np.maximum(run - 1, 0)
@@ -348,10 +362,10 @@ def _at_ticks(asked_ns: Array, bounds: Bounds, close: Mask, line: CycleLine) -> 
 
 
 def anywhere_in_a_cycle(asked_ns: Array, cycle_ns: float) -> tuple[Array, float]:
-    """Separate (n,) and shared standard uncertainty in s of readings taken half a cycle before asked_ns (n,).
+    """Return individual (n,) and common standard uncertainty in s of readings half a cycle older than asked_ns (n,).
 
-    If requests are synchronous with the cycle, all readings are equally old: the shared part is the length of their
-    mean phase, at the cycle near the stated value that maximises it.
+    If requests are synchronous with the cycle, all readings have the same age. The common part is the mean resultant
+    length of the phases, maximised over cycles near the stated value.
     """
     each = asked_ns[np.linspace(0, len(asked_ns) - 1, min(len(asked_ns), _SAMPLE)).astype(int)] - asked_ns[0]
     off = np.linspace(-1e-3, 1e-3, 41)

@@ -1,7 +1,7 @@
-"""Derive the rule that would have started the recording of a program from a recorded run.
+"""Derive from a recorded run the rule that would have started the recording.
 
-It is a signal observed during the recording, or otherwise the departure of the robot from a posture; angles are those
-reported by the controller, independent of the arm's constants and the ball.
+The rule uses a signal that changed during the recording. If there is none, it uses the departure of the robot from a
+posture. Angles are those reported by the controller, independent of the arm's constants and the ball.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _FIRST_BLOCK = 64
 
 
 def rule_of(run: Run) -> Rule:
-    """Return the rule for the program of a recorded run. Raises FileError if the run shows no suitable event."""
+    """Return the rule for the program of a recorded run. Raises FileError if the run contains no suitable event."""
     manifest, where = run.manifest, str(run.path)
     if "robot" not in run.streams:
         raise FileError(where, "holds a table and no robot stream", "give a run that rigd recorded")
@@ -36,7 +36,7 @@ def rule_of(run: Run) -> Rule:
         problem = f"is a {manifest.test} test, which rigd cannot record"
         raise FileError(where, problem, "give a recorded run of another test")
     robot = run.streams["robot"]
-    # the value with the longest duration after a change of the signal, if any
+    # the value that lasted longest after a change of the signal, if any
     signal = robot[SIGNAL][np.isfinite(robot[SIGNAL])] if SIGNAL in robot else np.empty(0)
     values, counts = np.unique(signal[signal != signal[:1]], return_counts=True)
     when: dict[str, Any]
@@ -53,9 +53,10 @@ def rule_of(run: Run) -> Rule:
 
 
 def _departure(robot: Mapping[str, np.ndarray[Any, Any]], where: str) -> tuple[dict[str, Any], float]:
-    """Return start and target of the departure, and the standstill that ends the run, s: twice the longest on the path.
+    """Return posture and first movement of the departure, and the standstill in s that ends the run.
 
-    Raises FileError if the robot stood still, or moved from the beginning.
+    The standstill is twice the longest on the path.
+    Raises FileError if the robot stood still or moved from the beginning.
     """
     t_s = (robot["last_byte_ns"] - robot["last_byte_ns"][:1]) / 1e9
     q_deg = np.column_stack([robot[f"q{axis}_deg"] for axis in range(1, 7)])
@@ -78,10 +79,9 @@ def _departure(robot: Mapping[str, np.ndarray[Any, Any]], where: str) -> tuple[d
 
 
 def _leaves(q_deg: Array, by_deg: float, begin: int = 0) -> int:
-    """Return the first row from `begin` on with a joint further than by_deg from its initial position, or the number of
-    rows.
+    """Return the first row from `begin` on in which a joint has moved by more than by_deg, or the number of rows.
 
-    Block sizes double, so later rows cost nothing.
+    Block sizes double, so rows after the result are not examined.
     """
     end = begin
     while end < len(q_deg):

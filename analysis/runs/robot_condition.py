@@ -1,13 +1,12 @@
 """Condition of the robot during a run: disturbances, joint temperatures, and friction.
 
-The test lies between the first and last motion of the robot. A stop or pause may have ended it, so these count from the
-first motion until the program has ended by itself, or until the end of the run if the program state is unknown: opening
-the
-gate afterwards is harmless. Only reported values are judged: nan means not reported.
+The test takes place between the first and the last motion of the robot. A stop or pause may also have ended it. Stops
+therefore count from the first motion until the program ended by itself, or until the end of the run if the program
+state is unknown. Opening the gate after the program is harmless. A value of nan means not reported, and is ignored.
 
-Friction follows from motor currents: their jump at joint reversals. Everything else carried by a motor is continuous:
-gravity, inertia, and viscous friction, which is zero there. Only Coulomb friction changes its sign, so half of the jump
-is its current, independent of masses, gears and motors. It applies to a creeping joint. Source of the law:
+Friction is determined from the jump of the motor current at a joint reversal. All other loads of a motor are continuous
+there: gravity, inertia, and viscous friction, which is zero. Only Coulomb friction changes sign. Its current is
+therefore half of the jump, independent of masses, gears and motors. The law is valid for a creeping joint. Source:
 Armstrong-Hélouvry, Dupont and Canudas de Wit, Automatica 30 (1994), 2.1.
 """
 
@@ -37,22 +36,25 @@ from rigs.schema.condition import (
 )
 
 _CREEPS_DEG = 0.05
-"""Distance from the reversal within which a joint may stick, with any friction up to Coulomb's. Chosen: encoders show
-its motion after some thousandths of a degree."""
+"""Distance from the reversal within which a joint may stick, with any friction up to Coulomb's. Chosen: encoders
+resolve a few thousandths of a degree.
+"""
 _WAY_DEG = 3.0
-"""Largest distance from the reversal evaluated; the smallest is a third of it."""
+"""Largest distance from the reversal to evaluate. The smallest is a third of it."""
 _WAITS = 0.4
-"""Limit of the share of time spent creeping for a continuous reversal: 0.13 of the longest distance to 0.22 of the
-shortest, at constant acceleration. A joint that waits there brakes and restarts, with additional torque jumps."""
+"""Largest share of time spent creeping in a continuous reversal. At constant acceleration the share is 0.13 for the
+longest distance and 0.22 for the shortest. A joint that waits at the reversal brakes and restarts, which adds
+jumps of the torque.
+"""
 _PIECES = 12
-"""Averages of currents on each side, over equal distances, to remove ripple."""
+"""Number of current averages on each side, over equal distances. Averaging removes ripple."""
 _ORDER = 3
-"""Order of the polynomial in time for everything except friction."""
+"""Order of the polynomial in time that models all loads except friction."""
 
 
 @dataclass(frozen=True)
 class Friction:
-    """Friction current of a joint's motor in A, its standard uncertainty, and the number of reversals."""
+    """Friction current of a joint's motor in A, the standard uncertainty, and the number of evaluated reversals."""
 
     current_a: float
     u_a: float
@@ -62,7 +64,7 @@ class Friction:
 def friction_of(robot: Mapping[str, np.ndarray[Any, Any]], t_s: Array) -> dict[int, Friction]:
     """Return the friction of each reversing axis, 1 … 6, from columns (n,) of the robot stream at times t_s (n,) s.
 
-    u is the larger of the fit uncertainty and the scatter between reversals.
+    The uncertainty is the larger of the fit uncertainty and the scatter between reversals.
     """
     friction = {}
     for axis, name in enumerate(CURRENTS, 1):
@@ -80,7 +82,7 @@ def friction_of(robot: Mapping[str, np.ndarray[Any, Any]], t_s: Array) -> dict[i
 
 
 def _turns(t_s: Array, q_deg: Array, current_a: Array) -> list[tuple[float, float]]:
-    """Return friction, half the current jump, and its standard uncertainty in A at each reversal of a joint."""
+    """Return half the current jump at each reversal, which is the friction, and the standard uncertainty, in A."""
     places = sorted((k, sign) for sign in (1, -1) for k in peaks(sign * q_deg, _WAY_DEG / 3))
     ends = [0, *(k for k, _ in places), len(q_deg) - 1]
     turns = []
@@ -101,8 +103,10 @@ def _turns(t_s: Array, q_deg: Array, current_a: Array) -> list[tuple[float, floa
 
 
 def _side(t_s: Array, away_deg: Array, current_a: Array, turn: int, end: int) -> Array | None:
-    """Return time from the reversal, side and mean current (pieces, 3) of the motion to or from a reversal; None if the
-    joint stands or the motion is too short."""
+    """Return time from the reversal, side and mean current (pieces, 3) of the motion to or from a reversal.
+
+    None if the joint stands still or the motion is too short.
+    """
     step = 1 if end > turn else -1
     rows = np.arange(turn, end + step, step)
     rows = rows[: int(np.argmax(away_deg[rows] > _WAY_DEG)) or len(rows)]
@@ -122,17 +126,17 @@ def _side(t_s: Array, away_deg: Array, current_a: Array, turn: int, end: int) ->
 
 
 _MOVED_DEG = 0.02
-"""Joint motion below which a robot stands (as in recording_rule)."""
+"""Smallest joint motion of a moving robot, as in recording_rule."""
 _BY_PROGRAM = "its figures are not those of a motion by program, compare them with their like only"
 _SAME_PERCENT = 1.0
-"""Smaller speed differences are ignored: controllers show whole percent."""
+"""Largest difference of speeds that is ignored. Controllers report integer percentages."""
 _PART = 0.1
-"""Share of the run for the temperatures at its start and end."""
+"""Fraction of the run averaged for the temperatures at the start and end."""
 
 
 @dataclass(frozen=True)
 class Warmth:
-    """Temperature of a joint over a run: mean and rise in °C, each with its standard uncertainty from the scatter."""
+    """Temperature of a joint during a run: mean and rise in °C, with standard uncertainties from the scatter."""
 
     mean_c: float
     u_mean_c: float
@@ -142,7 +146,7 @@ class Warmth:
 
 @dataclass(frozen=True)
 class Condition:
-    """Condition of the robot in a run. doubts: as text. warmth, friction: by axis 1 … 6 if available."""
+    """Condition of the robot in a run. doubts: as text. warmth, friction: by axis 1 … 6, if available."""
 
     doubts: tuple[str, ...] = ()
     warmth: Mapping[int, Warmth] | None = None
@@ -153,7 +157,7 @@ NOT_SHOWN = Condition()
 
 
 def condition_of(robot: Mapping[str, np.ndarray[Any, Any]]) -> Condition:
-    """Return the condition from columns (n,) of a run's robot stream."""
+    """Determine the condition from columns (n,) of a run's robot stream."""
     stamps_ns = robot["last_byte_ns"]
     if len(stamps_ns) < 2:
         return NOT_SHOWN
@@ -177,7 +181,7 @@ def condition_of(robot: Mapping[str, np.ndarray[Any, Any]]) -> Condition:
 def _doubts(robot: Mapping[str, np.ndarray[Any, Any]], t_s: Array, moving: Mask, begun: Mask) -> Iterator[str]:
     unknown = np.full(len(t_s), math.nan)
     safety, program, motors, speed = (robot.get(name, unknown) for name in (SAFETY, PROGRAM, MOTORS, SPEED))
-    # The program ended without a stop if it ended by itself after the last motion.
+    # The program was not stopped if it ended by itself after the last motion.
     by_itself = (program == ProgramState.STOPPED) & ~np.isin(safety, list(STOPPED))
     counts = begun & ~np.maximum.accumulate(begun & ~moving & by_itself)
     for state in sorted(STOPPED):
@@ -198,7 +202,7 @@ def _doubts(robot: Mapping[str, np.ndarray[Any, Any]], t_s: Array, moving: Mask,
     driving = moving & ~np.isin(program, [ProgramState.PAUSED, ProgramState.STOPPED])
     slowed = driving & (speed < FULL_PERCENT)
     if slowed.any():
-        # A constant reduced speed is intended; any other is a disturbance.
+        # A constant reduced speed is intended. A changing speed is a disturbance.
         low, high = speed[slowed].min(), speed[slowed].max()
         if np.nanmax(speed[driving]) - low < _SAME_PERCENT:
             yield f"robot: its speed was {low:.0f} % throughout; compare only with runs at this speed"
@@ -209,7 +213,7 @@ def _doubts(robot: Mapping[str, np.ndarray[Any, Any]], t_s: Array, moving: Mask,
 
 
 def _when(t_s: Array, lasts: Mask) -> str:
-    """Describe number, start and duration of a condition; empty if it never occurred."""
+    """Describe number, start and duration of a condition. Empty if it never occurred."""
     edges = np.diff(lasts.astype(np.int8), prepend=0, append=0)
     begins, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
     if not len(begins):

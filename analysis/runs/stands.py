@@ -1,13 +1,13 @@
-"""Detect standstills of the robot, assign them to targets, and average their readings without outliers.
+"""Detect standstills of the robot, assign them to targets, and average the readings excluding outliers.
 
-A radial or repeatability program stops at each target. At standstill of all joints the gauge is averaged; the closest
-target of the rig file is assigned; the side of approach is the tool's radial position since the last stop there.
-Standstills outside the program's order are not visits: before its start, after its end, or additional waits. They are
-counted but not used.
+A radial or repeatability program stops at each target. The readings of a standstill are averaged and assigned to the
+closest target of the rig file. The side of approach is the tool's radial position since the previous stop. Standstills
+outside the program's order are not visits: before the start, after the end, or additional waits. They are counted, but
+not used.
 
-In a table several readings of one standstill count as one, because only a visit after a move shows repeatability:
-otherwise only the instrument's scatter is seen. Treated as visits, three of them gave an RP of 0.008 mm, and tripled
-the data in calibration fits and held-out sets.
+Several readings of one standstill in a table count as one. Only a visit after a move shows repeatability; repeated
+readings show the scatter of the instrument. In one case three readings of each standstill, treated as visits, gave an
+RP of 0.008 mm, and tripled the data in calibration fits and held-out sets.
 """
 
 from __future__ import annotations
@@ -26,24 +26,26 @@ from rigs.errors import FileError
 from rigs.rig import Rig
 
 STANDS_RAD = float(np.radians(0.01))
-"""Joint motion within the window that counts as standstill; encoder noise is a tenth of it."""
+"""Largest joint motion within the window of a standstill, ten times the encoder noise."""
 FLICKER_DEG = 0.03
-"""Noise of a resting joint in a live view; the slowest circle moves a joint by more in half a second."""
+"""Noise of a resting joint in a live view. The slowest circle moves a joint further within half a second."""
 STOOD_RAD = float(np.radians(0.2))
-"""Joint motion in a whole run that counts as standstill."""
+"""Largest joint motion in a run during which the robot stands still."""
 _WINDOW_S = 0.3
 _SETTLED = 0.5
-"""Share of a standstill, at its end, that is averaged: arm vibration has decayed by then."""
+"""Fraction of a standstill that is averaged: its last part, when the vibration of the arm has decayed."""
 _OUTLYING = 6.0
-"""Outlier limit in scaled median deviations: twice Hampel's usual three."""
+"""Threshold of an outlier in scaled median deviations: twice the three of Hampel."""
 _MOST_OUTLYING = 0.1
-"""Largest share of outliers in a standstill; more means that arm or gauge really moved."""
+"""Largest share of outliers in a standstill. If there are more, the arm or gauge really moved."""
 
 
 @dataclass(frozen=True)
 class Stand:
-    """Rows [begin, end) at standstill; mean angles (6,) rad and mean readings (k,) mm of the settled part, without
-    its `outliers`."""
+    """Rows [begin, end) of a standstill, with mean time in s, mean angles (6,) rad and mean readings (k,) mm.
+
+    The means are those of the settled part, excluding outliers. outliers: number of outliers.
+    """
 
     begin: int
     end: int
@@ -59,8 +61,7 @@ class Stand:
 
 
 def stands_of(t_s: Array, q: Array, g_mm: Array) -> list[Stand]:
-    """Return the standstills of a motion: times t_s (n,) s, reported angles q (n, 6) rad, readings g_mm (n, k) of k
-    gauges."""
+    """Return the standstills of a motion: times t_s (n,) s, reported angles q (n, 6) rad, readings g_mm (n, k)."""
     stands = []
     for begin, end in standing(t_s, q, STANDS_RAD, _WINDOW_S):
         settled = _settled(begin, end)
@@ -74,10 +75,10 @@ def _settled(begin: int, end: int) -> slice:
 
 
 def _averaged(values: Array) -> tuple[Array, int]:
-    """Return the mean (k,) of the readings or angles (n, k) without outliers, and their number."""
+    """Return the mean (k,) of the readings or angles (n, k) excluding outliers, and the number of outliers."""
     away = np.abs(values - np.median(values, axis=0))
     limit = _OUTLYING * 1.4826 * np.median(away, axis=0)
-    # If most readings of a coarse gauge are equal, the median deviation is zero: there are no outliers then.
+    # The median deviation is zero if most readings of a coarse gauge are equal. Outliers cannot be detected then.
     sound = (away <= limit) | (limit == 0)
     sound |= sound.mean(axis=0) < 1 - _MOST_OUTLYING
     mean: Array = np.where(sound, values, 0.0).sum(axis=0) / sound.sum(axis=0)
@@ -86,17 +87,17 @@ def _averaged(values: Array) -> tuple[Array, int]:
 
 _NEAR_MM = 20.0
 _TURNED_RAD = np.radians(8.0)
-"""Rotation from every target beyond which a standstill is not at a target."""
+"""Largest rotation of a standstill relative to a target."""
 _FOLLOWED = 0.5
-"""Minimum share of standstills at targets that follow the program's order."""
+"""Smallest share of standstills at targets that follow the program's order."""
 
 
 @dataclass(frozen=True)
 class Visits:
     """Standstills in the order of a program.
 
-    which (n,): indices of the standstills at targets. Program row of each, means t_s (n,) s, q (n, 6) rad and g_mm
-    (n,), notes.
+    number: index of each visit among the standstills at targets. rows (n,): program row of each visit.
+    t_s (n,) s, q (n, 6) rad, g_mm (n,): means. doubts: as text.
     """
 
     number: list[int]
@@ -115,14 +116,14 @@ def visits_of(
     program: TargetProgram,
     where: str,
 ) -> Visits:
-    """Return the visits among standstills at targets, each with its program row.
+    """Select the visits among the standstills at targets, and assign the program rows.
 
-    places: target of each. order: targets of the program in sequence. once: length of one pass. Raises FileError if no
-    standstill is at a target.
+    places: target of each standstill. order: targets of the program in sequence. once: length of one pass. Raises
+    FileError if there is no standstill at a target.
     """
     pairs = _longest_common(places, order)
     if len(pairs) > 1 and pairs[-1][1] > 0 and pairs[-1][1] % once == 0:
-        pairs.pop()  # a pass ending at its first place is not counted: the robot returned
+        pairs.pop()  # A pass that ends at its first target is not a new pass: the robot returned.
     fits, doubts = [k for k, _ in pairs], list[str]()
     if len(fits) < _FOLLOWED * len(places):
         fits = list(range(len(places)))
@@ -146,7 +147,7 @@ def visits_of(
 
 
 def _longest_common(places: Sequence[Hashable], order: Sequence[Hashable]) -> list[tuple[int, int]]:
-    """Return indices of the longest common subsequence in both sequences; the latest of several."""
+    """Return the index pairs of the longest common subsequence. If there are several, the latest is returned."""
     codes = {place: code for code, place in enumerate(dict.fromkeys([*places, *order]))}
     targets = np.array([codes[place] for place in order], dtype=np.int64)
     length = np.zeros((len(places) + 1, len(order) + 1), dtype=np.int32)
@@ -168,7 +169,7 @@ def _longest_common(places: Sequence[Hashable], order: Sequence[Hashable]) -> li
 def at_targets(
     stands: Sequence[Stand], program: TargetProgram, rig: Rig, turned: float = _TURNED_RAD
 ) -> list[tuple[Stand, int]]:
-    """Return the standstills close to a program row, rotated by less than the limit, each with the closest row."""
+    """Assign each standstill to the closest program row. Standstills distant from all rows, or rotated, are omitted."""
     if not stands:
         return []
     arm = arm_of(rig.robot)
@@ -183,12 +184,13 @@ def at_targets(
 
 
 STANDS_MM = 1.0
-"""Largest difference between positions or readings of one standstill; larger ones measure different things and are
-not averaged."""
+"""Largest difference between positions or readings of one standstill. If the difference is larger, they are
+measurements of different things and are not averaged.
+"""
 
 
 def one_row_a_stand(table: Table) -> Table:
-    """Return a table with adjacent rows of one standstill averaged; circles are unchanged."""
+    """Average adjacent rows of one standstill. Circle tables are unchanged."""
     first = format_of(table.test).stands(table)
     if first is None or first.all():
         return table
@@ -196,7 +198,7 @@ def one_row_a_stand(table: Table) -> Table:
     count = np.bincount(stand)
 
     def mean(values: Array) -> Array:
-        """Return the means (s, …) over each standstill, in the unit of the values."""
+        """Return the means (s, …) of values over each standstill, in the unit of the values."""
         columns = values.reshape(len(values), -1).T
         means = np.stack([np.bincount(stand, column) / count for column in columns], axis=1)
         return means.reshape(len(count), *values.shape[1:])
@@ -205,7 +207,7 @@ def one_row_a_stand(table: Table) -> Table:
 
 
 def rows_a_stand(table: Table) -> Integers:
-    """Return the number of rows of each standstill, (s,); empty for circles."""
+    """Return the number of rows of each standstill, (s,). Empty for circles."""
     first = format_of(table.test).stands(table)
     return np.empty(0, dtype=np.int64) if first is None else np.bincount(np.cumsum(first) - 1)
 
@@ -225,7 +227,10 @@ def stand_starts_of_visits(q: Array, differs: Mask) -> Mask:
 
 
 def _neighbours_are_stands(q: Array, moved: Mask) -> bool:
-    """Return whether most rows that repeat a posture of joints q (n, axes) rad stand next to each other. Only then does
-    the order of rows without times state that they are readings of one stand, and not visits in any order."""
+    """Return whether most rows with equal postures q (n, axes) rad are adjacent.
+
+    Only in this case does the order of rows without times indicate repeated readings of one standstill. Otherwise rows
+    are visits in any order.
+    """
     postures = len(np.unique(np.round(q / STANDS_RAD), axis=0))
     return 2 * int(np.count_nonzero(~moved)) > len(q) - postures

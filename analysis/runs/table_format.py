@@ -42,18 +42,18 @@ class TableFormat(TestPart, Protocol[T]):
 
     @abstractmethod
     def layout(self, axes: int = 6, *, rail: bool = False) -> Layout:
-        """Return the columns of the table for an arm with this number of axes, on a rail or not."""
+        """Return the columns of the table for an arm with this number of axes, with or without a rail."""
 
     @abstractmethod
     def table_of(self, rows: Rows, direction: Direction | None, where: str) -> T:
-        """Return the table of the columns of a file. Raises FileError."""
+        """Convert the columns of a file to a table. Raises FileError."""
 
     @abstractmethod
     def columns(self, table: T) -> Mapping[str, Array | Integers | Sequence[str] | pa.Array]:
-        """Return the columns (n,) of docs/tables.md by name, in the documented order: degrees and mm."""
+        """Return the columns (n,) of docs/tables.md by name, in the documented order, in degrees and mm."""
 
     def recorded(self, data: Aligned, rig: Rig, direction: Direction | None, where: str) -> tuple[T, list[str]]:
-        """Return the table of a recorded run, and doubts in words. Raises FileError."""
+        """Convert a recorded run to a table, and return it with the doubts as text. Raises FileError."""
         raise FileError(where, f"a recorded {self.test} run has no instrument to read", "import its table: rig import")
 
     def stands(self, table: T) -> Mask | None:

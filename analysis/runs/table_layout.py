@@ -1,4 +1,4 @@
-"""Columns of the tables of docs/tables.md and their content; the kind of a test selects its columns."""
+"""Columns of the tables in docs/tables.md. The kind of a test selects the columns."""
 
 from __future__ import annotations
 
@@ -12,30 +12,32 @@ def joint_columns(axes: int) -> tuple[str, ...]:
 
 
 JOINTS = joint_columns(6)
-"""Joints of the ball link tests."""
+"""Joint columns of the ball link tests."""
 COMMANDED = tuple(f"q{axis}_commanded_deg" for axis in range(1, 7))
 """Commanded joint angles, in addition to JOINTS."""
 MEASURED = tuple(f"q{axis}_measured_deg" for axis in range(1, 7))
-"""Joints as they were measured, next to commanded ones that are used."""
+"""Measured joint angles, next to the commanded ones that are used."""
 JointSource = Literal["measured", "commanded"]
 PLACE = ("x_mm", "y_mm", "z_mm")
 TURN = ("rx_deg", "ry_deg", "rz_deg")
 RAIL, RAIL_FROM = "e1_mm", "e1_from_mm"
 """Position of the arm's rail, and its previous position."""
 SOCKET = "socket"
-"""Column with the socket name of a touch; any text."""
+"""Column with the socket name of a touch. Any text is permitted."""
 WORDS = {"direction": ("acw", "cw"), "approach": ("none", "out", "in")}
-"""Columns of words, with the permitted words."""
+"""Columns of text, with the permitted values."""
 TIME_U = ("u_t_s", "u_lag_s")
-"""Standard uncertainties of the gauges' time relative to the joints': individual per row, and common to all rows."""
+"""Standard uncertainties of the gauges' time relative to the joints' time: individual, and common to all rows."""
 COUNTS = ("target", "orientation", "round")
-"""Columns of positive integers. All other known columns are numbers."""
+"""Columns of positive integers. All other known columns contain real numbers."""
 
 
 @dataclass(frozen=True)
 class Layout:
-    """Required and optional columns of a table; each group in `together` is present completely or not at all. Other
-    columns are preserved."""
+    """Required and optional columns of a table. Other columns are preserved.
+
+    Each group of columns in `together` must be complete or absent.
+    """
 
     required: tuple[str, ...]
     optional: tuple[str, ...] = ()
@@ -43,10 +45,10 @@ class Layout:
 
     @property
     def known(self) -> tuple[str, ...]:
-        """All columns with a meaning."""
+        """All columns with a defined meaning."""
         return (*self.required, *self.optional)
 
 
 def came_from_columns(axes: int) -> tuple[str, ...]:
-    """Return the names of the columns with the joint angles before the last move to a posture."""
+    """Return the names of the columns with the joint angles before the last move."""
     return tuple(f"q{axis}_from_deg" for axis in range(1, axes + 1))

@@ -1,7 +1,7 @@
-"""Measurements as the tables of docs/tables.md, the common input of evaluation, simulation and fits.
+"""Tables of docs/tables.md in memory: the common input of evaluation, simulation and fits.
 
-Recorded runs become tables by alignment, imported ones by reading; simulation fills the same tables. Angles are radians
-and lengths mm here; in files (`analysis.runs.csv_tables`) degrees and mm.
+Recorded runs are aligned to tables, and imported ones are read from files. Simulations produce the same tables. Angles
+are in rad and lengths in mm, but files contain degrees and mm (`analysis.runs.csv_tables`).
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from analysis.robot.kinematics.arm import Array, Integers, Mask
 from rigs.schema.vocabulary import CircleTest, Direction, TestName
 
 SAME_RAD = 3e-4
-"""Joint angles that all differ by less than this count as the same posture. Controllers report angles in steps of about
-a third of it."""
+"""Largest difference of each joint angle between equal postures, three steps of angles reported by controllers."""
 
 
 @dataclass(frozen=True)
 class Table(ABC):
-    """Common part of tables: the test, and reported joints q (n, axes) rad, with a rail position as additional
-    column (`rail`)."""
+    """Common part of all tables: the test, and reported joint angles q (n, axes) rad. `rail`: q has an additional
+    column with the rail position in m.
+    """
 
     if TYPE_CHECKING:
 
@@ -45,12 +45,12 @@ class Table(ABC):
         """Readings (n, k), in mm: a column for each gauge, or three coordinates."""
 
     def with_readings(self, values: Array) -> Self:
-        """Return the table with other readings (n, k) mm, of gauges."""
+        """Return the table with the gauge readings replaced by values (n, k) mm."""
         raise TypeError(f"a {self.test} table has no readings of gauges")
 
     @property
     def rows(self) -> Integers:
-        """File row (n,) of each reading, or the first of several averaged ones."""
+        """Row number (n,) in the file of each reading, or of the first averaged reading."""
         row: Integers | None = getattr(self, "row", None)
         return np.arange(1, len(self.q) + 1) if row is None else row
 
@@ -81,16 +81,16 @@ class Table(ABC):
         return np.zeros(len(self.q), dtype=bool)
 
     def thinned(self, count: int) -> Self:
-        """Return a table of about `count` rows at most if the test may have millions; others are short."""
+        """Reduce a table of millions of rows to about `count` rows. Shorter tables are not changed."""
         return self
 
 
 @dataclass(frozen=True)
 class CircleTable(Table):
-    """One circle driven in one direction, including recorded lead-in and lead-out.
+    """A circle driven in one direction, including the recorded lead-in and lead-out.
 
-    t_s (n,); q (n, 6) rad as reported; g_mm (n, 2) of g1 and g2; u_t_s (n,): individual standard uncertainty of each
-    row's time, None if unknown.
+    t_s (n,) s; q (n, 6) rad as reported; g_mm (n, 2): readings of g1 and g2; u_t_s (n,): individual standard
+    uncertainty of the times, None if unknown.
     """
 
     in_order_of_time = swept = True
@@ -155,8 +155,9 @@ class TargetTable(Table):
 class RadialTable(TargetTable):
     """Readings at targets of a hemisphere, in order of time.
 
-    target, orientation (n,): from 1; polar, azimuth (n,) rad; q (n, 6) rad; g_mm (n,): |B - TCP| less the link's
-    nominal length; t_s (n,), zeros if the table has no time.
+    target, orientation (n,): numbers from 1. polar, azimuth (n,) rad. q (n, 6) rad.
+    g_mm (n,): |B - TCP| minus the nominal length of the link.
+    t_s (n,) s: zeros if the table has no times.
     """
 
     test: ClassVar[TestName] = "radial"
@@ -171,9 +172,9 @@ class RadialTable(TargetTable):
 
 @dataclass(frozen=True)
 class RepeatabilityTable(TargetTable):
-    """Readings at targets approached from outside (`out`), from inside (`in`) or from elsewhere (`none`).
+    """Readings at targets approached from outside (`out`), from inside (`in`), or in another way (`none`).
 
-    target, round (n,): from 1; approach (n,) of str; q (n, 6) rad; g_mm (n,); t_s (n,) as in a radial table.
+    target, round (n,): numbers from 1. approach (n,) of str. q (n, 6) rad. g_mm (n,). t_s (n,) s as in a radial table.
     """
 
     test: ClassVar[TestName] = "repeatability"
@@ -218,7 +219,7 @@ class PlaceTable(Table):
         return np.where(np.abs(self.last_moves) > SAME_RAD, np.sign(self.last_moves), 0).astype(np.int64)
 
     def counted_back(self, turns_rad: Array) -> Self:
-        """Return the table with joints counted back by full turns (n, axes) rad."""
+        """Return the table with turns_rad (n, axes), multiples of a turn, subtracted from the joint angles."""
         came_from = None if self.came_from is None else self.came_from - turns_rad
         return self.with_fields(q=self.q - turns_rad, came_from=came_from)
 
@@ -237,10 +238,12 @@ class PlaceTable(Table):
 class PoseTable(PlaceTable):
     """Tool poses measured by a tracker, in the tracker's frame.
 
-    q (n, axes) rad, with a rail position in m as additional column (`rail`); xyz_mm (n, 3); rpy (n, 3) rad, fixed-axis
-    roll-pitch-yaw, or None if only positions were measured; row (n,): from 1, file row of each, or the first of
-    several; None for 1 … n; came_from (n, axes) rad: joint angles before the last move, which determine the side of
-    backlash, or None if the robot came from the previous pose.
+    q (n, axes) rad: joint angles; `rail`: with an additional column for the rail position in m.
+    xyz_mm (n, 3): positions.
+    rpy (n, 3) rad: fixed-axis roll-pitch-yaw angles, None if only positions were measured.
+    row (n,): row number in the file of each reading, or of the first averaged reading. None means 1 … n.
+    came_from (n, axes) rad: joint angles before the last move, which determine the side of the backlash. None if each
+    pose was reached from the previous one.
     """
 
     test: ClassVar[TestName] = "pose"
@@ -259,9 +262,9 @@ class PoseTable(PlaceTable):
 
 @dataclass(frozen=True)
 class TouchTable(PlaceTable):
-    """Touches: the tool's ball seated in fixed sockets, in successive postures.
+    """Touches: the ball on the tool is seated in fixed sockets, in successive postures.
 
-    socket (n,) of str; q (n, axes) rad, with a rail as for poses; came_from (n, axes) rad and row (n,) as for poses.
+    socket (n,) of str. q (n, axes) rad, with a rail as for poses. came_from (n, axes) rad and row (n,) as for poses.
     """
 
     test: ClassVar[TestName] = "touch"
@@ -273,13 +276,13 @@ class TouchTable(PlaceTable):
 
     @property
     def xyz_mm(self) -> Array:
-        """Ball position relative to its socket (n, 3) mm: zero."""
+        """Position of the ball relative to the socket, (n, 3) mm: always zero."""
         return np.zeros((len(self.q), 3))
 
 
 @dataclass(frozen=True)
 class PathTable(Table):
-    """Tracker recording along paths: t_s (n,); xyz_mm (n, 3) in the tracker's frame."""
+    """Tracker recording along paths: times t_s (n,) s and positions xyz_mm (n, 3) in the tracker's frame."""
 
     in_order_of_time = True
     test: ClassVar[TestName] = "path"
@@ -288,7 +291,7 @@ class PathTable(Table):
 
     @property
     def q(self) -> Array:
-        """Empty joints (n, 0): a tracker reads none, and its clock is not the robot's."""
+        """Empty array (n, 0) rad: a tracker reads no joints, and the clocks of tracker and robot differ."""
         return np.empty((len(self.t_s), 0))
 
     @property
@@ -298,8 +301,11 @@ class PathTable(Table):
 
 
 def content_order(table: Table) -> Integers:
-    """Return the rows (n,) of a table sorted by what they say. Equal tables in another order of rows are sorted alike,
-    so that sums, random draws, neighbourhoods and ties do not depend on that order."""
+    """Return the row indices (n,) that sort a table by content.
+
+    Tables that differ only in the order of rows become identical. Sums, random draws, neighbourhoods and ties then do
+    not depend on that order.
+    """
     columns = [values.reshape(len(values), -1).T for name, values in vars(table).items() if _is_content(name, values)]
     keys = [column for of_field in reversed(columns) for column in of_field[::-1]]
     return np.asarray(np.lexsort(keys), dtype=np.int64)

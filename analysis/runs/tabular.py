@@ -1,7 +1,7 @@
-"""Export of results to scripts and notebooks: plain dictionaries for JSON, Arrow tables, pandas frames.
+"""Export of results to scripts and notebooks: dictionaries for JSON, Arrow tables, and pandas frames.
 
-Tables are pyarrow Tables, because the store requires pyarrow, and pandas, polars and DuckDB read them without copying.
-pandas is optional: only `to_frame` needs it.
+Tables are pyarrow Tables, because the store requires pyarrow, and because pandas, polars and DuckDB read them without
+copying. pandas is optional, and used only by `to_frame`.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class Tabular(ABC):
-    """Result in table form; angles in degrees, lengths in mm, units in the column names."""
+    """A result in table form: angles in degrees, lengths in mm, and units in the column names."""
 
     @abstractmethod
     def to_table(self) -> pa.Table:
@@ -39,14 +39,14 @@ class Tabular(ABC):
 
 
 def table_of_rows(columns: Sequence[str], rows: Sequence[Mapping[str, Any]]) -> pa.Table:
-    """Build a table from rows by column name, including all columns if empty."""
+    """Build a table from rows by column name. The columns exist even if there are no rows."""
     import pyarrow as pa  # noqa: PLC0415 - a fifth of a second, which reading a rig file need not wait for
 
     return pa.table({name: [row[name] for row in rows] for name in columns})
 
 
 def for_json(value: Any) -> Any:
-    """Convert to plain types, with null for NaN and infinity, which JSON lacks."""
+    """Convert a value to plain types. NaN and infinity become null, because JSON lacks them."""
     match value:
         case Mapping():
             return {str(key): for_json(item) for key, item in value.items()}

@@ -1,11 +1,11 @@
-"""Writing files in CSV, Parquet or any format, with a common rule for existing files.
+"""Writing of files in CSV, Parquet and other formats, with a common rule for existing files.
 
 Files that record or decide something are never replaced. Files that only show runs, such as pages, pictures and tables
-of figures, are replaced under the same name if rig made the existing file (docs/decisions/0034-existing-files.md).
+of figures, are replaced if rig made the existing file (docs/decisions/0034-existing-files.md).
 
-A table from elsewhere may contain `=cmd|…` in a note, which a spreadsheet would compute. Such a cell of a CSV file gets
-a leading apostrophe, which marks text for a spreadsheet; reading a CSV file removes it again, and a table written and
-read is therefore unchanged. Numbers are not text and remain unchanged.
+In a table from elsewhere, a note may contain a formula such as `=cmd|…`, which a spreadsheet would execute. In a CSV
+file such a cell gets a leading apostrophe, which marks text for a spreadsheet. The apostrophe is removed when the CSV
+file is read, so a table is unchanged after writing and reading. Numbers are never marked.
 """
 
 from __future__ import annotations
@@ -30,33 +30,35 @@ if TYPE_CHECKING:
 
 
 _ENDS = 65536
-"""Bytes at either end of a file by which it is known: the schema of the widest table that is written has 3 kB."""
+"""Number of bytes at each end of a file that are searched for marks. The schema of the widest table has 3 kB."""
 PDF_MARK = b"% made by rig\n"
-"""A comment at the end of a PDF made by rig: WeasyPrint 70 compresses the metadata naming the producer."""
+"""Comment at the end of a PDF made by rig. WeasyPrint 70 compresses the metadata with the producer's name."""
 _MARKS: dict[str, tuple[bytes, tuple[bytes, ...]]] = {
     ".html": (b"<!doctype html>", (b"content=\"default-src 'none'; base-uri 'none'; form-action 'none'",)),
     ".pdf": (b"%PDF-", (PDF_MARK,)),
     ".png": (b"\x89PNG\r\n", (b"Matplotlib",)),
     ".parquet": (b"PAR1", (b"started_utc", b"standing")),
 }
-"""Initial bytes of a file, by suffix, and bytes near the start or end of such files made by rig."""
+"""For each suffix: first bytes of a file, and marks near the start or end of a file made by rig."""
 
 
 def refuse_existing(path: Path, option: str = "--output") -> None:
-    """Raise FileError if a path has the name of a file that records or decides something, before anything is
-    computed. option: the option for another name."""
+    """Raise FileError before any computation if the path exists, for a file that records or decides something.
+
+    option: command-line option for a different name, shown in the error.
+    """
     if os.path.lexists(path):
         raise FileError(str(path), "exists already", f"give another {option}, or remove it first")
 
 
 def refuse_foreign(path: Path, option: str = "--output") -> None:
-    """Raise FileError if the path exists as a page, picture or table of figures not made by rig."""
+    """Raise FileError if the path exists and is not a page, picture or table of figures made by rig."""
     try:
         begin, size = read_from(path, 0, _ENDS)
         end = begin if size <= _ENDS else read_from(path, size - _ENDS, _ENDS)[0]
     except FileNotFoundError:
         return
-    except FileError as error:  # no regular file
+    except FileError as error:  # not a regular file
         raise FileError(error.where, error.what, f"give another {option}") from None
     except OSError as error:
         raise FileError(str(path), error.strerror or str(error), f"give another {option}") from None
@@ -74,44 +76,46 @@ _NUMBER = re.compile(r"-?[0-9]+(\.[0-9]+)?([eE][+-]?[0-9]+)?")
 
 
 def no_formula(text: str) -> str:
-    """Text as no program computes it."""
+    """Mark text that a spreadsheet would interpret as a formula."""
     return f"'{text}" if _FORMULA.match(text) and not _NUMBER.fullmatch(text) else text
 
 
 def as_it_was(text: str) -> str:
-    """Text that `no_formula` wrote, as it was before."""
+    """Remove the mark added by `no_formula`."""
     return text[1:] if _WRITTEN.match(text) else text
 
 
 ROWS_AT_ONCE = 65_536
-"""Rows of a table in memory as Python numbers, which use some ten times the memory of an array."""
+"""Number of table rows converted to Python numbers at once. They need about ten times the memory of an array."""
 _SHEET_ROWS = 1_048_576
-"""Rows of a sheet, including the header (Excel specifications and limits, Microsoft)."""
+"""Rows of a sheet including the header (Microsoft, Excel specifications and limits)."""
 Writer = Callable[[BinaryIO], object]
-"""Function writing the content of a file into it."""
+"""Function that writes the content of a file."""
 
 
 def holding(data: bytes) -> Writer:
-    """Return the writer of a file with these bytes as content."""
+    """Return a function that writes these bytes."""
     return lambda file: file.write(data)
 
 
 def write_all_new(directory: Path, files: Mapping[str, Writer]) -> list[Path]:
-    """Create files by name in a directory, which is created if missing: all of them or none.
+    """Create files by name in a directory: all or none. A missing directory is created.
 
-    Raises FileError if a file exists already or cannot be created, CellError if the disk refuses.
+    Raises FileError if a file exists or cannot be created, and CellError if the disk refuses.
     """
     return _write_all(directory, files, over=False)
 
 
 def write_all_over(directory: Path, files: Mapping[str, Writer]) -> list[Path]:
-    """Create files like `write_all_new`, replacing existing ones: each is completely the old or the new file."""
+    """Create files as `write_all_new` does, replacing existing files. Each file is completely old or completely new."""
     return _write_all(directory, files, over=True)
 
 
 def write_views(directory: Path, files: Mapping[str, Writer]) -> list[Path]:
-    """Create pictures by name in a directory, replacing earlier ones of rig. Raises FileError for any other existing
-    file, and the errors of `write_all_new`."""
+    """Create pictures by name in a directory, replacing earlier ones made by rig.
+
+    Raises FileError for any other existing file, and the errors of `write_all_new`.
+    """
     for name in files:
         refuse_foreign(directory / name, "--plot")
     return _write_all(directory, files, over=True)
@@ -139,9 +143,9 @@ def _write_all(directory: Path, files: Mapping[str, Writer], *, over: bool) -> l
 
 
 def write_new(path: Path, write: Writer) -> None:
-    """Create a file by `write`, completely or not at all: until it is complete it has another name.
+    """Create a file completely or not at all. It has a temporary name until it is complete.
 
-    Raises FileError if it exists already or cannot be created, CellError if the disk refuses.
+    Raises FileError if the file exists or cannot be created, and CellError if the disk refuses.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -164,7 +168,7 @@ def write_new(path: Path, write: Writer) -> None:
             path.hardlink_to(temporary)
         except FileExistsError:
             raise
-        except OSError:  # memory sticks and some network shares have no links
+        except OSError:  # memory sticks and some network shares do not support links
             _hold_free(path)
             temporary.rename(path)
     except FileExistsError:
@@ -196,10 +200,10 @@ def write_parquet(table: pa.Table, file: BinaryIO) -> None:
 
 
 def write_csv(table: pa.Table, file: BinaryIO) -> None:
-    """Write the table as UTF-8 CSV with a header; every number in the fewest digits that reproduce it.
+    """Write the table as UTF-8 CSV with a header. Numbers have the fewest digits that reproduce them.
 
-    Text is plain (`rigs.text`) and keeps line feeds; text that a spreadsheet interprets as a formula has a leading
-    apostrophe, as those programs write it. Parquet keeps text unchanged.
+    Text is sanitised (`rigs.text`), but line feeds are preserved. Text that a spreadsheet would interpret as a formula
+    gets a leading apostrophe, as spreadsheets write it. Parquet stores text unchanged.
     """
     file.write((",".join(map(_quoted, table.column_names)) + "\n").encode())
     for batch in table.to_batches(max_chunksize=ROWS_AT_ONCE):
@@ -209,9 +213,9 @@ def write_csv(table: pa.Table, file: BinaryIO) -> None:
 
 
 def write_xlsx(table: pa.Table, file: BinaryIO) -> None:
-    """Write the table as a workbook with a single sheet and a frozen header; text is text, never a formula or a link.
+    """Write the table as a workbook with a single sheet and a frozen header. Text never becomes a formula or a link.
 
-    Raises FileError for more rows than a sheet has, and CellError if the library is missing.
+    Raises FileError if the table has more rows than a sheet, and CellError if the library is missing.
     """
     try:
         import openpyxl  # noqa: PLC0415 - an extra, and slow to import
@@ -231,7 +235,7 @@ def write_xlsx(table: pa.Table, file: BinaryIO) -> None:
 
 
 def _in_sheet(sheet: Any, value: Any) -> Any:
-    """Return the content of a cell of a sheet; unknown values leave it empty."""
+    """Convert a value for a cell of a sheet. An unknown value leaves the cell empty."""
     if isinstance(value, str):
         from openpyxl.cell import WriteOnlyCell  # noqa: PLC0415
 

@@ -1,1 +1,1 @@
-"""Acquisition: one reader thread per stream, its buffer, and checks of readings and clocks."""
+"""Acquisition of samples: a reader thread and a buffer per stream, with checks of readings and clocks."""

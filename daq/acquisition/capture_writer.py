@@ -1,12 +1,12 @@
-"""Write a capture of all links while the daemon runs.
+"""Capture of the raw bytes of all links while the daemon runs.
 
-Recording a piece appends it to a list, so readers never wait for the disk. The list is bounded, and the file records
-the number of pieces dropped. The capture ends with a log message when it reaches `LARGEST` bytes or the disk fails; the
-daemon continues.
+A recorded piece is appended to a list, so that readers never wait for the disk. The list is bounded, and the file
+contains the number of dropped pieces. The capture ends with a log message when it reaches `LARGEST` bytes or the disk
+fails. The daemon continues.
 
-While a replayed cell is recorded, rigd also follows the file in which `rig replay` marks each second that was out of
-step (`replay:` in the rig file). Each line becomes a fault of that stream in the current run, and such a run is
-excluded from evaluation.
+While a replayed cell is recorded, rigd also follows a file in which `rig replay` marks each second that was out of step
+(`replay:` in the rig file). Each line becomes a fault of that stream in the current run. Such a run is excluded from
+evaluation.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ from rigs.files import read_from
 
 log = logging.getLogger("rigd")
 LARGEST = 9 * MOST_BYTES // 10
-"""Size at which a capture ends: the limit of `rig replay`, with a margin for the last write."""
+"""Size in bytes at which a capture ends: the limit of `rig replay`, with a margin for the last write."""
 _ROOM = 200_000
-"""Pieces buffered for a stalled disk: several minutes at 500 Hz."""
+"""Number of pieces buffered for a stalled disk: several minutes at 500 Hz."""
 _WRITE_S = 0.5
 
 
 class CaptureWriter(clock.Thread):
-    """Thread that writes the capture of one daemon, from `start` to `stop`."""
+    """Thread that writes the capture of a daemon, from `start` to `stop`."""
 
     def __init__(self, path: Path, streams: Sequence[Stream]) -> None:
         super().__init__(name="capture", daemon=True)
@@ -63,7 +63,7 @@ class CaptureWriter(clock.Thread):
         super().start()
 
     def captured(self, stream: str, link: ByteLink) -> ByteLink:
-        """Return a link that records all data passing through."""
+        """Return a link that also records all data passing through."""
         return _CapturedLink(self, stream, link)
 
     def add(self, stream: str, mark: Mark, data: bytes) -> None:
@@ -76,14 +76,14 @@ class CaptureWriter(clock.Thread):
                 self._left_out[stream] += 1
 
     def stop(self, within_s: float) -> None:
-        """Write the remaining pieces and close the file, or truncate the capture after `within_s`."""
+        """Write the remaining pieces and close the file. After `within_s`, the capture is truncated."""
         self._stop_asked.set()
         self.join(within_s)
         if self.is_alive():
             log.error("capture %s ends early: its disk does not accept the rest", self._path)
 
     def run(self) -> None:
-        """Work until `stop`."""
+        """Write pieces until `stop` is called."""
         while not self._stop_asked.wait(_WRITE_S):
             self._write()
         self._write()
@@ -142,11 +142,11 @@ class _CapturedLink:
 
 _LINE = re.compile(r"(\S+) ([+-][0-9.]+)")
 _MOST_BYTES = 1_000_000
-"""Maximum bytes per read; the file grows by about 20 bytes per second and stream."""
+"""Largest number of bytes per read. The file grows by about 20 bytes per second and stream."""
 
 
 def out_of_step_line(stream: str, off_ns: float) -> str:
-    """Format a line: the median timing error of this stream over one second."""
+    """Format a line with the median timing error of a stream over one second."""
     return f"{stream} {off_ns / 1e6:+.1f}\n"
 
 
@@ -156,7 +156,7 @@ class ReplayMarks:
     def __init__(self, path: Path) -> None:
         self._path = path
         self._end = 0
-        """Bytes read, up to the end of a line."""
+        """Number of bytes read, up to the end of a line."""
 
     def skip(self) -> None:
         """Skip the existing content."""
@@ -174,15 +174,15 @@ class ReplayMarks:
         return marks
 
     def _lines(self) -> list[str]:
-        """Return the complete new lines, up to the limit of one call; empty if the file is gone."""
+        """Return the complete new lines, up to the limit of a call. Empty if the file is gone."""
         try:
             data, size = read_from(self._path, self._end, _MOST_BYTES)
         except (OSError, FileError):
             return []
-        if size < self._end:  # a replay empties the file when it starts
+        if size < self._end:  # a replay truncates the file at the start
             self._end = 0
             return self._lines()
         complete, newline, incomplete = data.rpartition(b"\n")
-        # Data of this length without a line end is not a mark.
+        # Data of this length without a line end cannot be a mark.
         self._end += len(data) if len(incomplete) == _MOST_BYTES else len(complete + newline)
         return complete.decode(errors="replace").split("\n")

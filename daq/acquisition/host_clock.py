@@ -1,16 +1,17 @@
-"""Watch the clocks: steps of the wall clock, suspends, stalls of rigd, and the drift of instrument clocks.
+"""Monitoring of clocks: steps of the wall clock, suspends, stalls of rigd, and the drift of instrument clocks.
 
-All stamps use the monotonic clock, which none of these events affect. Only the mapping from stamps to wall time
-changes. NTP slews both clocks together, so wall minus monotonic time is constant until somebody steps the wall clock.
-The clock CLOCK_BOOTTIME minus monotonic time grows by the duration of each suspend and is otherwise constant.
+All timestamps are taken from the monotonic clock, which none of these events affect. Only the mapping to wall time
+changes. NTP slews both clocks together, so the difference between wall and monotonic time is constant until the wall
+clock is stepped. The difference between CLOCK_BOOTTIME and monotonic time grows by the duration of each suspend, and is
+otherwise constant.
 
-A thread that only sleeps measures whether rigd runs at all: it reports each sleep of excessive length. A suspended or
-overloaded computer, or a stopped process, delays all readers simultaneously. Readers report their own stalls
+A thread that only sleeps measures whether rigd runs. It reports each sleep of excessive length. A suspended or
+overloaded computer, or a stopped process, delays all readers simultaneously. Readers report their individual stalls
 (`StreamBuffer.beat`); this thread shows whether all of them were affected.
 
-The clock of an instrument is watched for metrics only. A message can only be late, so the smallest difference (host −
-device) in ten seconds is close to the true offset, and a line through these minima gives the drift. Runs keep raw
-stamps; the analysis fits them again.
+The clock of an instrument is monitored for metrics only. A message can only be late, so the smallest difference (host −
+device) within ten seconds is close to the true offset. A line through these minima gives the drift. Runs contain raw
+timestamps, which the analysis fits independently.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ _TRIES = 10
 
 @dataclass(frozen=True)
 class ClockReadings:
-    """Three clocks in ns, read within bracket_ns of each other. boot_ns includes suspends."""
+    """Readings of three clocks in ns, taken within bracket_ns. boot_ns includes suspends."""
 
     monotonic_ns: int
     wall_ns: int
@@ -46,7 +47,7 @@ class ClockReadings:
 
 
 def read_clocks() -> ClockReadings:
-    """Read the three clocks; the least interrupted of several attempts is returned."""
+    """Read the three clocks several times, and return the readings taken within the shortest interval."""
     tries = []
     for _ in range(_TRIES):
         before = clock.now_ns()
@@ -57,13 +58,13 @@ def read_clocks() -> ClockReadings:
 
 
 class HostClockMonitor:
-    """Compares clock readings with the last reading that showed a change."""
+    """Compares the clocks with the last readings that showed a change."""
 
     def __init__(self, first: ClockReadings) -> None:
         self._known = first
 
     def check(self, now: ClockReadings) -> list[Fault]:
-        """Return the clock changes since the last check as faults."""
+        """Return the changes since the last check as faults."""
         last = self._known
         slept_ns = (now.boot_ns - last.boot_ns) - (now.monotonic_ns - last.monotonic_ns)
         set_ns = (now.wall_ns - last.wall_ns) - (now.boot_ns - last.boot_ns)
@@ -85,7 +86,7 @@ _SLEEP_S = 0.1
 
 
 class StallWatch(clock.Thread):
-    """Thread that sleeps until `stop` and records a fault for each sleep longer than `longest_ns`."""
+    """Thread that sleeps until `stop`, and records a fault for each sleep longer than `longest_ns`."""
 
     def __init__(self, longest_ns: int = STALL_NS) -> None:
         super().__init__(name="stalls", daemon=True)
@@ -93,7 +94,7 @@ class StallWatch(clock.Thread):
         self._stop_asked = clock.Event()
         self._faults: deque[Fault] = deque()
         self._lock = threading.Lock()
-        """Protects the wake-up time, so that a stall becomes one fault only."""
+        """Protects the wake-up time, so that a stall is recorded only once."""
         self._awake_ns = 0
 
     def start(self) -> None:
@@ -102,7 +103,7 @@ class StallWatch(clock.Thread):
         super().start()
 
     def run(self) -> None:
-        """Work until `stop`."""
+        """Sleep and check until `stop` is called."""
         while not self._stop_asked.wait(_SLEEP_S):
             self._awake()
 
@@ -112,7 +113,7 @@ class StallWatch(clock.Thread):
             self.note(before_ns, self._awake_ns)
 
     def note(self, before_ns: int, now_ns: int) -> None:
-        """Record a fault if the time between both stamps is too long."""
+        """Record a fault if the time between two timestamps is too long."""
         if now_ns - before_ns > self._longest_ns:
             detail = f"rigd or the computer stood still for {(now_ns - before_ns) / 1e9:.1f} s"
             self._faults.append(Fault(FaultKind.STALLED, now_ns, f"{detail}; what came meanwhile is stamped late"))
@@ -131,15 +132,16 @@ class StallWatch(clock.Thread):
 _WINDOW_S = 10.0
 _WINDOWS = 60
 _LEAP_S = 1.0
-"""A larger jump of the difference means a clock that was set or restarted."""
+"""Jump of the difference beyond which the clock was set or restarted."""
 
 
 @dataclass(frozen=True)
 class ClockState:
     """State of an instrument's clock.
 
-    offset_s: host monotonic minus device time, the latest minimum. drift_ppm: how much faster the host clock runs; None
-    before three windows. late_s: largest delay of a sample in the last window relative to the earliest ones.
+    offset_s: latest minimum of host monotonic minus device time. drift_ppm: rate of the host clock relative to the
+    device clock, or None before three windows. late_s: largest delay of a sample in the last window, relative to the
+    earliest ones.
     """
 
     offset_s: float
@@ -157,7 +159,7 @@ class DriftMonitor:
         self._late_s = math.nan
 
     def feed(self, samples: Sequence[Sample]) -> None:
-        """Add samples in order of arrival, ignoring those without a device time."""
+        """Add samples in order of arrival. Samples that have no device time are ignored."""
         block = Samples.of(samples)
         timed = block.chosen(~np.isnan(block.device_time_s))
         hosts_s = timed.first_byte_ns / 1e9
@@ -174,10 +176,10 @@ class DriftMonitor:
             self._least, self._most = min(self._least, offset_s), max(self._most, offset_s)
 
     def state(self) -> ClockState | None:
-        """Return the state after the last complete window; None before the first one."""
+        """Return the state after the last complete window, or None before the first one."""
         if not self._minima:
             return None
         drift_ppm = None
-        if len(self._minima) >= 3:  # two minima fit a line exactly
+        if len(self._minima) >= 3:  # a line through two minima has no residual
             drift_ppm = 1e6 * statistics.linear_regression(*zip(*self._minima, strict=True)).slope
         return ClockState(self._minima[-1][1], drift_ppm, self._late_s)

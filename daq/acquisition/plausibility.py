@@ -1,20 +1,17 @@
-"""Report well-formed but implausible readings while the operator can still react.
+"""Faults for well-formed but implausible readings, reported while the operator can still react.
 
-The daemon knows no kinematics, so there are four checks:
+The daemon has no kinematics. It checks for four conditions:
 
-- A *stuck* gauge repeats a value while the robot moves, in a test with permanent contact. A real probe is never that
-still, but a coarse one may be: a fault requires `STUCK_S`, `STUCK_READINGS` and `STUCK_DEG` of motion, and
-`COARSE_DEG`
-if no step finer than `COARSE_MM` was seen.
-- A gauge that goes *in and out of error* `TIMES_IN_ERROR` times within `IN_ERROR_S`, for example at the end of its
-range.
-- A gauge whose readings change by a factor of 25.4 and stay there: somebody pressed in/mm. (Gauges that send text
-reveal
-this earlier by their decimals: `daq.protocol.numerals`.)
-- A gauge that *hung*: it showed one value for `HELD_S` while the robot moved `HELD_DEG`, then jumped by more than its
-usual step.
+- A *stuck* gauge repeats a value while the robot moves, in a test with permanent contact. A real probe always varies,
+  except a coarse one. A fault therefore requires `STUCK_S`, `STUCK_READINGS` and `STUCK_DEG` of motion, and
+  `COARSE_DEG` if no step finer than `COARSE_MM` was seen.
+- A gauge goes *in and out of error* `TIMES_IN_ERROR` times within `IN_ERROR_S`, for example at the end of its range.
+- The readings of a gauge change permanently by a factor of 25.4, because the in/mm key was pressed. (For gauges that
+  send text, the decimals reveal this earlier: `daq.protocol.numerals`.)
+- A gauge *hung*: the value was constant for `HELD_S` while the robot moved by `HELD_DEG`, and then jumped by more than
+  the usual step.
 
-Pure: items in, faults out. The readings are not changed.
+The checks are pure: items in, faults out. Readings are not changed.
 """
 
 from __future__ import annotations
@@ -41,18 +38,21 @@ HELD_S = 0.5
 HELD_READINGS = 5
 HELD_DEG = 1.0
 HELD_STEPS = 5.0
-"""Usual steps between a held value and the next reading; at a reversal of the robot's error there is only one."""
+"""Multiple of the usual step by which a reading must differ after a constant value. At a reversal of the robot's
+error the difference is a single step.
+"""
 INCH_MM = 25.4
 BEFORE, AFTER = 9, 3
-"""Readings before and after a change of unit that must confirm it: enough before to show the usual motion, and enough
-after to exclude a single wrong reading."""
+"""Number of readings before and after a change of unit that must confirm it. Those before show the usual motion, and
+those after exclude a single wrong reading.
+"""
 _STILL_DEG = 0.1
-"""Joint motion below this value counts as standstill."""
+"""Joint motion that counts as standstill."""
 
 
 @dataclass
 class _GaugeState:
-    """State of one gauge: present value, its start time and count, and the robot position at that time."""
+    """State of a gauge: current value, start time and count of this value, and the robot position at that time."""
 
     reading: float = math.nan
     since_ns: int = 0
@@ -61,16 +61,16 @@ class _GaugeState:
     finest_mm: float = math.inf
     reported: bool = False
     last_ns: int = 0
-    """Time of the latest reading with the present value."""
+    """Time of the latest reading with the current value."""
     steps_mm: deque[float] = field(default_factory=lambda: deque(maxlen=20))
     """Recent non-zero steps."""
     tail: Samples = NO_SAMPLES
-    """Readings not yet searched for a change of unit, with the preceding ones."""
+    """Readings to be searched for a change of unit, with some earlier readings."""
 
 
 @dataclass
 class PlausibilityCheck:
-    """Checks the streams of one recording. touching: whether the gauges stay in contact throughout the test."""
+    """Checks the streams of a recording. touching: True if the gauges remain in contact throughout the test."""
 
     touching: bool
     _gauges: dict[str, _GaugeState] = field(default_factory=dict)
@@ -78,14 +78,13 @@ class PlausibilityCheck:
     _travel_deg: float = 0.0
     _errors: dict[str, deque[int]] = field(default_factory=dict)
     _in_error: dict[str, set[int | None]] = field(default_factory=dict)
-    """Columns per stream with gauges in error; None for an error without a column, which lasts while messages are
-    incomplete."""
+    """Columns of the gauges in error, by stream. None is an error while messages are incomplete."""
 
     def check(self, stream: str, columns: Sequence[str], items: Sequence[Item]) -> list[Fault]:
-        """Check the new items of a stream and return faults for doubtful readings."""
+        """Check the new items of a stream, and return faults for doubtful readings."""
         samples = samples_of(items)
         if "q1_deg" in columns:
-            if len(samples):  # motion of the fastest joint; once per call is sufficient
+            if len(samples):  # motion of the fastest joint; a single check per call is sufficient
                 joints = samples[-1].values[:6]  # a signal may follow
                 moved_deg = max((abs(b - a) for a, b in zip(self._joints, joints, strict=False)), default=math.inf)
                 if moved_deg > _STILL_DEG:
@@ -102,11 +101,11 @@ class PlausibilityCheck:
         return doubts
 
     def _update(self, column: str, gauge: _GaugeState, samples: Samples, place: int) -> list[Fault]:
-        """Process the readings of a gauge; a head in error contributes no readings."""
+        """Process the readings of a gauge. Readings of a head in error are ignored."""
         good = ~np.isnan(samples.values[:, place]) if len(samples) else np.zeros(0, bool)
         readings_mm, stamps_ns = samples.values[good, place] if good.any() else np.empty(0), samples.last_byte_ns[good]
         steps_mm = np.abs(np.diff(readings_mm, prepend=gauge.reading))
-        (moved,) = np.nonzero(steps_mm != 0)  # nan, the step to the very first reading, counts as moved
+        (moved,) = np.nonzero(steps_mm != 0)  # nan, the step to the very first reading, counts as a motion
         if not moved.size:
             gauge.count += len(readings_mm)
             gauge.last_ns = int(stamps_ns[-1]) if len(stamps_ns) else gauge.last_ns
@@ -124,7 +123,7 @@ class PlausibilityCheck:
         return freed
 
     def _held(self, column: str, gauge: _GaugeState, count: int, now_ns: int, jump_mm: float) -> list[Fault]:
-        """Return a fault if a gauge resumes after `count` equal readings with a jump of `jump_mm`."""
+        """Return a fault if a gauge jumps by `jump_mm` after `count` equal readings."""
         seconds, moved_deg = (gauge.last_ns - gauge.since_ns) / 1e9, self._travel_deg - gauge.travel_deg
         if gauge.reported or seconds < HELD_S or count < HELD_READINGS or moved_deg < HELD_DEG:
             return []
@@ -156,8 +155,8 @@ class PlausibilityCheck:
         for item in items:
             if not isinstance(item, Fault):
                 read = np.isfinite(np.atleast_2d(item.values))
-                # Columns of the rows (n, columns) that must be valid to end an error: the column of one gauge, or the
-                # whole row
+                # Columns of the rows (n, columns) that must be valid to end an error: the column of a gauge, or the
+                # complete row
                 in_error -= {
                     place
                     for place in in_error
@@ -165,7 +164,7 @@ class PlausibilityCheck:
                 }
             elif item.kind is FaultKind.DEVICE_ERROR and item.column not in in_error:
                 in_error.add(item.column)
-                # One gauge, or an instrument with several
+                # a single gauge, or an instrument with several gauges
                 name = stream if item.column is None else _name(columns[item.column])
                 times_ns = self._errors.setdefault(name, deque(maxlen=TIMES_IN_ERROR))
                 times_ns.append(item.at_ns)
@@ -187,7 +186,8 @@ def _rescaled(column: str, gauge: _GaugeState, samples: Samples, place: int) -> 
     readings_mm = window.values[:, place]
     before_mm, after_mm = readings_mm[BEFORE - 1 : -AFTER], readings_mm[BEFORE : len(readings_mm) - AFTER + 1]
     larger, smaller = np.fmax(abs(before_mm), abs(after_mm)), np.fmin(abs(before_mm), abs(after_mm))
-    (likely,) = np.nonzero(abs(larger - INCH_MM * smaller) < larger / 2)  # few candidates, each of which is examined
+    # few candidates, which are examined individually
+    (likely,) = np.nonzero(abs(larger - INCH_MM * smaller) < larger / 2)
     faults = []
     for k in likely:
         if _goes_on_rescaled(readings_mm[k : k + BEFORE], readings_mm[k + BEFORE : k + BEFORE + AFTER]):
@@ -198,7 +198,7 @@ def _rescaled(column: str, gauge: _GaugeState, samples: Samples, place: int) -> 
 
 
 def _goes_on_rescaled(before_mm: NDArray[np.float64], after_mm: NDArray[np.float64]) -> bool:
-    """Return whether the readings before (BEFORE,) and after (AFTER,) differ only by a factor of 25.4."""
+    """Return whether readings before (BEFORE,) and after (AFTER,) differ only by a factor of 25.4."""
     step_mm = 2 * float(np.abs(np.diff(before_mm)).max())
     jump_mm = abs(float(after_mm[0] - before_mm[-1]))
     if jump_mm <= 10 * max(step_mm, COARSE_MM):

@@ -1,13 +1,13 @@
 """Reader thread of a link: opens the link, runs the conversation, and reopens the link after a loss.
 
-A lost link produces one DISCONNECTED fault. All failed attempts until the next sample belong to the same outage: each
+A lost link causes one DISCONNECTED fault. All failed attempts until the next sample belong to the same outage. Each
 reason is reported once, and the first sample reports the duration, both as faults with count 0. The pause between
 attempts grows up to a limit.
 
-Readers must stamp promptly although only one thread of the daemon runs Python at a time. Two things can delay a reader
-after its bytes arrive. A computing thread releases the interpreter only when asked, after the switch interval. And no
-thread runs while the garbage collector visits all objects; the several hundred thousand objects created at start-up,
-mostly by libraries, are never garbage and are therefore frozen.
+Readers must take timestamps promptly, although only one thread of the daemon runs Python at a time. A reader can be
+delayed after its bytes arrive for two reasons. A computing thread releases the interpreter only after the switch
+interval. And all threads wait while the garbage collector visits all objects. Start-up creates several hundred thousand
+objects, mostly in libraries, which are never garbage and are therefore frozen.
 """
 
 from __future__ import annotations
@@ -30,10 +30,13 @@ from rigs.errors import CellError
 _FIRST_PAUSE_S = 0.2
 _LONGEST_PAUSE_S = 5.0
 _BUSY_S = 0.01
-"""A message takes about 30 µs, so this equals 300 messages in one read: more than a gauge at 12 kHz sends in 20 ms."""
+"""Interval between checks of the processor time. It is the time for about 300 messages of 30 µs, more than a gauge
+at 12 kHz sends in 20 ms.
+"""
 _SHARE = 0.5
-"""Largest share of the time during which a reader may use the processor. Chosen: a gauge at 12 kHz uses a third, and
-was delayed by 10 ms where a pause did not depend on the time that had passed; a flood uses all of it."""
+"""Largest share of a processor for a reader. Chosen: a gauge at 12 kHz needs a third, and a flood needs all. When
+the length of the pause did not depend on the elapsed time, that gauge was delayed by 10 ms.
+"""
 
 
 class Reader(clock.Thread):
@@ -46,20 +49,20 @@ class Reader(clock.Thread):
         self._stop_asked = clock.Event()
         self._pause_s = _FIRST_PAUSE_S
         self._lost_ns: int | None = None
-        """Start of the present outage; None while the link is up."""
+        """Start of the current outage, or None while the link is open."""
         self._used_s = self._looked_s = 0.0
-        """Processor time of this thread at the last check, and the time of that check."""
+        """Processor time of this thread at the last check, and the time of the check."""
         self._before: Host | None = None
         """Conversation on the previous link."""
         self._reasons: set[str] = set()
-        """Open errors already reported in this outage."""
+        """Reasons already reported in this outage."""
 
     def stop(self) -> None:
-        """Request the end of the thread; join it afterwards."""
+        """Request the end of the thread. Join it afterwards."""
         self._stop_asked.set()
 
     def run(self) -> None:
-        """Work until `stop`."""
+        """Read until `stop` is called."""
         while not self._stop_asked.is_set():
             self._buffer.beat()
             if self._link is None:
@@ -104,9 +107,9 @@ class Reader(clock.Thread):
             self._back_off()
 
     def _give_way(self) -> None:
-        """Pause for as long as the last rounds used the processor, if that was more than its share of the time.
+        """Pause if the thread has exceeded its share of the processor, for as long as it used the processor.
 
-        Meanwhile the data of a flooding stream waits in the operating system, and over TCP also the sender.
+        Meanwhile the data of a flooding stream waits in the operating system. Over TCP, the sender also waits.
         """
         elapsed_s = clock.now_s() - self._looked_s
         if elapsed_s < _BUSY_S:
@@ -136,7 +139,7 @@ class Reader(clock.Thread):
             self._back_off()
 
     def _back_off(self) -> None:
-        """Wait before the next attempt, doubling up to a limit, with regular heartbeats."""
+        """Wait before the next attempt, with regular heartbeats. The pause is doubled each time, up to a limit."""
         until = clock.now_s() + self._pause_s
         while not self._stop_asked.wait(min(0.2, max(0.0, until - clock.now_s()))):
             self._buffer.beat()
@@ -153,11 +156,13 @@ class Reader(clock.Thread):
 
 
 _SWITCH_S = 0.0001
-"""A fiftieth of Python's default and ten times a reader's usual work, so the switches themselves cost little."""
+"""Switch interval of the interpreter: a fiftieth of the default. It is ten times the usual work of a reader, so the
+switches are cheap.
+"""
 
 
 def keep_stamps_prompt() -> None:
-    """Configure the interpreter for readers; call this once, after all imports."""
+    """Configure the interpreter for readers. Call this once, after all imports."""
     sys.setswitchinterval(_SWITCH_S)
     gc.collect()
     gc.freeze()

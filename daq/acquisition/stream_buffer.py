@@ -1,10 +1,10 @@
-"""Buffer between a reader and the recorder, with the samples not yet written.
+"""Buffer between a reader and the recorder, with the samples to be written.
 
-The reader only appends and never waits for the disk or other threads. The buffer is bounded: excess samples count as
-dropped, excess faults are merged by kind.
+The reader only appends, and never waits for the disk or other threads. The buffer is bounded: excess samples are
+counted as dropped, and excess faults are merged by kind.
 
-The last seconds of every stream are kept even without a recording, because samples from before the robot's signal was
-recognised belong to the run started by that signal.
+The last seconds of each stream are stored even if there is no recording. A run that is started by the robot's signal
+also contains the samples from before the signal was recognised.
 """
 
 from __future__ import annotations
@@ -22,15 +22,17 @@ from daq import clock
 from daq.protocol.conversation import Fault, FaultKind, Item, Sample, Samples, packed
 
 _ROOM = 200_000
-"""Items buffered for a stalled disk: minutes at 500 Hz, about 100 MB in the worst case."""
+"""Number of items buffered for a stalled disk: minutes at 500 Hz, and about 100 MB in the worst case."""
 _FEW = 8
-"""Number of samples up to which objects are cheaper than arrays."""
+"""Largest number of samples for which objects are cheaper than arrays."""
 _RATE_OVER = 200
 """Number of deliveries used to measure the rate."""
 _RECENT = 1000
-"""Drained samples still available to a live view: a tenth of a second at 10 kHz."""
+"""Number of drained samples that remain available to a live view: a tenth of a second at 10 kHz."""
 STALL_NS = 500_000_000
-"""A reader loop takes 0.3 s at most (`daq.wire.conversation_loop`); a busy computer adds a few tenths."""
+"""Longest interval between heartbeats. A reader loop takes at most 0.3 s (`daq.wire.conversation_loop`), and a busy
+computer adds a few tenths.
+"""
 
 
 @dataclass(frozen=True)
@@ -44,17 +46,19 @@ class StreamState:
     counters: dict[str, int]
     last_fault: str
     waiting: int
-    """Items not yet taken by the recorder."""
+    """Number of items that the recorder has not taken."""
 
 
 @dataclass
 class StreamBuffer:
-    """Thread-safe buffer of one stream: one reader delivers, one recorder drains, any thread may query."""
+    """Thread-safe buffer of a stream. A single reader delivers and a single recorder drains. Queries are permitted
+    from any thread.
+    """
 
     name: str
     columns: tuple[str, ...]
     heartbeat_ns: int = 0
-    """Time of the last completed reader loop, with or without data, for the watchdog."""
+    """Time of the last completed reader loop, for the watchdog. A loop counts even if no data arrived."""
     connected: bool = False
     _opening: bool = False
     _lock: threading.Lock = field(default_factory=threading.Lock)
@@ -62,14 +66,14 @@ class StreamBuffer:
     _waiting: int = 0
     """Number of waiting samples and faults."""
     _without_room: Counter[FaultKind] = field(default_factory=Counter)
-    """Overflow: dropped samples, and faults by kind."""
+    """Overflow: number of dropped samples, and of faults by kind."""
     _counters: Counter[str] = field(default_factory=Counter)
     _last: dict[str, tuple[float, int]] = field(default_factory=dict)
     _arrivals: deque[tuple[int, int]] = field(default_factory=lambda: deque(maxlen=_RATE_OVER))
-    """Recent deliveries: stamp of the last sample, and the number of samples up to it."""
+    """Recent deliveries: timestamp of the last sample, and number of samples up to it."""
     _last_fault: str = ""
     _is_faulty: bool = False
-    """Whether the instrument or its line reported a fault since the last reading."""
+    """True if the instrument or its line has reported a fault since the last reading."""
     _recent: deque[Sample | Samples] = field(default_factory=deque)
     _recent_size: int = 0
 
@@ -97,7 +101,7 @@ class StreamBuffer:
                 self._arrivals.append((int(last_ns), self._counters["samples"]))
 
     def count(self, faults: Sequence[Fault]) -> None:
-        """Count faults found and written by the recorder; they are not delivered a second time."""
+        """Count faults that the recorder has found and written. They are not delivered."""
         with self._lock:
             for fault in faults:
                 self._note(fault, 1)
@@ -115,7 +119,7 @@ class StreamBuffer:
         return items
 
     def beat(self) -> None:
-        """Record a heartbeat of the reader, and report the preceding stall, if any."""
+        """Record a heartbeat of the reader. If a stall preceded it, report the stall."""
         now_ns, before_ns = clock.now_ns(), self.heartbeat_ns
         self.heartbeat_ns = now_ns
         if before_ns and now_ns - before_ns > STALL_NS and not self._opening:
@@ -126,7 +130,7 @@ class StreamBuffer:
 
     @contextmanager
     def opening(self) -> Iterator[None]:
-        """Mark the time spent opening a port, which may need name resolution."""
+        """Mark the time spent opening a port, which may include name resolution."""
         self._opening = True
         try:
             yield
@@ -139,7 +143,7 @@ class StreamBuffer:
         return self._opening or clock.now_ns() - self.heartbeat_ns < within_s * 1e9
 
     def state(self) -> StreamState:
-        """Return the present state of the stream."""
+        """Return the current state of the stream."""
         now = clock.now_ns()
         with self._lock:
             rate_hz = 0.0
@@ -170,7 +174,7 @@ class StreamBuffer:
         if isinstance(item, Fault):
             self._counters[item.kind] += item.count
             is_stall = item.kind is FaultKind.STALLED
-            if not (is_stall and self._is_faulty):  # a short stall must not hide the fault of the instrument
+            if not (is_stall and self._is_faulty):  # a short stall must not hide a fault of the instrument
                 self._last_fault, self._is_faulty = item.detail, not is_stall
             return
         self._is_faulty = False
@@ -193,7 +197,7 @@ class StreamBuffer:
 
 def size_of(item: Item) -> int:
     """Return the number of samples or faults in an item."""
-    # By type: an isinstance check for Sequence costs a tenth of a poll.
+    # Compare types: an isinstance check for Sequence costs a tenth of a poll.
     return len(item) if type(item) is Samples else 1
 
 
@@ -221,7 +225,9 @@ class PretriggerBuffer:
         self._items[stream].extend(packed(items))
 
     def trim(self) -> None:
-        """Drop items older than five seconds before the newest; called once per round to keep long rounds complete."""
+        """Drop items more than five seconds older than the newest.
+        Called once per round to keep long rounds complete.
+        """
         for kept in self._items.values():
             while kept and _newest_ns(kept[0]) < _newest_ns(kept[-1]) - KEPT_NS:
                 kept.popleft()

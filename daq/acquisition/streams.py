@@ -17,16 +17,16 @@ from rigs.schema.links import Line, ModemLines
 ROBOT = "robot"
 JOINTS = tuple(f"q{axis}_deg" for axis in range(1, 7))
 NO_LINE = Line(baud=9600, bits=8, parity="N", stop=1)
-"""Default line settings, for robots connected by network or printing lines to a serial port."""
+"""Default line settings, for robots connected by a network or printing lines to a serial port."""
 _PATIENCE = 3
-"""Number of silent time-outs after which a TCP connection counts as lost."""
+"""Number of silent time-outs after which a TCP connection is considered lost."""
 
 
 @dataclass(frozen=True)
 class Stream:
-    """One link: name, port, sample columns and conversation.
+    """A link: name, port, sample columns and conversation.
 
-    dead_s, listens, modem: see `daq.wire.links.open_link`, the default for opening the link.
+    dead_s, listens, modem: as in `daq.wire.links.open_link`, which opens the link by default.
     """
 
     name: str
@@ -53,7 +53,7 @@ def gauge_groups(rig: Rig) -> list[tuple[str, ...]]:
 
 
 def streams_of(rig: Rig) -> list[Stream]:
-    """Return all streams of a rig, the robot last. Raises CellError if the rig has no instruments."""
+    """Return all streams of a rig, with the robot last. Raises CellError if the rig has no instruments."""
     if isinstance(rig.feedback, NoFeedback):
         problem = "has no gauges and no feedback, so there is nothing to read"
         remedy = "add feedback to its rig file, and gauges for circles; poses of a tracker are imported: rig import"

@@ -1,8 +1,8 @@
-"""Robot feedback interfaces, one per file; the file name is the `interface` in the rig file.
+"""Robot feedback interfaces, with a file for each. The file name is the `interface` in the rig file.
 
-Each file offers `host(feedback)`, the listening conversation (values q1_deg … q6_deg, always all six in this order,
-then those of `rigs.schema.feedback.columns_beside_joints`: signal and condition of the robot), and `device(feedback,
-read)`, the controller side, where `read(now_ns)` returns the same values.
+Each file provides two functions. `host(feedback)` returns the listening conversation, with the values q1_deg … q6_deg,
+always all six in this order, followed by `rigs.schema.feedback.columns_beside_joints`: signal and condition of the
+robot. `device(feedback, read)` returns the controller side; `read(now_ns)` returns the same values.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def host(feedback: Feedback) -> Host:
 def device(feedback: Feedback, read: Read) -> Device:
     """Return the controller side.
 
-    Values omitted at the end of `read` are shown as for a robot in normal operation.
+    Values that `read` omits at the end are replaced by those of a robot in normal operation.
     """
     usual = [({SIGNAL: 0.0} | UNDISTURBED)[name] for name in columns_beside_joints(feedback)]
 

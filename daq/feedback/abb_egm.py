@@ -1,15 +1,13 @@
-"""ABB Externally Guided Motion, position stream (ABB's public egm.proto): one Protocol Buffers message per datagram.
+"""ABB Externally Guided Motion, position stream (ABB's public egm.proto): a Protocol Buffers message per datagram.
 
-The controller sends `EgmRobot` while the program streams (EGMStreamStart), up to 250 times a second, and expects no
-answer; nothing is ever sent to it. The fields used are header {1 seqno, 3 mtype}, feedBack {1 joints: measured angles,
-4
-time: s and µs since 1970}, and for the condition 4 motorState and 8 rapidExecState, each {1 state}. If `time` is
-absent,
-the clock is the header's {2 tm}, 32 bits of ms, which wraps after 49 days. A run stores either clock unchanged, and the
-analysis fits it piecewise.
+The controller sends `EgmRobot` while the program streams (EGMStreamStart), up to 250 times a second. It expects no
+answer, and the host sends none. The fields used are header {1 seqno, 3 mtype} and feedBack {1 joints: measured angles,
+4 time: s and µs since 1970}, and for the condition 4 motorState and 8 rapidExecState, each {1 state}. If `time` is
+absent, the clock is {2 tm} of the header, 32 bits of ms, which wraps after 49 days. A run contains the clock unchanged,
+and the analysis fits it piecewise.
 
-The Protocol Buffers decoder (public encoding guide) covers a few field types. A message is a list of fields, each with
-a key (number and wire type, as a varint) and a value. Fields may come in any order, and unknown fields are skipped.
+The Protocol Buffers decoder (public encoding guide) supports a few field types. A message is a list of fields, each
+with a key (number and wire type, as a varint) and a value. Fields may be in any order, and unknown fields are skipped.
 Groups (wire types 3 and 4) are obsolete.
 """
 
@@ -35,7 +33,7 @@ Field = tuple[int, int, int | bytes]
 
 
 def fields(data: bytes) -> list[Field] | None:
-    """Return the fields of a message in order; None for an invalid message."""
+    """Return the fields of a message in order, or None for an invalid message."""
     message: list[Field] = []
     at = 0
     while at < len(data):
@@ -58,7 +56,7 @@ def fields(data: bytes) -> list[Field] | None:
 
 
 def _varint(data: bytes, at: int) -> tuple[int, int]:
-    """Return value and end position; the end is beyond the data for a truncated or overlong varint."""
+    """Return the value and the end position. If the varint is truncated or overlong, the end is beyond the data."""
     value = 0
     for index, byte in enumerate(data[at : at + _LONGEST_VARINT]):
         value |= (byte & 0x7F) << 7 * index
@@ -68,13 +66,13 @@ def _varint(data: bytes, at: int) -> tuple[int, int]:
 
 
 def number_in(message: Sequence[Field], number: int) -> int:
-    """Return the last value of an integer field; 0 if the field is missing."""
+    """Return the last value of an integer field, 0 if the field is missing."""
     values = [value for key, wire_type, value in message if key == number and wire_type == VARINT]
     return int(values[-1]) if values else 0
 
 
 def message_in(message: Sequence[Field], number: int) -> list[Field] | None:
-    """Return a nested message, empty if missing; None if invalid."""
+    """Return a nested message, empty if missing, or None if invalid."""
     parts = [value for key, wire_type, value in message if key == number and wire_type == BYTES]
     return fields(b"".join(part for part in parts if isinstance(part, bytes)))
 
@@ -103,14 +101,14 @@ def nested(number: int, content: bytes) -> bytes:
 
 
 def doubles(number: int, values: Sequence[float]) -> bytes:
-    """Encode a repeated double in proto2 style, each value as a separate field."""
+    """Encode a repeated double in proto2 style, with each value as a separate field."""
     key = varint(number << 3 | FIXED64)
     return b"".join(key + struct.pack("<d", value) for value in values)
 
 
 RATE_HZ = 250.0
 _DATA = 2
-"""Message type sent by a controller; the other types are sent to controllers."""
+"""Message type sent by a controller. The other types are sent to controllers."""
 _MOTORS, _RAPID = 4, 8
 _STATE_OF_MOTORS = {1: 1.0, 2: 0.0}
 """MOTORS_ON, MOTORS_OFF."""
@@ -146,7 +144,7 @@ def _decode(data: bytes) -> Position | Refused:
 
 
 def _state_in(message: Sequence[Field], number: int, meanings: Mapping[int, float]) -> float:
-    """Return the meaning of a state field; nan if missing or undefined."""
+    """Return the meaning of a state field, nan if it is missing or undefined."""
     return float(meanings.get(number_in(message_in(message, number) or [], 1), math.nan))
 
 

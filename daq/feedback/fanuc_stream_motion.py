@@ -1,24 +1,24 @@
 """FANUC Stream Motion (J519), status packets only, versions 1 to 4 (sources: origin of the interface).
 
-The controller is asked for its version (type 7, *get capability*), then for its status: by a start packet of 8 bytes,
-type 0 up to version 2 and 200 from 3 on. It then sends a packet every cycle of 8 ms (some models 4 or 2 ms) to the
-source of the request, big-endian:
+The host requests the version of the controller (type 7, *get capability*), and then the status, by a start packet of 8
+bytes: type 0 up to version 2, and 200 from version 3 on. The controller then sends a packet every cycle of 8 ms (some
+models 4 or 2 ms) to the source of the request, big-endian:
 
-- versions 1 and 2, type 0, 132 bytes: type, version, number; status, io type; io index, mask, value; time stamp;
-9 × pose, 9 × joints, 9 × currents;
+- versions 1 and 2, type 0, 132 bytes: type, version, number; status, io type; io index, mask, value; time stamp; 9 ×
+  pose, 9 × joints, 9 × currents;
 - version 3, type 202, 388 bytes: type, version, number; four bytes of status; time stamp; the same 27 numbers; safety
-scale; 256 bytes of inputs and outputs;
+  scale; 256 bytes of inputs and outputs;
 - version 4, type 204, 416 bytes: as version 3, with forces, moments and sensor before the inputs and outputs.
 
-Requests are repeated during silence: until the first answer, the version request alternates with the start packet of
-version 1, because old controllers do not know the version request. Nothing else is ever sent: no motion, no program
-needed.
+Requests are repeated while the controller is silent. Until the first answer, the version request alternates with the
+start packet of version 1, because old controllers do not support the version request. The host never commands a motion,
+and the controller requires no program.
 
 Condition: bit 2 of the first status byte is SYSRDY, servo power. From version 3 on, the second byte has an error in bit
-0
-and the emergency stop in bit 2, and the third is the contact stop: 2 STOP, 4 ESCP (to be moved out of contact).
+0 and the emergency stop in bit 2. The third byte is the contact stop: 2 STOP, 4 ESCP (the arm must be moved out of
+contact).
 
-The stamp has 32 bits of ms; it wraps after 49 days, and the analysis fits it piecewise.
+The time stamp has 32 bits of ms. It wraps after 49 days, and the analysis fits it piecewise.
 """
 
 from __future__ import annotations
@@ -40,11 +40,12 @@ from rigs.schema.feedback import FANUCStreamMotion
 RATE_HZ = 125.0
 NEWEST = 4
 _ASKED_AS = 3
-"""Version named in the request of FANUC's driver."""
+"""Version stated in the request, as in FANUC's driver."""
 _REQUEST = struct.Struct(">II")
 _CAPABILITY = struct.Struct(">7I")
-"""Type, version and number of the request; sampling rate in ms, steps before a motion, version, tool pose flag. The
-last field is a single byte in the answer of some controllers."""
+"""Type, version and number of the request, sampling rate in ms, steps before a motion, version, tool pose flag. In
+the answer of some controllers the last field is a single byte.
+"""
 _SHORT_CAPABILITY = _CAPABILITY.size - 3
 _ASK_CAPABILITY = 7
 _STATUS = {
@@ -54,7 +55,7 @@ _STATUS = {
 }
 """Status layouts by type."""
 _STAMP = {0: 8, 202: 7, 204: 7}
-"""Index of the time stamp in the layouts; the numbers follow."""
+"""Index of the time stamp in each layout. The 27 numbers follow it."""
 _BYTES_OF_STATE = 3
 """Index of the first status byte."""
 _SYSRDY, _ERROR, _E_STOP = 4, 1, 4
@@ -102,12 +103,12 @@ def _decode(currents: bool, data: bytes) -> Position | Refused:
 
 
 def _nine(values: Sequence[float]) -> list[float]:
-    """Return numbers for the nine axes of a status."""
+    """Return the numbers of the nine axes in a status."""
     return [*values, *[0.0] * (9 - len(values))]
 
 
 class _StreamMotionClient:
-    """Requests the version, unless given in the rig file, and then the status."""
+    """Requests the version, unless the rig file states it, and then the status."""
 
     check = (
         "check the address, the cable and that option J519 is there; another client may have the stream; or state "
@@ -119,12 +120,12 @@ class _StreamMotionClient:
         self.frames = self._positions.frames
         self._version = feedback.version
         self._answered = False
-        """Whether the controller has stated the version."""
+        """True once the controller has stated the version."""
         self._asked = False
-        """Whether the version request was sent last."""
+        """True if the last request was for the version."""
 
     def start(self) -> bytes:
-        """Return the packet to send during silence."""
+        """Return the packet to send while the controller is silent."""
         if self._version is not None:
             return start_packet(self._version)
         self._asked = self._answered or not self._asked

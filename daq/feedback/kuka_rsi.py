@@ -1,16 +1,14 @@
-"""KUKA Robot Sensor Interface (RSI Ethernet): XML datagrams (public code; assumptions are listed in the origin).
+"""KUKA Robot Sensor Interface (RSI Ethernet): XML datagrams (public code; the origin lists the assumptions).
 
 The controller sends `<Rob Type="KUKA"> … <AIPos A1= … A6=/> … <IPOC>n</IPOC></Rob>` every cycle to the address in the
 Ethernet configuration, from a new port after each program start. It requires an answer with the same IPOC in the same
-cycle, and stops the program after several late or missing answers. The answer contains no correction, which equals a
-correction of zero; with ONLYSEND in the configuration it is omitted. Every datagram with a readable IPOC is answered,
-even
-if the rest is invalid: the robot must not stop because of it.
+cycle, and stops the program after several late or missing answers. The answer contains no correction, which means a
+correction of zero. With ONLYSEND in the configuration, the answer is omitted. Every datagram with a readable IPOC is
+answered, even if the rest is invalid, because the robot must not stop.
 
-The other elements depend on the configuration. Only the two needed elements, and those of the rig file for the robot's
-condition, are searched, by expressions without entities, DTD or nesting: no text can expand. Missing or non-numeric
-parts
-of the condition are nan.
+The other elements depend on the configuration. The decoder searches the two required elements, and those named in the
+rig file for the robot's condition, by regular expressions. Entities, DTD and nesting are not supported, so no text can
+expand. Missing or non-numeric parts of the condition are nan.
 """
 
 from __future__ import annotations
@@ -34,7 +32,7 @@ _JOINTS = re.compile(rb"<AIPos\b([^<>]*)>")
 _JOINT = re.compile(rb"\bA([1-6])\s*=\s*\"\s*([^\"<>&\s]{1,40})\s*\"")
 _DELAY = re.compile(rb"<Delay\s+D\s*=\s*\"(\d{1,9})\"")
 _IPOC_WRAP = 2**63
-"""Wrap of the counter, which increases while the controller is on and never approaches 18 digits."""
+"""Wrap of the counter. It increases while the controller is on, and never approaches 18 digits."""
 
 
 def host(feedback: KUKARSI) -> Host:
@@ -99,7 +97,7 @@ class _RSIDialect(Positions):
             return reaction
         ipoc = _IPOC.search(message.data)
         answer = _answer(self._sentype, ipoc[1].decode("ascii")) if ipoc else b""
-        # The controller counts answers missing in their cycle.
+        # The controller counts answers that are missing in their cycle.
         counted, late = _DELAY.search(message.data), list[Fault]()
         before, self._delays = self._delays, int(counted[1]) if counted else 0
         if self._delays > before:
@@ -109,7 +107,7 @@ class _RSIDialect(Positions):
 
 
 class _RSIController(SteadyDevice):
-    """Controller with a running program: a datagram per cycle, and a count of missing answers."""
+    """Controller with a running program: sends a datagram per cycle, and counts missing answers."""
 
     IPOC_START = 4_208_000
 
@@ -118,7 +116,7 @@ class _RSIController(SteadyDevice):
         self._feedback = feedback
         self._ticked_ns = 0
         self._awaited: dict[int, int] = {}
-        """IPOC and time of unanswered datagrams."""
+        """IPOC and time of the datagrams without an answer."""
         self._delays = 0
 
     def received(self, data: bytes, now_ns: int) -> Step:

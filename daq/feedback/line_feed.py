@@ -1,13 +1,13 @@
-"""Text lines printed by a user program on the controller, one sample per line: KAREL or any program with sockets.
+"""Text lines printed by a user program on the controller, a sample per line: KAREL or any program with sockets.
 
-Fields, units and separators are configuration, since there is no standard. A line that differs from the configured
-fields is GARBLED. Nothing is ever sent. On a serial port the first line may be incomplete and still look valid: it is
-discarded. A datagram contains complete lines; delayed datagrams are recognised by their clock and ignored (LATE).
-`signal` is a program number, for example 0 for none. Empty fields for the signal or the condition are nan: unknown at
-that time.
+Fields, units and separators are configured, because there is no standard. A line that does not match the configured
+fields is GARBLED. The host sends no data. On a serial port the first line may be incomplete and still appear valid, so
+it is discarded. A datagram contains complete lines. Delayed datagrams are recognised by their clock and ignored (LATE).
+`signal` is a program number, for example 0 for none. If the field of the signal or of the condition is empty, the value
+is nan, which means unknown.
 
-The emulated controller prints `RATE_HZ` lines a second, an estimate for a KAREL task that reads the joints and writes
-to a socket in a loop (not confirmed); the host assumes no rate.
+The emulated controller prints `RATE_HZ` lines a second. This is an unconfirmed estimate for a KAREL task that reads the
+joints and writes to a socket in a loop. The host assumes no rate.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from rigs.schema.links import tcp_address, udp_address
 
 RATE_HZ = 100.0
 _BEHIND_S = 1.0
-"""Networks delay datagrams less than this; a larger backward step means a restarted program."""
+"""Smallest backward step of the clock after a restart of the program. Network delays are shorter."""
 _LEFT_OUT = {"_": 0.0} | dict.fromkeys((SIGNAL, *CONDITION), math.nan)
 """Values of skipped or empty fields."""
 _CLOCK_S = {"t_s": 1.0, "t_ms": 1e-3, "t_us": 1e-6}
@@ -105,7 +105,7 @@ def _garbled(message: Message, why: str) -> Reaction:
 
 
 class _Program(SteadyDevice):
-    """Program on the controller, with a clock starting at zero when the link opens."""
+    """Program on the controller. Its clock starts at zero when the link opens."""
 
     IS_STREAM = True
 

@@ -1,7 +1,7 @@
 """Joint angles in Modbus registers, read over TCP at up to `rate_hz`.
 
-The register map is configuration, not known here. There is no controller clock: the time is that of the answer, as
-accurate as the network.
+The register map is configured in the rig file. The registers contain no clock: the time is that of the answer, with the
+accuracy of the network.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def device(feedback: ModbusJoints, read: Read) -> Device:
     """Return the controller side."""
 
     def shown(now_ns: int) -> list[int] | None:
-        """Return all registers; None if an angle does not fit its register."""
+        """Return all registers, or None if an angle does not fit."""
         registers = [0] * feedback.count
         for joint, angle_deg in zip(feedback.joints, read(now_ns), strict=True):
             raw = (angle_deg / _DEG_PER_UNIT[feedback.units] - joint.offset) / joint.scale

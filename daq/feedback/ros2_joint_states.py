@@ -1,12 +1,12 @@
-"""ROS 2 joint states from a rosbridge server: JSON over WebSocket (rosbridge v2.0; open questions are in the origin).
+"""ROS 2 joint states from a rosbridge server: JSON over WebSocket (rosbridge v2.0; the origin lists open questions).
 
-The host subscribes to the topic and sends nothing else. Each `sensor_msgs/msg/JointState` has joint names, positions in
-radians in the same order, and the header stamp (s and ns), used as the controller clock; a zero stamp means that the
-driver leaves it empty. Several nodes may publish on a topic: a message without any of the six joints belongs to a
-different device (a hand), and is ignored after the first complete message. A message not later than the previous one
-was published twice or by a second node, and is ignored (LATE).
+The host only subscribes to the topic. Each `sensor_msgs/msg/JointState` contains joint names, positions in radians in
+the same order, and the header stamp (s and ns), which is used as the controller clock. A zero stamp means that the
+driver does not set it. Several nodes may publish on a topic. After the first complete message, a message that contains
+none of the six joints belongs to another device, such as a hand, and is ignored. A message not later than the previous
+one was published twice or by a second node, and is also ignored (LATE).
 
-pydantic validates the messages, because it names the invalid field.
+Messages are validated by pydantic, which names the invalid field.
 """
 
 from __future__ import annotations
@@ -27,20 +27,20 @@ from daq.protocol.websocket import LIMIT, WebSocketDevice, WebSocketHost
 from rigs.schema.feedback import ROS2JointStates
 
 RATE_HZ = 100.0
-"""Rate of the emulated driver (the default update rate of ros2_control); the host assumes none."""
+"""Rate of the emulated driver: the default update rate of ros2_control. The host assumes no rate."""
 _TYPE = "sensor_msgs/msg/JointState"
 _BEHIND_S = 1.0
-"""A larger backward step means a changed clock or a restarted simulation."""
+"""Smallest backward step of the clock after it was changed, or after a simulation was restarted."""
 
 
 class _Part(BaseModel):
-    """Part of a message; text in place of numbers, or true in place of 1, is refused."""
+    """Part of a message. Text in place of numbers and true in place of 1 are refused."""
 
     model_config = ConfigDict(strict=True)
 
 
 class _Stamp(_Part):
-    """builtin_interfaces/msg/Time with int32 and uint32; robot clocks are never before 1970."""
+    """builtin_interfaces/msg/Time with int32 and uint32. Clocks of robots are never before 1970."""
 
     sec: int = Field(ge=0, lt=2**31)
     nanosec: int = Field(ge=0, lt=2**32)
@@ -79,7 +79,7 @@ def host(feedback: ROS2JointStates) -> Host:
 
 
 def device(feedback: ROS2JointStates, read: Read) -> Device:
-    """Return the side of server and driver."""
+    """Return the side of the server and driver."""
     return WebSocketDevice(_Bridge(feedback, read))
 
 

@@ -1,27 +1,28 @@
-"""Universal Robots Real-Time Data Exchange, protocol version 2, read only (UR's documents and client, confirmed; only
-the layout of `M` is an assumption).
+"""Universal Robots Real-Time Data Exchange, protocol version 2, read only.
+
+The protocol is confirmed by UR's documents and client; only the layout of `M` is an assumption.
 
 The host requests the version (`V`), the recipe `timestamp, actual_q` at a rate (`O`) and the start (`S`), each with an
-answer. The recipe also contains the signal of the rig file (`actual_digital_output_bits`, UINT64, or
-`output_int_register_n`, INT32), and the condition of the robot and the motor currents if configured. Data packets (`U`)
-follow at the requested rate, or at the lower rate of the controller, until the link closes. If the answer to the recipe
-marks an optional field NOT_FOUND, the recipe is repeated without the field. Every packet is kept: a loaded controller
-may
-skip packets, visible only in its clock (fault SKIPPED). `M` carries text messages of the controller in version 2:
-length,
-text, length, source, level 0 exception … 3 information. `v` requests the controller version, four UINT32; the maker's
-client does so first. Packets of other types are ignored; several in a row mean a stream out of step.
+answer. If configured in the rig file, the recipe also contains the signal (`actual_digital_output_bits`, UINT64, or
+`output_int_register_n`, INT32), the condition of the robot, and the motor currents. Data packets (`U`) follow at the
+requested rate, or at the lower rate of the controller, until the link closes. If the answer to the recipe marks an
+optional field NOT_FOUND, the recipe is repeated without it. All packets are stored. A loaded controller may skip
+packets, which only its clock shows (fault SKIPPED).
 
-In three cases the conversation requests a new link (`Step.hang_up`): a binary stream out of step cannot be
-resynchronised safely, a refused request will not be granted later, and a silent controller is gone (it also streams at
-standstill, and TCP would not notice).
+`M` is a text message of the controller in version 2: length, text, length, source, and level, from 0 exception to 3
+information. `v` requests the controller version, four UINT32; the maker's client sends this request first. Packets of
+other types are ignored, but several in a row mean that the stream is out of step.
 
-Packets are big-endian, `>HB`: size including the header, type. A recipe is a list of typed fields; a data packet has
-the recipe number and then the fields in order.
+The conversation requests a new link (`Step.hang_up`) in three cases. A binary stream that is out of step cannot be
+resynchronised safely. A refused request will not be granted later. A silent controller is gone: it also streams at
+standstill, and TCP would not notice.
+
+Packets are big-endian, `>HB`: size including the header, and type. A recipe is a list of typed fields. A data packet
+contains the recipe number, followed by the fields in order.
 
 The condition consists of `runtime_state` (RuntimeState of UR's clients), `safety_status` or, in older software,
 `safety_mode` (SafetyMode and SafetyStatus of UR's clients, identical up to 9), `speed_scaling` times
-`target_speed_fraction` (as in UR's ROS driver: slow-down by the controller, and the slider), `payload` in kg and
+`target_speed_fraction` (as in UR's ROS driver: reduction by the controller, and the slider), `payload` in kg and
 `joint_temperatures` in °C. `actual_current` contains the motor currents in A.
 """
 
@@ -48,7 +49,7 @@ VERSION = struct.pack(">H", 2)
 """Payload of the version request."""
 _HEADER = struct.Struct(">HB")
 _LONGEST = 520
-"""No packet of our recipes is longer; texts have at most 516 bytes."""
+"""Largest packet in bytes. Packets of our recipes are shorter, and texts have at most 516 bytes."""
 _FORMATS = {"DOUBLE": (1, "d"), "VECTOR6D": (6, "6d"), "UINT64": (1, "Q"), "UINT32": (1, "I"), "INT32": (1, "i")}
 _SAFETY_FIELD = "safety_status"
 CONDITION_TYPES = {
@@ -59,7 +60,7 @@ CONDITION_TYPES = {
     "payload": "DOUBLE",
     "joint_temperatures": "VECTOR6D",
 }
-"""Condition fields, all optional depending on the controller software."""
+"""Fields of the condition. All are optional, because they depend on the controller software."""
 CURRENT_TYPES = {"actual_current": "VECTOR6D"}
 """Field of the motor currents, in A."""
 OLDER = {_SAFETY_FIELD: "safety_mode"}
@@ -92,12 +93,12 @@ _SHOWN_SAFETY = {state: code for code, state in reversed(_SAFETY.items())}
 
 
 def packet(kind: bytes, payload: bytes = b"") -> bytes:
-    """Return a packet with its header."""
+    """Return a packet with a header."""
     return _HEADER.pack(_HEADER.size + len(payload), kind[0]) + payload
 
 
 def packets() -> Sized:
-    """Return a framer for packets of either side, header included."""
+    """Return a framer for packets of both sides, including the header."""
     return Sized(_HEADER.size, _length)
 
 
@@ -114,16 +115,16 @@ class Recipe:
 
     @cached_property
     def layout(self) -> struct.Struct:
-        """Layout: recipe number, then the fields."""
+        """Layout of a data packet: recipe number, then the fields."""
         return struct.Struct(">B" + "".join(_FORMATS[kind][1] for kind in self.types.values()))
 
     def without(self, lacking: Collection[str]) -> Recipe:
-        """Return the recipe with the missing fields removed or replaced by their earlier names."""
+        """Return the recipe without the missing fields. Those that have an earlier name are replaced by it."""
         named = [(OLDER.get(name) if name in lacking else name, kind) for name, kind in self.types.items()]
         return Recipe({name: kind for name, kind in named if name})
 
     def read(self, payload: bytes) -> dict[str, Numbers]:
-        """Decode a data packet of the recipe's size into numbers by field."""
+        """Decode a data packet, which has the recipe's size, to numbers by field."""
         numbers = islice(self.layout.unpack(payload), 1, None)
         return {name: tuple(islice(numbers, _FORMATS[kind][0])) for name, kind in self.types.items()}
 
@@ -133,7 +134,7 @@ class Recipe:
 
 
 def condition_of(fields: Mapping[str, Numbers]) -> tuple[float, ...]:
-    """Return the columns of the condition; nan for missing fields and unknown codes."""
+    """Return the columns of the condition, nan for missing fields and unknown codes."""
     (program,) = fields.get("runtime_state", (_UNKNOWN,))
     (safety,) = fields.get(_SAFETY_FIELD) or fields.get(OLDER[_SAFETY_FIELD], (_UNKNOWN,))
     (limited,), (slider,) = fields.get("speed_scaling", (math.nan,)), fields.get("target_speed_fraction", (math.nan,))
@@ -147,7 +148,7 @@ def condition_of(fields: Mapping[str, Numbers]) -> tuple[float, ...]:
 
 
 def currents_of(fields: Mapping[str, Numbers]) -> tuple[float, ...]:
-    """Return the columns of the currents; nan if the field is missing."""
+    """Return the columns of the currents, nan if the field is missing."""
     (name,) = CURRENT_TYPES
     return tuple(map(plausible, fields.get(name, (math.nan,) * 6)))
 
@@ -173,11 +174,11 @@ def fields_of(shown: Mapping[str, float]) -> dict[str, Numbers]:
 
 
 _MOST_UNKNOWN = 3
-"""Unknown packets in a row that mean a stream out of step."""
+"""Number of consecutive unknown packets that mean a stream out of step."""
 _DISPENSABLE = {*CONDITION_TYPES, *OLDER.values(), *CURRENT_TYPES}
 """Optional fields."""
 _MAX_CLOCK_S = 1e9
-"""Latest valid stamp: no controller has been on for 30 years."""
+"""Largest valid time stamp. No controller runs for 30 years without a restart."""
 
 
 def host(feedback: URRTDE) -> Host:
@@ -226,7 +227,7 @@ class _RTDEClient:
         self._number = 0
         """Recipe number assigned by the controller."""
         self._unknown = 0
-        """Unknown packets since the last known one."""
+        """Number of unknown packets since the last known packet."""
         self._steps = SteadySteps(feedback.rate_hz)
 
     def start(self) -> bytes:
@@ -307,7 +308,7 @@ class _RTDEClient:
         return Reaction((*self._steps.missing(clock_s, message.last_byte_ns), sample))
 
     def _text(self, payload: bytes, message: Message) -> Reaction:
-        """Handle a controller text; information is ignored."""
+        """Handle a text of the controller. Information is ignored."""
         text, remainder = _counted(payload)
         source, level = _counted(remainder)
         if len(level) != 1:
@@ -320,7 +321,7 @@ class _RTDEClient:
 
 
 def _counted(data: bytes) -> tuple[bytes, bytes]:
-    """Split a text with length prefix from the remaining data."""
+    """Split a text with a length prefix from the remaining data."""
     end = 1 + data[0] if data else 0
     return data[1:end], data[end:]
 
@@ -335,10 +336,10 @@ def _refused(detail: str, message: Message) -> Reaction:
 
 
 class _RTDEController(SteadyDevice):
-    """The robot: requested fields at the requested rate, one packet per period even after late ticks."""
+    """The robot: sends the requested fields at the requested rate, a packet per period even after late ticks."""
 
     CLOCK_START_S = 1000.0
-    """Initial time of the clock: controllers count from power-on."""
+    """Initial time of the clock. Controllers count from power-on."""
     SOFTWARE = (5, 11, 0, 0)
     """Software version: major, minor, bugfix, build."""
     MIN_RATE_HZ, MAX_RATE_HZ = 0.01, 500.0
@@ -378,8 +379,8 @@ class _RTDEController(SteadyDevice):
         return b""
 
     def _set_up(self, payload: bytes) -> bytes:
-        """Return the answer to a recipe: number, 0 for none, and field types."""
-        # SDU's ur_rtde ends the list with a comma, accepted by real controllers.
+        """Return the answer to a recipe: the number, 0 for none, and the field types."""
+        # SDU's ur_rtde ends the list with a comma, which real controllers accept.
         names = payload[8:].decode("ascii", "replace").removesuffix(",").split(",")
         (rate_hz,) = struct.unpack(">d", payload[:8]) if len(payload) >= 8 else (math.nan,)
         types = [self._known.get(name, "NOT_FOUND") for name in names]

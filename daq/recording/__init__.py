@@ -1,1 +1,1 @@
-"""Recording: turns stamped samples into runs, and decides who may start and stop a run."""
+"""Recording of runs: writes timestamped samples, and decides who may start and stop a run."""

@@ -1,7 +1,7 @@
-"""One run, from the request until the run is closed.
+"""A single run, from the request until it is closed.
 
-A slow disk may take seconds to create the run directory. Samples that arrive in the meantime are buffered and written
-once the directory exists. A recording can start only if the robot and all required gauges were read recently.
+A slow disk may take seconds to create the run directory. Meanwhile samples are buffered, and written once the directory
+exists. A recording can start only if the robot and all required gauges were read recently.
 """
 
 from __future__ import annotations
@@ -86,10 +86,9 @@ class EndedRun:
 class Gap:
     """Interval between a run ended by a disk failure and the next run.
 
-    previous: directory of the ended run. device: its disk. taken: samples per stream accounted for by the ended run.
-    lost: the part of `taken` that could not be saved, known when the run is closed. missed: samples per stream that
-    arrived
-    after the run ended and belong to no run.
+    previous: directory of the ended run. device: disk of that directory.
+    taken: samples per stream accepted by the ended run. lost: part of `taken` that could not be saved, known when the
+    run is closed. missed: samples per stream that arrived after the run had ended, and belong to no run.
     """
 
     previous: Path
@@ -100,10 +99,9 @@ class Gap:
     missed: Counter[str] = field(default_factory=Counter)
 
     def require_disk(self) -> None:
-        """Raise CellError if the disk is not mounted, so that nothing is written below the mount point.
+        """Raise CellError if the disk is not mounted, to avoid writing below the mount point.
 
-        The disk is present if the previous run exists, or if the device number is unchanged although the run was
-        deleted.
+        The disk is mounted if the previous run exists, or if the run was deleted but the device number is unchanged.
         """
         with suppress(OSError):
             if self.previous.is_dir() or self.previous.parent.stat().st_dev == self.device:
@@ -111,7 +109,7 @@ class Gap:
         raise CellError(str(self.previous), "is gone", "mount the disk that holds it again")
 
     def missed_text(self) -> str:
-        """Return the missed samples per stream as text."""
+        """Return the number of missed samples per stream as text."""
         return ", ".join(f"{count} of {name}" for name, count in self.missed.items() if count) or "none"
 
     def not_recorded(self, warnings: RateLimitedLog) -> dict[str, Fault]:
@@ -130,8 +128,8 @@ class Gap:
     def dropped(self) -> dict[str, Fault]:
         """Return a fault for each stream with samples that were missed or could not be saved.
 
-        If the manifest of the previous run cannot be read, all its samples count as lost, including drops that it
-        inherited.
+        If the manifest of the previous run cannot be read, all samples of that run count as lost, including drops
+        counted in earlier runs.
         """
         stored: Counter[str] = Counter()
         with suppress(FileError):
@@ -146,18 +144,18 @@ class Gap:
 
 
 class ActiveRun:
-    """Collects the items of all streams, and writes them once a writer exists.
+    """Collects the items of all streams, to be written once a writer exists.
 
-    begun: future of the run directory, or the error that refused it. ended: future of the finished run. counters:
-    samples and faults of each kind, by stream. gap: interval before this run if it continues an earlier one.
+    begun: future of the run directory, or of the error. ended: future of the finished run. counters: samples and faults
+    of each kind, by stream. gap: interval before this run, if it continues an earlier run.
     """
 
     def __init__(
         self, label: Label, columns: Mapping[str, Sequence[str]], kept: Mapping[str, Sequence[Item]], since_ns: int
     ) -> None:
-        """Create a run without a writer.
+        """Create a run. It has no writer at first.
 
-        columns: column names per stream. kept: buffered items since `since_ns`, from before the request.
+        columns: column names per stream. kept: items buffered before the request, from `since_ns` on.
         """
         self.label, self.since_ns = label, since_ns
         self.gap: Gap | None = None
@@ -172,19 +170,19 @@ class ActiveRun:
 
     @property
     def taken(self) -> Counter[str]:
-        """Samples per stream, written or dropped."""
+        """Number of samples per stream, written or dropped."""
         return Counter(
             {name: counter["samples"] + counter[FaultKind.DROPPED] for name, counter in self.counters.items()}
         )
 
     def is_behind(self, stream: str) -> bool:
-        """Return whether the stream has too many samples in memory to be drained further."""
+        """Return whether too many samples of the stream are in memory to drain more."""
         if self.writer:
             return self.writer.is_behind(stream)
         return sum(map(size_of, self._kept[stream])) >= MOST_PENDING
 
     def begin(self, writer: RunWriter, dropped: Mapping[str, Fault]) -> dict[str, list[Fault]]:
-        """Write the buffered items and the drops since the previous run; return the faults found here."""
+        """Write the buffered items, and the drops since the previous run. Returns the faults found in the items."""
         self.writer = writer
         faults = {name: self.put(name, items) for name, items in self._kept.items()}
         self._kept.clear()
@@ -195,11 +193,11 @@ class ActiveRun:
 
     @property
     def kept(self) -> Counter[str]:
-        """Buffered samples of each stream until the run begins."""
+        """Number of buffered samples per stream before the start of the run."""
         return Counter({name: samples_in(items) for name, items in self._kept.items()})
 
     def refuse(self, error: Exception) -> None:
-        """Report a failed start; the buffered samples count as missed."""
+        """Report a failed start. The buffered samples count as missed."""
         if self.gap:
             self.gap.missed.update(self.kept)
         self.begun.set_exception(error)
@@ -211,7 +209,7 @@ class ActiveRun:
             self.writer.close(ending, why, self.counters)
 
     def put(self, stream: str, items: Sequence[Item]) -> list[Fault]:
-        """Write items, then the faults of the plausibility checks; return those faults."""
+        """Write items, followed by the faults found in them by the plausibility checks. Returns these faults."""
         if self.writer is None:
             self._kept[stream].extend(items)
             return []
@@ -228,7 +226,7 @@ class ActiveRun:
         writer.append_faults(stream, faults)
 
     def put_host(self, faults: Sequence[Fault]) -> None:
-        """Write faults of the computer, and a new time anchor after a step of the wall clock."""
+        """Write faults of the computer. After a step of the wall clock, also write a new time anchor."""
         if self.writer is None:
             self._host_faults += faults
             return

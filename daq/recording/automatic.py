@@ -1,18 +1,19 @@
-"""Start and end recordings for operators and for the trigger of the rig file.
+"""Start and end of recordings, by operators and by the trigger of the rig file.
 
-The recorder passes the samples of the robot's stream to the trigger and, after each round, executes the returned
-commands. The recorder's state machine gives operators precedence.
+The recorder passes the samples of the robot's stream to the trigger. The returned commands are executed after each
+round. Operators have precedence, by the recorder's state machine.
 
-The trigger is pure: samples in, commands out. It owns no clock, recorder or thread, so a test covers an hour of a cell
-in milliseconds. It uses the trigger rules of the rig file, the joint angles and the robot's signal.
+The trigger is pure: samples in, commands out. The trigger owns no clock, recorder or thread, so a test covers an hour
+of a cell within milliseconds. The trigger rules of the rig file refer to the joint angles and the robot's signal.
 
-A signal starts a recording when it changes to the value of a rule. A signal that is already active in the first sample
-is ignored, because it began at an unknown time. The value must stay for 0.1 s, because the outputs forming a
-number do not switch simultaneously. A motion rule starts a recording when the robot leaves a posture in which it stood.
-Either event ends the previous run, so each program has a run.
+A signal starts a recording when it changes to the value of a rule. A signal that is active in the first sample is
+ignored, because its start is unknown. The value must remain for 0.1 s, because the outputs that form a number do not
+switch simultaneously. A motion rule starts a recording when the robot leaves a posture in which it stood. Both events
+end the previous run, so that each program has a separate run.
 
-A run ends when the robot stands still after the signal has ended, or soon after if the robot keeps moving. Surplus
-readings at both ends are harmless because the evaluation finds the lap; missing readings are not.
+A run ends when the robot stands still after the end of the signal. If the robot continues to move, the run ends soon
+after the signal. Surplus readings at both ends are harmless, because the evaluation finds the lap. Missing readings are
+not.
 """
 
 from __future__ import annotations
@@ -39,14 +40,14 @@ _S = 1_000_000_000
 _SETTLED_NS = _S // 10
 _STOOD_NS = round(STOOD_S * _S)
 _TAIL_NS = 10 * _S
-"""Time after the end of the signal at which the run ends if the robot keeps moving."""
+"""Time from the end of the signal to the end of the run, if the robot continues to move."""
 _SILENT_NS = 10 * _S
 AXES = 6
 
 
 @dataclass(frozen=True)
 class StartRun:
-    """Command to start a run for a rule whose event happened at `at_ns`."""
+    """Command to start a run for a rule. The event happened at `at_ns`."""
 
     rule: Rule
     at_ns: int
@@ -54,7 +55,7 @@ class StartRun:
 
 @dataclass(frozen=True)
 class StopRun:
-    """Command to end the started run; `in_order` is true if the event ended as the rule expects."""
+    """Command to end the run. in_order: True if the event ended as specified by the rule."""
 
     at_ns: int
     why: str
@@ -74,16 +75,16 @@ class Trigger:
         self._departures = [(rule, _Departure(rule.when)) for rule in rules if rule.when.from_deg]
         self._running: Rule | None = None
         self._over_ns: int | None = None
-        """Time at which the event of the running rule ended; None while its signal is active."""
+        """Time at which the event of the running rule ended, or None while the signal is active."""
         self._last_sample_ns = 0
 
     @property
     def signal(self) -> float:
-        """Current signal of the robot; nan before the first sample or without a signal."""
+        """Current signal of the robot, nan before the first sample or if it has no signal."""
         return self._signal.value
 
     def feed(self, sample: Sample) -> list[Command]:
-        """Return the commands that a sample causes.
+        """Process a sample and return the resulting commands.
 
         The sample contains the joint angles in degrees, followed by the signal if the robot has one.
         """
@@ -112,13 +113,13 @@ class Trigger:
         return [*commands, started]
 
     def tick(self, now_ns: int) -> list[Command]:
-        """Return the commands caused by elapsed time, for a robot that may have stopped sending."""
+        """Return the commands that result from elapsed time, in case the robot has stopped sending."""
         if self._running is None or now_ns - self._last_sample_ns < _SILENT_NS:
             return []
         return self._stop(StopRun(now_ns, f"the robot was not heard for {_SILENT_NS // _S} s", in_order=False))
 
     def reset(self) -> None:
-        """Forget the requested run after it was refused or ended by others; the next event starts a new recording."""
+        """Forget the requested run, which was refused or ended by an operator. The next event starts a recording."""
         self._running = None
 
     def _started(self, joints: Sequence[float], at_ns: int, changed_ns: int | None) -> StartRun | None:
@@ -137,7 +138,7 @@ class Trigger:
 
 
 class _Standstill:
-    """Measures the time since which the robot stands still."""
+    """Measures the start of the current standstill."""
 
     def __init__(self) -> None:
         self.since_ns = 0
@@ -157,7 +158,7 @@ class _SettledSignal:
         self._since_ns = 0
 
     def feed(self, value: float, at_ns: int) -> int | None:
-        """Return the time of a settled change; None if the value is unchanged or is the first."""
+        """Return the time of a settled change, or None if the value is unchanged or is the first one."""
         if value == self.value:
             self._next = math.nan
             return None
@@ -179,7 +180,7 @@ class _Departure:
         self._left_ns: int | None = None
 
     def feed(self, joints: Sequence[float], stands_since_ns: int, at_ns: int) -> int | None:
-        """Return the departure time once the robot is halfway to the next posture, otherwise None."""
+        """Return the time of departure once the robot is halfway to the next posture, otherwise None."""
         if _apart(joints, self._from) <= NEAR_DEG:
             if at_ns - stands_since_ns >= _STOOD_NS:
                 self._left_ns = at_ns
@@ -198,7 +199,7 @@ def _apart(a_deg: Sequence[float], b_deg: Sequence[float]) -> float:
 log = logging.getLogger("rigd")
 OPERATOR = "automatic"
 _BEFORE_NS = 1_000_000_000
-"""Lead-in: recorded time before the event."""
+"""Lead-in: time recorded before the event."""
 _SHORT_S = 1.0
 
 
@@ -211,21 +212,21 @@ class Arbiter:
         self._trigger = Trigger(self._rules)
         self._samples: deque[Sample] = deque()
         self._own_run: str | None = None
-        """Name of the current run if the trigger started it."""
+        """Name of the current run, if the trigger started it."""
         self._starting: deque[tuple[str, str, Future[Path]]] = deque()
-        """Starts not yet confirmed by the disk: title, name and run."""
+        """Starts not confirmed by the disk: title, name and run."""
         self._started_ns = 0
         self._started = 0
         self._refused = 0
         self._why_not = ""
 
     def feed(self, items: Sequence[Item]) -> None:
-        """Store items of the robot's stream; called by the recorder during its round."""
+        """Store items of the robot's stream. Called by the recorder during a round."""
         if self._rules:
             self._samples.extend(samples_of(items))
 
     def after_round(self) -> None:
-        """Feed the stored items to the trigger and execute its commands; called after each round."""
+        """Pass the stored items to the trigger and execute its commands. Called after each round."""
         if not self._rules:
             return
         while self._starting and self._starting[0][2].done():
@@ -246,15 +247,15 @@ class Arbiter:
         self._execute(self._trigger.tick(clock.now_ns()))
 
     def start(self, label: Label) -> Path:
-        """Start a recording for an operator, ending one started by the robot. Raises CellError."""
+        """Start a recording for an operator. A recording started by the robot is ended. Raises CellError."""
         return clock.result(self._recorder.start_run(Recording(label)))
 
     def stop(self) -> EndedRun:
-        """End the recording for an operator and wait until the run is closed. Raises CellError."""
+        """End the recording for an operator, and wait until the run is closed. Raises CellError."""
         return clock.result(self._recorder.stop_run())
 
     def state(self) -> dict[str, object] | None:
-        """Return the state of the trigger and the reason for a refused start; None without rules."""
+        """Return the state of the trigger and the reason for a refused start. None if the rig file has no rules."""
         if not self._rules:
             return None
         return {
@@ -308,6 +309,6 @@ class Arbiter:
             log.error("%s", error)
 
     def _is_recorded(self) -> bool:
-        """Return whether the robot's recording continues, including the time before the run exists."""
+        """Return whether the recording of the robot continues, including the time before the run exists."""
         current = self._recorder.recording
         return current is not None and current.label.name == self._own_run

@@ -1,8 +1,8 @@
 """Threads that wait for the disk.
 
-One thread does a sequence of tasks in order; a second thread creates runs. A sync, closing a full chunk, and ending or
-creating a run can each take seconds on a slow disk. In the meantime the recorder continues to drain buffers, to hand
-samples to the operating system, where they survive a kill of the process, and to feed the watchdog.
+One thread executes disk operations in order, and a second thread creates runs. A sync, the closing of a full chunk, and
+the creation or end of a run may each take seconds on a slow disk. Meanwhile the recorder continues to drain buffers, to
+feed the watchdog, and to write samples to the operating system, where they survive the end of the process.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _SYNC_S = 0.5
 
 
 class IoWorker:
-    """Runs disk operations in threads and tracks the pending ones."""
+    """Runs disk operations in threads, and tracks the pending operations."""
 
     def __init__(self, warnings: RateLimitedLog) -> None:
         keep_large_blocks_apart()
@@ -32,12 +32,12 @@ class IoWorker:
         self._under_way: tuple[Work, Future[None]] | None = None
         self._begun_s = self._synced_s = 0.0
         self.synced: Mapping[str, int] = {}
-        """Rows per sample stream of the current run safely on the disk."""
+        """Rows per sample stream of the current run that are safely on the disk."""
 
     def advance(self, writer: RunWriter) -> None:
-        """Collect finished operations and start the next one. Raises CellError.
+        """Collect finished operations, and start the next operation. Raises CellError.
 
-        A sync runs twice a second; chunks are closed between two syncs.
+        A sync runs twice a second. Chunks are closed between two syncs.
         """
         closed_one = False
         if self._under_way is not None:
@@ -62,15 +62,15 @@ class IoWorker:
     def submit_close(self, close: Callable[[], None]) -> None:
         """Close the run after the pending operation.
 
-        The result of the pending operation is ignored, because closing repeats and verifies unfinished work.
+        The result of that operation is ignored, because closing verifies the work and repeats it if necessary.
         """
         self._under_way, self.synced = None, {}
         self._thread.submit(close).add_done_callback(_fail)
 
     def submit_create(self, create: Callable[[], None]) -> None:
-        """Create a run without waiting for the previous run to close.
+        """Create a run. The previous run need not be closed.
 
-        An exception in `create` is a programming error and ends the process, as in any thread.
+        An exception in `create` is a programming error. Such an error ends the process, as in any thread.
         """
         self._creator.submit(create).add_done_callback(_fail)
 

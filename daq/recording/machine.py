@@ -1,11 +1,11 @@
 """State machine of the recorder.
 
-Pure: an event in, the next state and a list of actions out. The threads of the recorder execute the actions and report
-the results as further events, so every decision is made here, whatever the order of events. The table of states is in
-docs/decisions/0016-the-recorder-is-a-state-machine.md.
+The machine is pure: an event in, the next state and a list of actions out. The threads of the recorder execute the
+actions and report the results as further events. All decisions are therefore made here, whatever the order of events.
+The table of states is in docs/decisions/0016-the-recorder-is-a-state-machine.md.
 
-A *recording* is a request by the operator or the robot; a *run* is a directory. A disk failure ends the run but not the
-recording, which waits and continues in a new run. The operator has precedence: the robot cannot end the operator's
+A *recording* is a request by the operator or the robot; a *run* is a directory. A disk failure ends the run, but not
+the recording, which waits and continues in a new run. The operator has precedence: the robot cannot end the operator's
 recording.
 """
 
@@ -18,12 +18,12 @@ from daq.recording.active_run import Label
 from daq.store.ledger import Ending
 
 FIRST_PAUSE_S = 5.0
-"""First pause after a disk failure; a full or failing disk needs attention from the operator."""
+"""First pause after a disk failure. The operator must attend to a full or failing disk."""
 REMOVED_PAUSE_S = 0.1
-"""Pause after a run directory was removed: the disk can take a new run immediately. Zero would mean a first run."""
+"""Pause after a run directory was removed. The disk can take a new run immediately, but zero would mean a first run."""
 LONGEST_PAUSE_S = 60.0
 MOST_LEAVING = 2
-"""Limit of stopped runs without a directory: each keeps its samples in memory."""
+"""Largest number of stopped runs that have no directory. Their samples are in memory."""
 
 
 @dataclass(frozen=True)
@@ -37,12 +37,12 @@ class Recording:
 
 @dataclass(frozen=True)
 class Idle:
-    """Idle: there is no recording."""
+    """No recording."""
 
 
 @dataclass(frozen=True)
 class Beginning:
-    """The run is being created. pause_s: pause before this attempt; 0 for the first run of a recording."""
+    """The run is being created. pause_s: pause before this attempt, 0 for the first run of a recording."""
 
     recording: Recording
     run: int
@@ -110,7 +110,7 @@ class Failed:
 
 @dataclass(frozen=True)
 class Closed:
-    """A run is closed, with or without success."""
+    """A run was closed, successfully or not."""
 
     run: int
 
@@ -124,7 +124,7 @@ class Tick:
 
 @dataclass(frozen=True)
 class Create:
-    """Create a run. resumes: the run continues one that the disk ended."""
+    """Create a run. resumes: True if the run continues one that the disk ended."""
 
     run: int
     recording: Recording
@@ -142,7 +142,7 @@ class Close:
 
 @dataclass(frozen=True)
 class Suspend:
-    """Count samples as missed from now on, because the run ended for this reason."""
+    """Count samples as missed from now on. why: reason for the end of the run."""
 
     run: int
     why: str
@@ -170,7 +170,7 @@ IDLE = Idle()
 class State:
     """State of the recorder.
 
-    leaving: stopped runs that the disk has not created yet, with the ending of each. next: number of the next run.
+    leaving: stopped runs that the disk has not created, each with its ending. next: number of the next run.
     """
 
     phase: Phase = IDLE
@@ -179,12 +179,12 @@ class State:
 
     @property
     def recording(self) -> Recording | None:
-        """The current recording, even before its run exists; None if idle."""
+        """Current recording, even before the run exists, or None if idle."""
         return None if isinstance(self.phase, Idle) else self.phase.recording
 
     @property
     def run(self) -> int | None:
-        """Number of the run that receives samples, even before it is created; None if idle."""
+        """Number of the run that receives samples, even before it is created, or None if idle."""
         return self.phase.run if isinstance(self.phase, Beginning | Running) else None
 
 
@@ -259,7 +259,7 @@ def _create(state: State, recording: Recording, pause_s: float = 0.0) -> Outcome
 
 
 def _ended(state: State, ending: Ending, why: str) -> Outcome:
-    """End the current recording, if any; a run that is still being created ends when it exists."""
+    """End the current recording, if any. A run that is still being created ends once it exists."""
     idle = replace(state, phase=IDLE)
     match state.phase:
         case Beginning(_, run):

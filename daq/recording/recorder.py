@@ -1,8 +1,8 @@
 """The recorder: drains the buffers of all streams and writes the samples of the current run.
 
 `daq.recording.machine` decides; the recorder executes. One lock guards the state and the runs, and one thread does the
-periodic work. Readers never take this lock, and no code waits for the disk while it is locked: the threads of
-`daq.recording.io_worker` do that, including creating and resuming runs.
+periodic work. Readers never take this lock, and no code waits for the disk while the lock is taken. The threads of
+`daq.recording.io_worker` wait for the disk, for example to create and resume runs.
 """
 
 from __future__ import annotations
@@ -39,10 +39,10 @@ def status_of(
     *,
     closing: bool,
 ) -> dict[str, object]:
-    """Return the status of the current recording, or the result of the last one.
+    """Return the status of the current recording, or the result of the last recording.
 
     run: the run receiving samples. gap: missed samples while the recording waits for the disk. synced: rows per stream
-    that are safely on the disk. closing: whether another run is still being closed.
+    that are safely on the disk. closing: True if another run is still being closed.
     """
     if run is None or run.writer is None or not isinstance(state.phase, Running):
         gap = run.gap if run else gap
@@ -79,7 +79,7 @@ def rejection(rejected: Reject, state: State, last_end: str) -> CellError:
 log = logging.getLogger("rigd")
 _ROUND_S = 0.25
 _LEAST_PAUSE_S = 0.1
-"""Shortest pause: other threads need the lock to start or stop a recording on a slow disk."""
+"""Shortest pause. Other threads need the lock to start or stop a recording on a slow disk."""
 
 
 class Recorder(clock.Thread):
@@ -92,10 +92,10 @@ class Recorder(clock.Thread):
         after_round: Callable[[], None],
         on_items: Callable[[str, Sequence[Item]], None] = lambda name, items: None,
     ) -> None:
-        """Create a recorder; `start` begins its work.
+        """Create a recorder; `start` starts its thread.
 
-        create: creates a run for a label. Its second argument is the name of the run to continue, or empty.
-        on_items: receives the new items of every stream and must return quickly.
+        create: creates a run for a label. The second argument is the name of the run to continue, or empty. on_items:
+        receives the new items of every stream and must return quickly.
         """
         super().__init__(name="write", daemon=True)
         self._buffers, self._create, self._after_round = buffers, create, after_round
@@ -146,8 +146,8 @@ class Recorder(clock.Thread):
     def start_run(self, recording: Recording) -> Future[Path]:
         """Start a recording.
 
-        The future contains the directory once it exists, and raises CellError if the disk refuses. Raises CellError if
-        a recording cannot start now or a gauge is silent.
+        The future contains the directory once it exists, or the CellError if the disk refuses. Raises CellError if a
+        recording cannot start now or a gauge is silent.
         """
         with self._lock:
             for action in machine.step(self._state, machine.Start(recording))[1]:
@@ -166,8 +166,7 @@ class Recorder(clock.Thread):
     ) -> Future[EndedRun]:
         """End the recording.
 
-        The future contains the closed run, and raises CellError if it cannot be closed. Raises CellError if nothing is
-        being recorded.
+        The future contains the closed run, or the CellError if it cannot be closed. Raises CellError if idle.
         """
         with self._lock:
             self._drain_buffers(sync=False)
@@ -176,7 +175,7 @@ class Recorder(clock.Thread):
             return self._runs[number].ended
 
     def shut_down(self, ending: Ending, why: str) -> Path | None:
-        """Stop the thread and the recording; return the directory if a recording was cut short."""
+        """Stop the thread and the recording. Returns the directory if a recording was interrupted."""
         self._stop_asked.set()
         self.join()
         in_a_run = self._state.run is not None
@@ -190,29 +189,29 @@ class Recorder(clock.Thread):
             self._io.shut_down()
 
     def note_end(self, run: str, reason: str) -> None:
-        """Append a later finding about the last run to its ending, for the status."""
+        """Append a later finding about the last run to the reason displayed in the status."""
         with self._lock:
             if run == str(self._last_path):
                 self.last_end += f"; cannot be analysed: {reason}"
 
     @property
     def recording(self) -> Recording | None:
-        """The current recording, even before its run exists or while it waits for the disk."""
+        """Current recording, even before the run exists or while the recording waits for the disk."""
         return self._state.recording
 
     def state(self) -> dict[str, object]:
-        """Return the status of the current recording, or the result of the last one."""
+        """Return the status of the current recording, or the result of the last recording."""
         run, synced = self._current, {name: self._io.synced.get(name, 0) for name in self._buffers}
         closing = any(active is not run and not active.ended.done() for active in list(self._runs.values()))
         return status_of(self._state, run, self._gap, self.last_end, synced, closing=closing)
 
     @property
     def _current(self) -> ActiveRun | None:
-        """The run receiving samples."""
+        """The run that receives samples."""
         return self._runs.get(self._state.run or 0)
 
     def _apply(self, event: machine.Event) -> None:
-        """Apply an event to the state and execute the actions. Raises CellError for a rejected event."""
+        """Apply an event to the state and execute the actions. Raises CellError if the event is rejected."""
         self._state, actions = machine.step(self._state, event)
         for action in actions:
             match action:
@@ -229,7 +228,7 @@ class Recorder(clock.Thread):
                     self.last_end = f"{ending}: {why}"
                     self._io.submit_close(partial(self._close_run, self._runs[number], ending, why))
                 case Suspend(number, why) if (writer := self._runs[number].writer) is not None:
-                    # From now on samples count as missed; unsaved ones are added when the run is closed.
+                    # From now on samples count as missed. Unsaved samples are added when the run is closed.
                     self._gap = Gap(writer.path, writer.device, why, self._runs[number].taken)
                     message = "%s: run ended, %s; another run follows when the disk allows it"
                     log.error(message, writer.path, self.last_end)
@@ -240,7 +239,7 @@ class Recorder(clock.Thread):
                     raise rejection(action, self._state, self.last_end)
 
     def _create_run(self, number: int, run: ActiveRun) -> None:
-        """Create the run and start writing it; called in a disk thread."""
+        """Create the run and start writing it. Called in a disk thread."""
         try:
             dropped = run.gap.not_recorded(self._warnings) if run.gap else {}
             writer = self._create(run.label, run.gap.previous.name if run.gap else "")
@@ -256,7 +255,7 @@ class Recorder(clock.Thread):
                 log.info("recording %s (%s) to %s%s", label.name, kind, writer.path, after)
                 for name, faults in run.begin(writer, dropped).items():
                     self.losses.report(name, faults)
-                self._apply(machine.Created(number))  # first, so that `state` never sees both empty
+                self._apply(machine.Created(number))  # first, so that `state` always finds the run
                 run.begun.set_result(writer.path)
             except Exception as error:
                 self._refused(number, run, error)
@@ -278,12 +277,12 @@ class Recorder(clock.Thread):
     def _drain_buffers(self, *, sync: bool) -> None:
         """Drain every buffer into the current run.
 
-        With sync, streams that are behind are skipped; their buffers are bounded and count the overflow.
+        With sync, streams that are behind are skipped. The buffers are bounded and count the overflow.
         """
         run = self._current
         for name, buffer in self._buffers.items():
             if sync and run is not None and run.is_behind(name):
-                continue  # the buffer is bounded and counts its overflow
+                continue  # the buffer is bounded and counts the overflow
             items = buffer.drain()
             self._warnings.warn_faults(name, faults_of(items))
             self._on_items(name, items)
@@ -307,7 +306,7 @@ class Recorder(clock.Thread):
             self.losses.add(gap.missed + gap.lost, f"nothing followed {gap.previous.name}")
 
     def _settle(self, run: ActiveRun) -> None:
-        """Count the losses of a closed run, unless the next run will do so."""
+        """Count the losses of a closed run, unless the next run will count them."""
         if run.writer is None or not run.writer.lost.total():
             return
         with self._lock:
@@ -317,7 +316,7 @@ class Recorder(clock.Thread):
                 self.losses.add(run.writer.lost, f"{run.writer.path.name} could not be closed")
 
     def _close_run(self, run: ActiveRun, ending: Ending, why: str) -> None:
-        """Close the run in a disk thread; waiting callers receive the error if it fails."""
+        """Close the run in a disk thread. Waiting callers receive the error if this fails."""
         path = clock.result(run.begun)
         try:
             try:

@@ -1,4 +1,4 @@
-"""Log warnings of the recorder: repeated faults, lost samples, and faults of the computer."""
+"""Log messages of the recorder: repeated faults, lost samples, and faults of the computer."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _SLOW_S = 2.0
 
 
 class RateLimitedLog:
-    """Rate-limited log of faults; few streams and kinds keep it small."""
+    """Rate-limited log of faults. Its size is bounded by the number of streams and kinds."""
 
     def __init__(self) -> None:
         self._last: dict[tuple[str, str], tuple[float, int]] = {}
@@ -25,8 +25,8 @@ class RateLimitedLog:
     def warn(self, name: str, kind: str, detail: str, count: int = 1) -> None:
         """Log a fault.
 
-        A repeated kind is logged again after ten seconds, with the number of suppressed faults. A fault with count 0,
-        which adds details to an earlier one, is logged immediately.
+        A repeated kind is logged again after ten seconds, with the number of suppressed faults. A fault with count 0
+        adds details to an earlier fault, and is logged immediately.
         """
         if not count:
             log.info("%s: %s", name, detail)
@@ -52,7 +52,7 @@ class RateLimitedLog:
 
 
 class Losses:
-    """Counts lost samples per stream, and reports faults found after a stream was read."""
+    """Counts lost samples per stream, and reports faults that were found after reading."""
 
     def __init__(self, buffers: Mapping[str, StreamBuffer], warnings: RateLimitedLog) -> None:
         self._buffers, self._warnings = buffers, warnings
@@ -72,7 +72,7 @@ class Losses:
 
 
 class HostWatch:
-    """Detects faults of the computer and counts them by kind since the start of the daemon."""
+    """Detects faults of the computer, and counts them by kind since the start of the daemon."""
 
     def __init__(self, warnings: RateLimitedLog) -> None:
         self._warnings = warnings

@@ -1,9 +1,9 @@
-"""Print the network addresses needed by a rig as a systemd drop-in for `scripts/install`; the unit denies all others.
+"""Print the network addresses required by a rig as a systemd drop-in for `scripts/install`. The unit denies all others.
 
 python -m daq.service.addresses RIG
 
-An instrument is allowed by its address; an instrument with a host name also requires the name servers. The rig file
-does not name a controller that connects to us, so private networks are allowed in that case.
+An instrument is allowed by its address. If it has a host name, the name servers are also allowed. The rig file does not
+contain the address of a controller that connects to us, so private networks are allowed in this case.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _RESOLVERS = Path("/etc/resolv.conf")
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Print the drop-in for a rig file; return the exit code."""
+    """Print the drop-in for a rig file, and return the exit code."""
     try:
         rig, _ = load(arguments[0])
         print(drop_in(rig, resolved, _RESOLVERS.read_text("utf-8", "replace") if _RESOLVERS.exists() else ""), end="")
@@ -39,7 +39,7 @@ def main(arguments: Sequence[str]) -> int:
 def drop_in(rig: Rig, resolve: Resolve, resolv_conf: str) -> str:
     """Return the drop-in with the addresses required by a rig.
 
-    resolve: returns the addresses of a name. resolv_conf: text of that file.
+    resolve: function that returns the addresses of a name. resolv_conf: content of /etc/resolv.conf.
     """
     listens = rig.feedback.listens
     ports = [*(gauge.port for gauge in rig.gauges.recorded.values()), *([] if listens else [rig.feedback.port])]
@@ -57,7 +57,7 @@ def drop_in(rig: Rig, resolve: Resolve, resolv_conf: str) -> str:
 
 
 def resolved(name: str) -> Sequence[str]:
-    """Return the addresses of a host. Raises CellError if there are none."""
+    """Return the addresses of a host. Raises CellError if it has none."""
     try:
         addresses = socket.getaddrinfo(name, None, type=socket.SOCK_STREAM)
     except (OSError, UnicodeError) as error:

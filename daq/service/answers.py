@@ -1,7 +1,7 @@
 """Answers of a daemon, validated by the client before use.
 
-Any program may have bound the socket, and the daemon may have a different version: missing or invalid values give a
-one-line error, additional values are passed on. All texts in an answer are plain (`rigs.text`).
+A different program may have bound the socket, and the daemon may have a different version. A missing or invalid value
+is an error of one line; additional values are passed on. All texts in an answer are sanitised (`rigs.text`).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from rigs.text import plain_values
 
 LONGEST_ANSWER = 1 << 20
-"""Limit of an answer line in bytes; the status of a cell with three streams has 3 kB."""
+"""Largest answer line in bytes. The status of a cell with three streams has 3 kB."""
 Number = Annotated[float, Field(strict=True)]
 
 
@@ -23,7 +23,7 @@ class _Answer(BaseModel):
 
 
 class Refusal(_Answer):
-    """Error of the daemon in parts."""
+    """Error of the daemon, in parts."""
 
     where: str
     what: str
@@ -38,7 +38,7 @@ class Started(_Answer):
 
 
 class Stopped(_Answer):
-    """A recording has ended. seal: SHA-256 of the ledger; empty for older daemons."""
+    """A recording has ended. seal: SHA-256 of the ledger, empty from an older daemon."""
 
     run: str
     counters: dict[str, dict[str, int]]
@@ -52,7 +52,7 @@ class Metrics(_Answer):
 
 
 class StreamStatus(_Answer):
-    """Present state of a sample stream. last: last valid value by column. age_s: age of that value by column."""
+    """Current state of a sample stream. last: last valid value by column. age_s: age of that value by column."""
 
     connected: bool
     rate_hz: Number
@@ -76,7 +76,7 @@ class AutomaticStatus(_Answer):
 
 
 class StreamSamples(_Answer):
-    """Latest samples of a stream. rows: stamp in ns, then a value per column or None."""
+    """Latest samples of a stream. rows: timestamp in ns, followed by a value per column or None."""
 
     newest: int
     columns: list[str]
@@ -98,7 +98,7 @@ class Samples(_Answer):
 
 
 class NotRecording(_Answer):
-    """No recording. missed: samples per stream missed while a recording waits for the disk."""
+    """No recording. missed: number of samples per stream missed while a recording waits for the disk."""
 
     recording: None
     last_end: str | None
@@ -106,7 +106,7 @@ class NotRecording(_Answer):
 
 
 class Recording(_Answer):
-    """Present recording."""
+    """Current recording."""
 
     recording: str
     test: str
@@ -115,7 +115,7 @@ class Recording(_Answer):
 
 
 class Status(_Answer):
-    """Present state of the daemon."""
+    """Current state of the daemon."""
 
     rig: str
     baseline_mm: Number | None
@@ -133,7 +133,7 @@ _OF_COMMAND: dict[str, type[_Answer]] = {
 
 
 def read_answer(command: str, line: bytes) -> dict[str, Any]:
-    """Decode an answer, including `ok`, with plain texts. Raises ValueError if it does not fit the command."""
+    """Decode an answer, including `ok`, and sanitise its texts. Raises ValueError if it does not fit the command."""
     try:
         answer = json.loads(line)
     except RecursionError:
@@ -150,6 +150,6 @@ def read_answer(command: str, line: bytes) -> dict[str, Any]:
         detail = error.errors(include_url=False, include_input=False, include_context=False)[0]
         raise ValueError(f"{'.'.join(map(str, detail['loc']))}: {detail['msg']}") from None
     if command == "metrics" and answer["ok"]:
-        return answer  # several lines, each plain when printed
+        return answer  # several lines, each sanitised when printed
     plain: dict[str, Any] = plain_values(answer)
     return plain

@@ -1,7 +1,7 @@
 """Client of a daemon's control socket, for `rig record`, `rig status` and `rig live`.
 
-The responding program may not be rigd: the owner of the socket is checked before anything is sent, and answers are
-limited in size, time and form.
+The responding program may not be rigd. The owner of the socket is therefore checked before data is sent, and answers
+are limited in size, time and form.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from daq.service.trust import hold_trusted, peer_user, socket_directory
 from rigs.errors import CellError, RigError
 
 ANSWERS_S = 30.0
-"""Limit for an answer: as long as a recording may take to close (TimeoutStopSec of the unit)."""
+"""Time limit of an answer. Closing a recording may take as long (TimeoutStopSec of the unit)."""
 _CONNECT_S = 3.0
-"""Limit for a connection while others are queued."""
+"""Time limit of a connection, while others are queued."""
 _TIMEVAL = struct.Struct("ll")
 _KNOCK_S = 1.0
 _RESTART = "see its log, then start it again: rigd RIG"
@@ -36,7 +36,7 @@ class Client:
         self._unread = b""
 
     def __enter__(self) -> Client:
-        """Connect. Raises CellError if no daemon responds or the daemon is not trusted."""
+        """Connect. Raises CellError if the daemon does not respond or is not trusted."""
         try:
             owners = hold_trusted(self._path)
         except PermissionError:
@@ -45,7 +45,7 @@ class Client:
             raise CellError(str(self._path), "no rigd answers here", "start it: rigd RIG") from None
         sock = socket.socket(socket.AF_UNIX)
         try:
-            # A blocking connect keeps its place in the system's queue; repeated attempts might never succeed.
+            # A blocking connect keeps its position in the system's queue. Repeated attempts might never succeed.
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, _TIMEVAL.pack(*divmod(int(_CONNECT_S * 1e6), 10**6)))
             sock.connect(str(self._path))
             if (user := peer_user(sock)) not in owners:
@@ -68,12 +68,11 @@ class Client:
         self._sock.close()
 
     def ask(self, command: str, **fields: Any) -> dict[str, Any]:
-        """Send a request and return the answer. Raises the RigError of the daemon, or CellError if the daemon is
-        gone."""
+        """Send a request and return the answer. Raises the daemon's RigError, or CellError if the daemon is gone."""
         until_s = clock.now_s() + ANSWERS_S
         try:
             self._sock.settimeout(ANSWERS_S)
-            # Data sent by rigd before closing can still be read.
+            # Data that rigd sent before closing can still be read.
             with contextlib.suppress(BrokenPipeError):
                 self._sock.sendall(json.dumps({"command": command, **fields}).encode() + b"\n")
             line = self._line(until_s)
@@ -96,7 +95,7 @@ class Client:
         return answer
 
     def _line(self, until_s: float) -> bytes:
-        """Return the next line without the line end, empty if the daemon is gone. Raises OSError."""
+        """Return the next line, empty if the daemon is gone. Raises OSError."""
         while b"\n" not in self._unread:
             if len(self._unread) > LONGEST_ANSWER:
                 problem = f"what answers here sends more than {LONGEST_ANSWER} bytes in a line, which rigd never does"
@@ -119,7 +118,7 @@ def _forbidden(path: Path) -> CellError:
 def find_socket(rig: str | None = None) -> Path:
     """Return the socket of the running daemon, or of the daemon for `rig`. Raises CellError for none or several.
 
-    A killed daemon leaves its socket behind without a listener.
+    A killed daemon leaves a socket that has no listener.
     """
     served = [path for path in sockets() if rig in (None, path.stem) and _is_served(path)]
     if len(served) == 1:
@@ -132,7 +131,7 @@ def find_socket(rig: str | None = None) -> Path:
 
 
 def sockets() -> list[Path]:
-    """Return the sockets visible to this user in order of name, including those without a listener."""
+    """Return the sockets visible to this user in order of name, even if they have no listener."""
     places = [socket_directory(), *Path("/run").glob("rigd-*")]
     return sorted({path for place in places for path in place.glob("*.sock")})
 

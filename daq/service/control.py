@@ -1,9 +1,10 @@
-"""Local control socket with one line of JSON per request and answer. Nothing listens on the network.
+"""Local control socket, with a line of JSON per request and answer. There is no network listener.
 
-Only the daemon's user and group have access. Errors are transmitted in parts, so that the client raises the error of
-the daemon. Clients cannot exhaust the server, and thereby the recorder, because all resources are bounded: connections
-in total and per user, the size of requests and answers, and their duration. A new connection replaces the longest
-silent one, so silent clients cannot block others. docs/decisions/0018-one-gate-for-text.md explains the numbers.
+Only the user and group of the daemon have access. Errors are transmitted in parts, so that the client can raise the
+error of the daemon. Clients cannot exhaust the server, and thereby the recorder, as all resources are bounded: the
+number of connections in total and per user, and the size and duration of requests and answers. A new connection
+replaces the longest silent connection, which prevents silent clients from blocking others.
+docs/decisions/0018-one-gate-for-text.md explains the numbers.
 """
 
 from __future__ import annotations
@@ -32,36 +33,39 @@ from rigs.errors import CellError, RigError
 log = logging.getLogger("rigd")
 Answer = Callable[[dict[str, Any]], dict[str, Any]]
 LONGEST_REQUEST = 65536
-"""Limit of a request in bytes; a label with all fields has 2 kB."""
+"""Largest request in bytes. A label with all fields has 2 kB."""
 _LAST_ANSWERS_S = 15.0
-"""Limit for pending answers at the end of the daemon: a long recording takes seconds to close."""
+"""Time limit of pending answers when the daemon ends. Closing a long recording takes seconds."""
 _MOST, _MOST_OF_A_USER = 64, 16
-"""Limits of connections in total and per user. A user has few: rig live, and one per running command."""
+"""Largest number of connections, in total and per user. A user needs few: rig live, and one per running command."""
 _RESERVED = 256
-"""Descriptors reserved for ports and run files; a cell of three streams has 25 open while recording."""
+"""Descriptors reserved for ports and run files. A cell with three streams uses 25 while recording."""
 _IDLE_S = 30.0
-"""Idle time before a connection is closed; rig live sends ten requests a second."""
+"""Idle time after which a connection is closed. rig live sends ten requests a second."""
 _LINE_S = 5.0
-"""Limit from the first byte of a request to its end, and for accepting an answer; microseconds on a local socket."""
+"""Time limit from the first byte of a request to its end, and for accepting an answer. Both take microseconds."""
 _ACCEPT_S, _ASK_S = 0.001, 0.02
-"""Pauses after a connection and an answer, so that floods leave time to the readers."""
+"""Pauses after a connection and after an answer, which leave time to the readers during a flood."""
 _BACK_OFF_S = (0.05, 1.0)
-"""First and longest pause after the system refused a connection."""
+"""First and longest pause after the system has refused a connection."""
 _ROOM_S = 0.5
-"""Limit for the end of a silent connection after its shutdown."""
+"""Time limit for the end of a silent connection after the shutdown."""
 _NO_ROOM = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
 
 
 def most_connections() -> int:
-    """Return the limit of connections that leaves enough descriptors to the recorder."""
+    """Return the number of connections that leaves enough descriptors for the recorder."""
     limit, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
     return max(1, min(_MOST, limit - _RESERVED)) if limit != resource.RLIM_INFINITY else _MOST
 
 
 @dataclass(eq=False)
 class _Connection:
-    """Client connection. silent_since_s: monotonic time of the last answer. busy: awaiting an answer. ended: by the
-    server."""
+    """Connection of a client.
+
+    silent_since_s: monotonic time of the last answer. busy: True while an answer is pending. ended: True after the
+    server ended it.
+    """
 
     sock: socket.socket
     user: int
@@ -75,7 +79,7 @@ class _Connection:
 
 
 class ControlServer:
-    """Serves the socket with one thread per connection, from `start` to `close`."""
+    """Serves the socket with a thread per connection, from `start` to `close`."""
 
     def __init__(self, path: Path, answer: Answer) -> None:
         self._path, self._answer = path, answer
@@ -96,7 +100,7 @@ class ControlServer:
                 self._path.is_symlink() or not self._path.is_socket()
             ):
                 raise CellError(str(self._path), "exists already and is not a socket", "give another --socket")
-            self._path.unlink(missing_ok=True)  # left by a dead daemon, as the lock proves
+            self._path.unlink(missing_ok=True)  # left by a daemon that has ended, as the lock proves
             listener.bind(str(self._path))
             listener.listen(_MOST)
         except (OSError, CellError) as error:
@@ -128,7 +132,7 @@ class ControlServer:
         waiting = select.poll()
         waiting.register(self._listener, select.POLLIN)
         while not self._closing.is_set():
-            waiting.poll()  # accept allocates a descriptor before waiting, and fails immediately if there is none
+            waiting.poll()  # accept allocates a descriptor before waiting, and fails immediately if none is available
             try:
                 sock, _ = self._listener.accept()
             except OSError as error:
@@ -149,7 +153,7 @@ class ControlServer:
         self._warnings.warn("control socket", "limit", problem)
 
     def _admit(self, new: _Connection) -> None:
-        """Serve a connection, replacing an idle one at the limit; refuse it if all are busy."""
+        """Serve a connection. At the limit, replace an idle connection, or refuse the new one if all are busy."""
         with self._changed:
             mine = {connection for connection in self._open if connection.user == new.user}
             limited = None if len(mine) < _MOST_OF_A_USER else mine
@@ -172,7 +176,7 @@ class ControlServer:
             self._forget(new)
 
     def _make_room(self, among: set[_Connection]) -> bool:
-        """End the longest silent connection; return whether it has gone."""
+        """End the longest silent connection, and return whether it has ended."""
         silent = [connection for connection in among if not connection.busy]
         if not silent:
             return False
@@ -214,9 +218,9 @@ class ControlServer:
 
 
 def _next_line(sock: socket.socket, unread: bytes) -> tuple[bytes, bytes]:
-    """Return the next line and the data after it; an empty line at the end. Raises OSError, including TimeoutError.
+    """Return the next line and the data after it. The line is empty at the end. Raises OSError, including TimeoutError.
 
-    An excessively long line is truncated and therefore invalid JSON.
+    An excessively long line is truncated, and therefore invalid JSON.
     """
     until_s = None if not unread else clock.now_s() + _LINE_S
     while b"\n" not in unread and len(unread) <= LONGEST_REQUEST:
@@ -234,7 +238,7 @@ def _next_line(sock: socket.socket, unread: bytes) -> tuple[bytes, bytes]:
 
 
 def reply(line: bytes, answer: Answer) -> dict[str, Any]:
-    """Return the answer to a request line, possibly an error."""
+    """Return the answer to a request line, which may be an error."""
     request, problem = None, f"a request is one line of at most {LONGEST_REQUEST} bytes"
     if len(line) <= LONGEST_REQUEST:
         try:
@@ -255,7 +259,7 @@ def _as_answer(error: RigError) -> dict[str, Any]:
 
 
 def _encoded(answer: dict[str, Any]) -> bytes:
-    """Encode an answer as a line; an oversized answer becomes an error."""
+    """Encode an answer as a line. An oversized answer becomes an error."""
     line = json.dumps(answer).encode() + b"\n"
     if len(line) <= LONGEST_ANSWER:
         return line

@@ -1,11 +1,11 @@
 """The daemon: a reader per link, a recorder, a control socket, and notifications to the service manager.
 
-Notifications are datagrams to $NOTIFY_SOCKET (sd_notify(3)); without a socket none are sent.
+Notifications are datagrams to $NOTIFY_SOCKET (sd_notify(3)). They are not sent if the variable is unset.
 
-A live view receives the latest samples of all streams in one bounded answer at any rate. It sends about ten requests a
-second with the last known sample number of each stream, and receives at most `MOST` newer samples, evenly thinned,
-because
-encoding takes processor time from the readers: an answer with three streams takes 0.35 ms on a busy computer.
+A live view receives the latest samples of all streams in an answer of bounded size, independent of the sample rate. It
+sends about ten requests a second, with the last known sample number of each stream. It receives at most `MOST` newer
+samples per stream, evenly thinned. Encoding takes processor time from the readers: an answer with three streams takes
+0.35 ms on a busy computer.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ from rigs.text import plain, plain_lines
 
 
 def notify(message: str) -> None:
-    """Send a message to the service manager, for example `READY=1` or `WATCHDOG=1`, one variable per line."""
+    """Send a message to the service manager, such as `READY=1` or `WATCHDOG=1`, with a variable per line."""
     address = os.environ.get("NOTIFY_SOCKET")
     if not address:
         return
@@ -62,7 +62,7 @@ def notify(message: str) -> None:
 
 
 def watchdog_s() -> float | None:
-    """Return the watchdog time-out of the service manager; None without a watchdog."""
+    """Return the watchdog time-out of the service manager, or None if it has no watchdog."""
     microseconds = os.environ.get("WATCHDOG_USEC", "")
     meant_for = os.environ.get("WATCHDOG_PID", str(os.getpid()))
     if not microseconds.isdigit() or meant_for != str(os.getpid()):
@@ -71,15 +71,15 @@ def watchdog_s() -> float | None:
 
 
 MOST = 20
-"""Limit of samples per stream in an answer; at ten answers a second more than a screen can show."""
+"""Largest number of samples per stream in an answer. At ten answers a second, a screen cannot show more."""
 _DIGITS = 7
-"""Decimals: 0.1 nm and a ten millionth of a degree."""
+"""Decimals of values, equal to 0.1 nm or 1e-7 degrees."""
 _LONGEST_RIG = 500_000
-"""Limit for the rig file in an answer, in characters; shipped ones have 4000."""
+"""Largest size of the rig file in an answer, in characters. Shipped ones have 4000."""
 
 
 class _Request(Part):
-    """after: last known sample number by stream. rig: whether the rig file is needed."""
+    """Request for samples. after: last known sample number by stream. rig: True if the rig file is needed."""
 
     command: str
     after: dict[str, Annotated[int, Field(ge=0)]] = Field(default={}, max_length=64)
@@ -87,7 +87,7 @@ class _Request(Part):
 
 
 def recent_samples(request: Mapping[str, Any], buffers: Mapping[str, StreamBuffer], rig_text: str) -> dict[str, Any]:
-    """Return the answer to a `samples` request. Raises CellError for an invalid request."""
+    """Return the answer to a `samples` request. Raises CellError if the request is invalid."""
     try:
         asked = _Request.model_validate(request)
     except ValidationError as error:
@@ -102,7 +102,7 @@ def recent_samples(request: Mapping[str, Any], buffers: Mapping[str, StreamBuffe
                 sample.first_byte_ns,
                 *(round(value, _DIGITS) if math.isfinite(value) else None for value in sample.values),
             ]
-            for sample in samples[::-1][::step][::-1]  # always includes the newest
+            for sample in samples[::-1][::step][::-1]  # always includes the newest sample
         ]
         streams[name] = {"newest": newest, "columns": list(buffer.columns), "rows": rows}
     text = rig_text if asked.rig and len(rig_text) <= _LONGEST_RIG else ""
@@ -112,10 +112,10 @@ def recent_samples(request: Mapping[str, Any], buffers: Mapping[str, StreamBuffe
 log = logging.getLogger("rigd")
 _BRIEF = 80
 _MOST_SAID = 300
-"""Limit for a client's remark about a run, in characters: a path or a sentence."""
+"""Largest length of a client's remark about a run, in characters: a path or a sentence."""
 _HEART_STOPS_S = 5.0
 _LEAVE_S = 3.0
-"""Time for a reader to close its port; name resolution and a long recovery are abandoned afterwards."""
+"""Time for a reader to close the port. After this time, name resolution and a long recovery are abandoned."""
 
 
 class Daemon:
@@ -135,9 +135,8 @@ class Daemon:
     ) -> None:
         """Create a daemon; `start` opens the links.
 
-        metrics: file for Prometheus's node_exporter, or None. rig_file: path of the rig file; None if several daemons
-        may use it.
-        opening: function with the arguments of `open_link` that opens the links.
+        metrics: file for Prometheus's node_exporter, or None. rig_file: path of the rig file, None if several daemons
+        may use it. opening: function that opens the links, with the arguments of `open_link`.
         """
         self._rig_file = rig_file
         self._rig, self._rig_text, self._runs, self._socket_path = rig, rig_text, runs, socket_path
@@ -156,7 +155,7 @@ class Daemon:
         self._readers: list[Reader]
 
     def start(self) -> None:
-        """Take the locks, open every link, start reading. Raises CellError naming every failed port."""
+        """Take the locks, open every link, and start reading. Raises CellError that names all ports that failed."""
         with ExitStack() as undo:
             undo.enter_context(self._locks)
             self._take_locks()
@@ -182,8 +181,10 @@ class Daemon:
         notify(f"READY=1\nSTATUS=reading {plain(ports)}")
 
     def _take_locks(self) -> None:
-        """Lock the socket, the rig file, the directory of runs and the gauges. Raises CellError if a different
-        daemon holds a lock."""
+        """Lock the socket, the rig file, the directory of runs, and the gauges.
+
+        Raises CellError if a daemon has one of the locks.
+        """
         socket_lock = self._socket_path.with_suffix(".lock")
         self._locks.callback(InstanceLock.take(self._rig.name, socket_lock).release)
         if self._rig_file:
@@ -196,9 +197,9 @@ class Daemon:
                 self._locks.callback(InstanceLock.take_gauge(stream.name, stream.port).release)
 
     def close(self, exit_status: Ending, why: str) -> Path | None:
-        """Stop everything in order; return the directory if a recording was cut short.
+        """Stop all parts in order, and return the directory if a recording was interrupted.
 
-        The control socket is closed first, so that no client can start a recording afterwards.
+        The control socket is closed first, which prevents clients from starting a recording afterwards.
         """
         notify("STOPPING=1")
         self._maintenance.stop()
@@ -295,7 +296,7 @@ class Daemon:
         for stream, fault in self._replay.read_new() if self._replay else ():
             if stream in self._buffers:
                 self._buffers[stream].deliver([fault])
-        # The watchdog is fed after each recorder round, provided that every reader runs.
+        # After each round of the recorder the watchdog is fed, if every reader is running.
         if watchdog_s() is not None and all(buffer.alive(_HEART_STOPS_S) for buffer in self._buffers.values()):
             notify("WATCHDOG=1")
 
@@ -312,7 +313,7 @@ class Unreachable(CellError):
 
 
 def _warn_if_not_writable(runs: Path) -> None:
-    """Warn at start-up if recordings would be refused; no restart is needed after the repair."""
+    """Warn at start-up if recordings would be refused. A restart is not needed after the repair."""
     try:
         runs.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=runs).close()
@@ -329,7 +330,7 @@ def _short(value: object) -> str:
 
 
 def _text_in(request: Mapping[str, Any], key: str) -> str:
-    """Return a text of a request as one line of limited length. Raises UseError."""
+    """Return a text in a request as a line of limited length. Raises UseError."""
     text = request.get(key)
     if not isinstance(text, str):
         raise UseError("judged", f"{key} {_short(text)} is not text", "send the run and what is wrong with it")

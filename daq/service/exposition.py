@@ -14,7 +14,7 @@ Labels = Mapping[str, str]
 
 @dataclass(frozen=True)
 class Metric:
-    """Metric with a name and values. The name of a counter ends in `_total`, and the name contains the unit."""
+    """A metric with a name and values. The name contains the unit; that of a counter ends in `_total`."""
 
     name: str
     kind: Literal["gauge", "counter"]
@@ -23,7 +23,7 @@ class Metric:
 
 
 def render(metrics: Iterable[Metric]) -> str:
-    """Return the text of all metrics with values."""
+    """Format all metrics with values."""
     lines = []
     for metric in metrics:
         if metric.values:

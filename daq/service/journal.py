@@ -1,7 +1,8 @@
-"""systemd journal: write log lines with their severity, and read entries.
+"""systemd journal: writes log lines with their severity, and reads entries.
 
 A service writes to standard error, where the prefix `<4>` marks a warning (sd-daemon(3)). $JOURNAL_STREAM states
-whether standard error leads to the journal. A redirected child inherits the variable, so device and inode are compared.
+whether standard error is connected to the journal. A redirected child inherits the variable, so device and inode are
+also compared.
 """
 
 from __future__ import annotations
@@ -20,15 +21,15 @@ from rigs.errors import CellError
 from rigs.text import plain, plain_lines
 
 ERROR, WARNING, NOTICE, INFO, DEBUG = 3, 4, 5, 6, 7
-"""Syslog severities; smaller is worse."""
+"""Syslog severities. A smaller number is more severe."""
 _OF_LEVEL = ((logging.CRITICAL, 2), (logging.ERROR, ERROR), (logging.WARNING, WARNING), (logging.INFO, INFO))
 _NO_UNIT = "No data available"
-"""Message of journalctl for a pattern without matching units."""
+"""Message of journalctl if a pattern matches no unit."""
 _READABLE = "%(asctime)s %(levelname)s %(message)s"
 
 
 def is_journal(fd: int = 2) -> bool:
-    """Return whether a descriptor, by default standard error, leads to the journal."""
+    """Return whether a descriptor, by default standard error, is connected to the journal."""
     device, _, inode = os.environ.get("JOURNAL_STREAM", "").partition(":")
     try:
         status = os.fstat(fd)
@@ -38,17 +39,17 @@ def is_journal(fd: int = 2) -> bool:
 
 
 def with_severity(text: str, severity: int) -> str:
-    """Return text for standard error, with this severity in every line if it leads to the journal."""
+    """Return text for standard error. If that is the journal, every line gets this severity."""
     return "\n".join(f"<{severity}>{line}" for line in text.splitlines()) if is_journal() else text
 
 
 def formatter() -> logging.Formatter:
-    """Return the log formatter: severities for the journal, words and times otherwise."""
+    """Return the log formatter: with severities for the journal, otherwise with words and times."""
     return _JournalFormatter() if is_journal() else _PlainFormatter(_READABLE)
 
 
 class _PlainFormatter(logging.Formatter):
-    """Formatter with plain text: a message cannot forge a second line, only a traceback has several lines."""
+    """Formatter of sanitised text. A message cannot forge a second line; only a traceback has several lines."""
 
     def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802 - logging's name
         record.message = plain(record.message)
@@ -66,7 +67,7 @@ class _JournalFormatter(_PlainFormatter):
 
 @dataclass(frozen=True)
 class Entry:
-    """Journal entry. rig: instance of the unit. by_systemd: written by systemd about the service."""
+    """A journal entry. rig: instance of the unit. by_systemd: True if systemd wrote it about the service."""
 
     at: datetime
     rig: str
@@ -76,9 +77,9 @@ class Entry:
 
 
 def read(rig: str | None, since: str | None = None, *, follow: bool = False) -> Iterator[Entry]:
-    """Yield the log of a rig's service, or of all. since: as for journalctl (`-1h`, `today`).
+    """Yield the log of a rig's service, or of all services. since: as for journalctl (`-1h`, `today`).
 
-    Raises CellError if there is no journal, or no entry visible to this user.
+    Raises CellError if the journal is missing, or contains no entry that this user can read.
     """
     unit = f"rigd@{rig or '*'}.service"
     if not shutil.which("journalctl"):
@@ -106,7 +107,7 @@ def read(rig: str | None, since: str | None = None, *, follow: bool = False) -> 
 
 
 def entry(fields: dict[str, Any]) -> Entry:
-    """Decode an entry of `journalctl --output=json`; text that is not UTF-8 is a list of bytes there."""
+    """Decode an entry of `journalctl --output=json`. Text that is not UTF-8 is a list of bytes in this format."""
     text = fields.get("MESSAGE") or ""
     if isinstance(text, list):
         text = bytes(text).decode("utf-8", "replace")

@@ -1,6 +1,6 @@
 """Slow background work in a separate thread: the metrics file, and the retention of runs.
 
-Readers and recorder never wait for it; a hanging disk delays only this thread.
+Readers and recorder never wait for this thread. Only this thread is delayed by a hanging disk.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ _METRICS_S = 10.0
 _RETENTION_S = 600.0
 _WARN_AGAIN_S = 3600.0
 _PAUSE_S = 0.002
-"""Pause between two runs: reading a thousand manifests in sequence would delay the readers of this process."""
+"""Pause between two runs. Reading a thousand manifests at once would delay the readers of this process."""
 _FIRST = b"# HELP rig_"
 """First bytes of a metrics file written by rigd."""
 
 
 class Maintenance(clock.Thread):
-    """Writes the metrics every ten seconds and applies the retention every ten minutes, until stopped."""
+    """Writes the metrics every ten seconds, and applies the retention every ten minutes, until stopped."""
 
     def __init__(self, metrics: Path | None, text: Callable[[], str], retention: RunRetention | None) -> None:
         super().__init__(name="keep house", daemon=True)
@@ -39,7 +39,7 @@ class Maintenance(clock.Thread):
     def start(self) -> None:
         """Write the metrics and start the thread.
 
-        Raises CellError if the metrics file cannot be written, or belongs to a different program.
+        Raises CellError if the metrics file cannot be written or belongs to a different program.
         """
         if self._metrics is not None:
             try:
@@ -53,11 +53,11 @@ class Maintenance(clock.Thread):
         super().start()
 
     def stop(self) -> None:
-        """Request the end of the thread; join it afterwards."""
+        """Request the end of the thread. Join it afterwards."""
         self._stop_asked.set()
 
     def run(self) -> None:
-        """Work until `stop`."""
+        """Work until `stop` is called."""
         due_s = clock.now_s()
         while not self._stop_asked.is_set():
             if self._retention is not None and clock.now_s() >= due_s:
@@ -83,7 +83,7 @@ class Maintenance(clock.Thread):
 
 
 def _is_own(path: Path) -> bool:
-    """Return whether a file was written by rigd, or is empty and may be overwritten. Raises OSError."""
+    """Return whether a file may be overwritten: it was written by rigd, or is empty. Raises OSError."""
     if not path.is_file():
         return False
     with path.open("rb") as file:
@@ -91,9 +91,9 @@ def _is_own(path: Path) -> bool:
 
 
 def write_atomically(path: Path, text: str) -> None:
-    """Write a file atomically, so that readers see the old or the new text. Raises OSError.
+    """Write a file atomically, so that readers see either the old or the new text. Raises OSError.
 
-    Not synced: metrics of a stopped daemon need not survive a power cut.
+    The file is not synced, because metrics of a stopped daemon need not survive a power cut.
     """
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
     try:
@@ -106,7 +106,7 @@ def write_atomically(path: Path, text: str) -> None:
 
 
 class RunRetention:
-    """Retention of the rig file: deletes exported runs of this rig as required by the limits."""
+    """Retention according to the rig file: deletes exported runs of this rig to meet the limits."""
 
     def __init__(self, runs: Path, rig_name: str, limits: Retention) -> None:
         self._runs, self._rig_name, self._limits = runs, rig_name, limits
@@ -133,7 +133,7 @@ class RunRetention:
         while decision.delete:
             gone = {run.path for run in decision.delete if self._delete(run)}
             stuck = {run.path for run in decision.delete} - gone
-            # If a run cannot be deleted, the next oldest is tried.
+            # If a run cannot be deleted, the next oldest run is tried.
             runs = [replace(run, marks=None) if run.path in stuck else run for run in runs if run.path not in gone]
             decision = decide(runs, self._limits, clock.wall_ns() / 1e9)
         self.over_bytes, self.runs, self.runs_bytes = decision.over, len(runs), sum(run.size for run in runs)

@@ -1,4 +1,4 @@
-"""The command `rigd RIG`: the daemon in the foreground, for a terminal or for systemd."""
+"""Command `rigd RIG`: the daemon in the foreground, for a terminal or for systemd."""
 
 from __future__ import annotations
 
@@ -112,7 +112,8 @@ class _End:
 def _listen() -> SimpleQueue[_End]:
     """Return the queue that receives the end of the daemon: a signal, or an unexpected error in a thread.
 
-    Without that thread the daemon would appear alive but record incompletely; the service manager restarts it.
+    If a thread has failed, the daemon would appear to work but record incompletely.
+    It ends, and the service manager restarts it.
     """
     ends: SimpleQueue[_End] = SimpleQueue()
 

@@ -1,15 +1,16 @@
-"""Locations, owners and locks of daemon sockets: a client only trusts a daemon of the same user or of the system.
+"""Locations, owners and locks of daemon sockets. A client trusts only a daemon of the same user or of the system.
 
-If another user can write to a directory in the path, that user could place a socket there and imitate rigd. So the
-owner and the permissions of each directory from the root on are checked. A directory created by the system for a
-service, such as /run/rigd-cell, is trusted with its owner.
+A user who can write to a directory in the path could place a socket there and imitate rigd. The owner and permissions
+of each directory are therefore checked, starting at the root. A directory created by the system for a service, such as
+/run/rigd-cell, is trusted with its owner.
 
-Each rig has one daemon, enforced by a lock next to the socket, in a directory writable only by this user: in a foreign
-directory the lock's name could be a symbolic link, and opening it would damage the target.
+Each rig has one daemon. This is enforced by a lock next to the socket, in a directory that only this user can write to.
+In a directory of a different user, the name of the lock could be a symbolic link, and opening the lock would damage the
+target.
 
-A socket can have any name, so the rig file is locked too, as well as a directory of runs per rig, and each gauge by its
-port: two daemons would poll the same instruments and record the same lap twice. The system releases all locks with the
-process.
+A socket can have any name. Therefore the rig file, the directory of runs per rig, and the port of each gauge are also
+locked. Otherwise two daemons could poll the same instruments and record the same lap twice. The system releases all
+locks when the process ends.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ def hold_trusted(path: Path) -> frozenset[int]:
     Raises FileNotFoundError or another OSError if the path does not exist or is not accessible.
     """
     owners = {0, os.geteuid()}
-    open_to_all = False  # whether the parent directory lets other users add entries
+    open_to_all = False  # True if other users can add entries to the parent directory
     for place in (*reversed(path.absolute().parents), path.absolute()):
         status = place.lstat()
         if status.st_uid not in owners and open_to_all:
@@ -79,7 +80,7 @@ def peer_user(connection: socket.socket) -> int:
 
 
 def tcp_user(client: tuple[str, int], port: int, table: Path = Path("/proc/net/tcp")) -> int | None:
-    """Return the user id of a local TCP client connected to a port; None for remote or invisible connections.
+    """Return the user id of a local TCP client connected to a port, or None if the client is remote or invisible.
 
     IPv4 addresses within IPv6 addresses are supported.
     """
@@ -111,15 +112,15 @@ def may_use(user: int, path: Path) -> bool:
 
 
 _LONGEST_ID = 20
-"""Limit for a process id in characters; longer content is not a lock file."""
+"""Largest length of a process id in characters. A file with more content is not a lock file."""
 
 
 class InstanceLock:
-    """Ensures a single daemon per rig by an flock, which the system always releases with the process."""
+    """Ensures a single daemon per rig, by an flock. The system releases the flock with the process."""
 
     @classmethod
     def take(cls, rig: str, path: Path) -> InstanceLock:
-        """Take the lock of a rig. Raises CellError if a daemon holds the lock, or the location is not safe."""
+        """Take the lock of a rig. Raises CellError if a daemon has the lock, or if the location is not safe."""
         try:
             path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
             status = path.parent.stat()
@@ -161,25 +162,26 @@ class InstanceLock:
 
     @classmethod
     def take_rig_file(cls, rig_file: Path) -> InstanceLock:
-        """Lock a rig file. Raises CellError if a daemon already serves it."""
+        """Lock a rig file. Raises CellError if a daemon uses it."""
         return cls._held(rig_file, os.O_RDONLY, "another rigd serves this rig file")
 
     @classmethod
     def take_runs(cls, rig: str, runs: Path) -> InstanceLock:
-        """Lock a directory of runs for a rig; rigs may share a directory. Raises CellError if a daemon already
-        records this rig."""
+        """Lock a directory of runs for a rig. Several rigs may share a directory.
+
+        Raises CellError if a daemon records this rig there.
+        """
         path = runs / f".rigd-{rig}.lock"
         return cls._held(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, f"another rigd records {rig} in this directory")
 
     @classmethod
     def take_gauge(cls, name: str, port: str) -> InstanceLock:
-        """Lock the port of a gauge for this user's daemons, independent of rig file and name.
+        """Lock the port of a gauge for the daemons of this user, independent of rig file and name.
 
-        Two daemons would take each other's answers. Raises CellError if a daemon already reads the port.
+        Two daemons would receive each other's answers. Raises CellError if a daemon reads the port.
         """
-        # Canonical name of a port: the device for a serial port, lower case for an address. A pseudo-terminal keeps the
-        # given path,
-        # because its number is reused as soon as it closes.
+        # Canonical name of a port: the device for a serial port, lower case for an address. The path of a
+        # pseudo-terminal is unchanged, because its number is reused after closing.
         canonical = port.casefold().replace("//localhost:", "//127.0.0.1:")
         if port.startswith("/"):
             device = os.path.realpath(port)
@@ -192,7 +194,7 @@ class InstanceLock:
             lock.listen()
         except OSError:
             lock.close()
-            if _is_of_this_user(address):  # and of nobody who holds it for ever
+            if _is_of_this_user(address):  # locks of other users are ignored, because they could hold them forever
                 remedy = "stop that one, or correct the port in the rig file"
                 raise CellError(name, f"another rigd reads the gauge at {port}", remedy) from None
             return cls(-1)
@@ -200,7 +202,7 @@ class InstanceLock:
 
     @classmethod
     def take_cell(cls, directory: Path) -> InstanceLock:
-        """Lock the directory of an emulated or replayed cell. Raises CellError if the directory is already in use."""
+        """Lock the directory of an emulated or replayed cell. Raises CellError if the directory is in use."""
         refusal = "another rig emulate or rig replay serves a cell in this directory"
         return cls._held(directory, os.O_RDONLY, refusal, "stop that one, or choose a different --output")
 
@@ -208,8 +210,10 @@ class InstanceLock:
     def _held(
         cls, path: Path, flags: int, refusal: str, remedy: str = "stop that one, or talk to it with rig status"
     ) -> InstanceLock:
-        """Lock a file. No lock if it cannot be opened or the disk does not support locks; code using the file
-        reports such problems."""
+        """Lock a file. If it cannot be opened, or the disk does not support locks, no lock is taken.
+
+        The code that uses the file reports such problems.
+        """
         try:
             fd = os.open(path, flags | os.O_NONBLOCK | os.O_CLOEXEC, 0o644)
         except OSError:
@@ -225,7 +229,7 @@ class InstanceLock:
         return cls(fd)
 
     def release(self) -> None:
-        """Release the lock, so that a new daemon can start."""
+        """Release the lock for a new daemon."""
         if self._fd >= 0:
             os.close(self._fd)
             self._fd = -1

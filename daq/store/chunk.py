@@ -1,23 +1,23 @@
 """Encoding of a chunk: an Arrow IPC stream during recording, Parquet afterwards.
 
-An Arrow stream has no checksum, and zeros at a batch boundary read as a valid end. Therefore each batch contains its
-number and a CRC-32 over its columns, and the reader counts bytes: all data after the last verified batch, except the
-exact end mark, is damage. Bytes in, batches out; this module touches no files, and damage raises no exception, because
-damaged chunks are expected.
+An Arrow stream has no checksum, and zeros at a batch boundary are read as a valid end. Each batch therefore contains a
+number and a CRC-32 of the columns, and the reader counts bytes. All data after the last verified batch, except the
+exact end mark, is damage. Damaged chunks are expected, so damage raises no exception. This module converts between
+bytes and batches, and accesses no files.
 
-The schema of each file also contains the opening manifest of the run, so any surviving chunk identifies its run, rig
-and clock.
+The schema of each file also contains the opening manifest of the run. Any surviving chunk therefore identifies the run,
+rig and clock.
 
-There are two shapes: a sample stream (stamps, then values in file units) and the `faults` stream. An imported run has a
-table with the columns of its file in place of sample streams. Cells are never null: nan and `NO_TIME` represent missing
-values, so every column is a plain array. `sequence` numbers the rows of a stream across all chunks; a gap is a visible
-loss.
+There are two kinds of streams: sample streams (timestamps, followed by values in file units) and the `faults` stream.
+An imported run has a table with the columns of the file instead of sample streams. Cells are never null: nan and
+`NO_TIME` represent missing values, so each column is a plain array. `sequence` numbers the rows of a stream across all
+chunks, so that lost rows are visible as a gap.
 
-The checksum covers names, types and all bits of the values, but not the Arrow encoding: the recording chunk and the
-Parquet file must give the same number.
+The checksum covers names, types and all bits of the values, but not the Arrow encoding, because the recording chunk and
+the Parquet file must have equal checksums.
 
-Columns are converted to numpy without pandas. The converter of pyarrow imports pandas if installed, which takes half
-the time of a small run.
+Columns are converted to numpy without pandas. The converter of pyarrow would import pandas if installed, which takes
+half the time of a small run.
 """
 
 from __future__ import annotations
@@ -39,13 +39,13 @@ from daq.protocol.conversation import Fault, Sample, Samples
 
 Array: TypeAlias = "pa.Array[Any]"
 FAULTS = "faults"
-"""Stream of faults in every run; each row names the affected stream."""
+"""Stream of faults in every run. Each row names the affected stream."""
 TABLE = "table"
 """Stream of an imported run."""
 ColumnType = Literal["double", "int64", "string"]
 """Column types of imported tables, in Arrow's notation."""
 Row = Sample | tuple[str, Fault]
-"""A sample, or a fault with its stream name."""
+"""A sample, or a fault with the stream name."""
 
 SAMPLE_COLUMNS: dict[str, pa.DataType] = {
     "requested_ns": pa.int64(),
@@ -67,7 +67,7 @@ FAULT_COLUMNS: dict[str, pa.DataType] = {
 
 
 def schema_of(stream: str, columns: Sequence[str]) -> pa.Schema:
-    """Return the Arrow schema of a stream with these value columns (none for `faults`)."""
+    """Return the Arrow schema of a stream with these value columns, which are empty for `faults`."""
     fixed = FAULT_COLUMNS if stream == FAULTS else SAMPLE_COLUMNS
     types = {**fixed, **dict.fromkeys(columns, pa.float64())}
     return pa.schema([pa.field(name, kind, nullable=False) for name, kind in types.items()])
@@ -80,7 +80,7 @@ def table_schema(columns: Mapping[str, ColumnType]) -> pa.Schema:
 
 
 def batch_of(rows: Sequence[Row], schema: pa.Schema, first: int) -> pa.RecordBatch:
-    """Return rows of a stream as a batch with `sequence` starting at `first`."""
+    """Convert rows of a stream to a batch. `sequence` starts at `first`."""
     faults = [] if isinstance(rows, Samples) else [row for row in rows if not isinstance(row, Sample)]
     if faults:
         at_ns = pa.array([fault.at_ns for _, fault in faults], pa.int64())
@@ -89,7 +89,7 @@ def batch_of(rows: Sequence[Row], schema: pa.Schema, first: int) -> pa.RecordBat
         arrays = [at_ns, *(pa.array(list(column), pa.string()) for column in zip(*words, strict=True)), count]
     else:
         samples = Samples.of(rows)  # type: ignore[arg-type] # no faults
-        # An unsigned 32-bit status wraps and keeps its bits: an unexpected code must not end a recording.
+        # An unsigned 32-bit status wraps but preserves its bits, because an unexpected code must not end a recording.
         kinds = {name: kind.to_pandas_dtype() for name, kind in SAMPLE_COLUMNS.items() if name != "sequence"}
         fixed = [pa.array(getattr(samples, name).astype(kind)) for name, kind in kinds.items()]
         arrays = [*fixed, *(pa.array(np.ascontiguousarray(column)) for column in samples.values.T)]
@@ -99,15 +99,12 @@ def batch_of(rows: Sequence[Row], schema: pa.Schema, first: int) -> pa.RecordBat
 
 
 def storable(text: str) -> str:
-    """Return text valid in UTF-8; data from devices or terminals may contain lone surrogates."""
+    """Return text that is valid in UTF-8. Text from devices or terminals may contain lone surrogates."""
     return text.encode("utf-8", "backslashreplace").decode()
 
 
 def checksum(batch: pa.RecordBatch, number: int) -> int:
-    """Return the CRC-32 over a batch and its number in the file.
-
-    Raises ArrowInvalid if a column contains nulls.
-    """
+    """Return the CRC-32 of a batch and its number in the file. Raises ArrowInvalid if a column contains nulls."""
     head = f"{number} {batch.num_rows} {[(f.name, str(f.type)) for f in batch.schema]}"
     crc = zlib.crc32(head.encode())
     for column in batch.columns:
@@ -119,7 +116,7 @@ def checksum(batch: pa.RecordBatch, number: int) -> int:
 
 
 def array_of(column: pa.ChunkedArray) -> np.ndarray[Any, Any]:
-    """Return a column as a read-only array (n,), in the unit of its name."""
+    """Return a column as a read-only array (n,), in the unit given by the column name."""
     pieces = [piece_of(chunk) for chunk in column.chunks]
     if len(pieces) == 1:
         return pieces[0]
@@ -127,7 +124,7 @@ def array_of(column: pa.ChunkedArray) -> np.ndarray[Any, Any]:
 
 
 def piece_of(chunk: pa.Array) -> np.ndarray[Any, Any]:
-    """Return a piece of a column as an array (n,) in its unit, without copying numbers."""
+    """Return a piece of a column as an array (n,), in the unit of the column. Numbers are not copied."""
     is_plain = chunk.null_count == 0 and (pa.types.is_integer(chunk.type) or pa.types.is_floating(chunk.type))
     plain: np.ndarray[Any, Any] = np.from_dlpack(chunk) if is_plain and len(chunk) else chunk.to_numpy(False)
     return plain
@@ -137,14 +134,15 @@ END = b"\xff\xff\xff\xff\x00\x00\x00\x00"
 """End mark of an Arrow IPC stream."""
 _OPENING, _OPENING_CRC, _NUMBER, _CRC = b"rig.opening", b"rig.opening_crc32", b"number", b"crc32"
 MOST_BYTES = 4_000_000_000
-"""Largest chunk file; a recorded chunk has about 20 MB, an imported table at most the size of its CSV."""
+"""Largest chunk file in bytes. A recorded chunk has about 20 MB, an imported table at most the size of the CSV."""
 _CELL_BYTES, _MOST_DECODED = 8, 800_000_000
-"""Bytes per number, and limit of the decoded numbers or text of a chunk: a recorded chunk has 200 000 rows, a table up
-to 20 million cells."""
+"""Bytes per number, and largest decoded size of a chunk.
+A recorded chunk has 200 000 rows, a table 20 million cells.
+"""
 _NO_MEMORY = "not enough memory"
 _ZEROS = (StopIteration, EOFError)
-"""Exceptions of Arrow for zeros."""
-# All exceptions observed with damaged bytes.
+"""Exceptions raised by Arrow for zeros."""
+# all exceptions observed with damaged bytes
 _DAMAGE = (pa.ArrowException, OSError, MemoryError, ValueError, LookupError, TypeError, struct.error, *_ZEROS)
 
 
@@ -152,8 +150,8 @@ _DAMAGE = (pa.ArrowException, OSError, MemoryError, ValueError, LookupError, Typ
 class Salvage:
     """Content of a recording chunk.
 
-    batches: complete, verified batches before the first damage. closed: whether the end mark is present. damage:
-    description of the damage, None for a valid chunk. unread: number of unread bytes, 0 for a valid chunk.
+    batches: verified batches before the first damage. closed: True if the end mark is present.
+    damage: description, None for a valid chunk. unread: number of unread bytes, 0 for a valid chunk.
     """
 
     batches: tuple[pa.RecordBatch, ...]
@@ -168,12 +166,12 @@ class Salvage:
 
 
 def with_opening(schema: pa.Schema, opening: bytes) -> pa.Schema:
-    """Return the schema with the opening manifest (JSON) and its checksum in the metadata."""
+    """Return the schema with the opening manifest (JSON) and a checksum as metadata."""
     return schema.with_metadata({_OPENING: opening, _OPENING_CRC: _digits(zlib.crc32(opening))})
 
 
 def opening_in(data: bytes) -> bytes | None:
-    """Return the opening manifest from a chunk of either format; None if it cannot be verified."""
+    """Return the opening manifest from a chunk of either format, or None if it cannot be verified."""
     source = pa.BufferReader(data)
     try:
         parquet = data.startswith(b"PAR1")
@@ -191,7 +189,7 @@ def head(schema: pa.Schema) -> bytes:
 
 
 def frame(batch: pa.RecordBatch, number: int) -> bytes:
-    """Encode a batch for a recording chunk; `number` counts from 0 in each file."""
+    """Encode a batch for a recording chunk. `number` counts from 0 in each file."""
     sink = pa.BufferOutputStream()
     with pa.ipc.new_stream(sink, batch.schema) as writer:
         marks = {_NUMBER: _digits(number), _CRC: _digits(checksum(batch, number))}
@@ -200,13 +198,12 @@ def frame(batch: pa.RecordBatch, number: int) -> bytes:
 
 
 def salvage(data: bytes, schema: pa.Schema) -> Salvage:
-    """Read a recording chunk of a known schema up to the first damage. Raises OSError only if memory is short."""
+    """Read a recording chunk of a known schema up to the first damage. Raises OSError if memory is insufficient."""
     as_stored, sound_head = _read(data, schema), head(schema)
     if data.startswith(sound_head):
         return as_stored
-    # A different version of Arrow may write a different head, so the head of the file has precedence. A damaged head
-    # costs no
-    # batch, because its content is known.
+    # Another version of Arrow may write a different head, so the head of the file has precedence. If it is damaged, no
+    # batch is lost, because its content is known.
     mended = _read(sound_head + data[len(sound_head) :], schema)
     if mended.rows <= as_stored.rows:
         return as_stored
@@ -227,7 +224,7 @@ def _read(data: bytes, schema: pa.Schema) -> Salvage:
             closed = len(data) - end == len(END) and data.endswith(END)
             if not closed:
                 message = pa.ipc.read_message(whole.slice(end))
-                # A compressed batch may contain any number of rows.
+                # A compressed batch may expand to any number of rows.
                 if message.type != "record batch" or _has_compression(message.metadata.to_pybytes()):
                     raise ValueError("not recorded like this")
                 batch, metadata = reader.read_next_batch_with_custom_metadata()
@@ -247,10 +244,10 @@ def _read(data: bytes, schema: pa.Schema) -> Salvage:
 
 
 def _has_compression(metadata: bytes) -> bool:
-    """Return whether the metadata of a batch state a compression.
+    """Return whether the metadata of a batch specifies compression.
 
-    It is the fourth field of the table RecordBatch, the third field of the table Message (Arrow, format/Message.fbs;
-    tables and fields as in FlatBuffers' internals).
+    Compression is the fourth field of the table RecordBatch, which is the third field of the table Message (Arrow,
+    format/Message.fbs; tables and fields as in FlatBuffers' internals).
     """
     message = _number(metadata, 0, "I")
     header = message + _field(metadata, message, 2)
@@ -258,7 +255,7 @@ def _has_compression(metadata: bytes) -> bool:
 
 
 def _field(data: bytes, table: int, k: int) -> int:
-    """Return the offset of field k from the start of a FlatBuffers table; 0 if absent."""
+    """Return the offset of field k from the start of a FlatBuffers table, 0 if absent."""
     offsets = table - _number(data, table, "i")
     return _number(data, offsets + 4 + 2 * k, "H") if 4 + 2 * k < _number(data, offsets, "H") else 0
 
@@ -278,9 +275,9 @@ def table_of(batches: tuple[pa.RecordBatch, ...], schema: pa.Schema) -> pa.Table
 
 
 def to_parquet(table: pa.Table) -> bytes:
-    """Encode a table as Parquet and verify that it reads back bit for bit.
+    """Encode a table as Parquet, and verify that it can be read back bit for bit.
 
-    Raises ArrowInvalid if it does not. Dictionaries are disabled, because they would merge nans of different bits.
+    Raises ArrowInvalid if it cannot. Dictionaries are disabled, because they would merge nans with different bits.
     """
     sink = pa.BufferOutputStream()
     pq.write_table(table, sink, compression="zstd", use_dictionary=False)
@@ -292,11 +289,11 @@ def to_parquet(table: pa.Table) -> bytes:
 
 
 def from_parquet(data: bytes, columns: Sequence[str] | None = None) -> pa.Table | None:
-    """Return the table in a Parquet file, or some of its columns; None for invalid bytes or text that is not UTF-8.
+    """Return the table in a Parquet file, or selected columns. None if bytes are invalid or text is not UTF-8.
 
-    Uses the calling thread only: Arrow threads still active at exit abort the program after its output (apache/arrow
-    issue 34314). Raises OSError if memory is short, or if the file expands beyond the size of a chunk: a few bytes can
-    represent any number of equal rows, and rows a long text.
+    Only the calling thread is used, because Arrow threads still active at exit abort the program after the output
+    (apache/arrow issue 34314). Raises OSError if memory is insufficient, or if the decoded data exceeds the size of a
+    chunk: a few bytes can represent any number of equal rows, and each row a long text.
     """
     try:
         table = _decoded(data, columns)
@@ -310,14 +307,14 @@ def from_parquet(data: bytes, columns: Sequence[str] | None = None) -> pa.Table 
 
 
 def _decoded(data: bytes, columns: Sequence[str] | None) -> pa.Table | str:
-    """Return the table in a Parquet file, or a description of its excessive size."""
+    """Return the table in a Parquet file, or a description of the size if it is too large."""
     file = pq.ParquetFile(pa.BufferReader(data), pre_buffer=False)
     rows, width, schema = file.metadata.num_rows, file.metadata.num_columns, file.schema_arrow
     groups = [file.metadata.row_group(k) for k in range(file.metadata.num_row_groups)]
     unpacked = sum(group.column(k).total_uncompressed_size for group in groups for k in range(group.num_columns))
-    if max(rows * width * _CELL_BYTES, unpacked) > _MOST_DECODED:  # a value of a dictionary counts once
+    if max(rows * width * _CELL_BYTES, unpacked) > _MOST_DECODED:  # a repeated dictionary value is counted once
         return f"it declares {rows} rows of {width} columns, more than any chunk has"
-    # Text is read as indices of distinct texts, which reveals its total size.
+    # Text is read as indices of distinct texts, which gives its total size.
     text = [field.name for field in schema if pa.types.is_string(field.type) or pa.types.is_binary(field.type)]
     source = pa.BufferReader(data)
     file = pq.ParquetFile(source, metadata=file.metadata, pre_buffer=False, read_dictionary=text)
@@ -330,15 +327,15 @@ def _decoded(data: bytes, columns: Sequence[str] | None) -> pa.Table | str:
 
 
 def _text_bytes(column: pa.ChunkedArray) -> int:
-    """Return the bytes of a text column that was read as indices."""
+    """Return the number of bytes in a text column that was read as indices."""
     lengths = [pc.binary_length(part.dictionary).take(part.indices) for part in column.chunks]
     return sum(pc.sum(part_lengths).as_py() or 0 for part_lengths in lengths)
 
 
 def _hold_memory(error: BaseException, size: int) -> None:
-    """Raise OSError if the cause of an error is memory: if that many bytes cannot be allocated again.
+    """Raise OSError if an error was caused by insufficient memory: `size` bytes cannot be allocated now.
 
-    A damaged length requests more than any computer has; that counts as damage.
+    A damaged length exceeds the memory of any computer. This counts as damage.
     """
     if isinstance(error, MemoryError):
         try:

@@ -1,12 +1,12 @@
 """Durable file operations, and the lock of the writing process.
 
-A file is durable when its bytes and its directory entry are both synced. Replacing a file uses a temporary name, so
-that every name always refers to a complete file, old or new. No other code changes files during recording or recovery:
-a wrapper around this module's `os` sees every change in order, as in `scripts/dev powercut`. Raises plain OSError;
-callers convert it into a message.
+A file is durable if the bytes and the directory entry are both synced. A file is replaced under a temporary name, so
+that every name always refers to a complete file, old or new. No other code changes files during recording or recovery.
+A wrapper around this module's `os` therefore observes all changes in order, as in `scripts/dev powercut`. Functions
+raise plain OSError, which callers convert to a message.
 
-On Windows runs are read, imported and simulated, but not recorded. It lacks locks of this kind, needed only by a daemon
-and its tools, and directory syncs, which matter only in a power cut.
+On Windows, runs can be read, imported and simulated, but not recorded. Windows has neither the locks, which only the
+daemon and the tools for it require, nor directory syncs, which matter only in a power cut.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
 TEMPORARY = ".tmp"
-"""Suffix of a temporary file; leftovers can be ignored."""
+"""Suffix of a temporary file. Such files may remain after a crash and can be ignored."""
 LOCK = ".lock"
 _BINARY = getattr(os, "O_BINARY", 0)
-"""Without it Windows expands line feeds to two characters."""
+"""Flag that prevents Windows from converting line feeds."""
 _AS_IT_IS = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0)
-"""Flags for opening a lock: a link or FIFO in a foreign run is neither followed nor waited for."""
+"""Flags for opening a lock. A link in another user's run is not followed, and a FIFO does not block."""
 
 
 def remedy(error: Exception, otherwise: str) -> str:
-    """Return the remedy for an error, or `otherwise` if the disk is at fault.
+    """Return the remedy for an error, or `otherwise` if the cause is the disk.
 
     Other causes are a lack of descriptors, a link in place of the lock, or a file in place of a directory.
     """
@@ -46,7 +46,7 @@ def remedy(error: Exception, otherwise: str) -> str:
 
 
 def free_bytes(path: Path) -> int:
-    """Return the free bytes for this user on the disk of `path`."""
+    """Return the number of free bytes for this user on the disk of `path`."""
     if not hasattr(os, "statvfs"):
         return shutil.disk_usage(path).free
     disk = os.statvfs(path)
@@ -54,24 +54,24 @@ def free_bytes(path: Path) -> int:
 
 
 def make_directories(path: Path) -> None:
-    """Create a directory and its missing parents durably."""
+    """Create a directory and missing parents durably."""
     if path.is_dir():
         return
     make_directories(path.parent)
-    with suppress(FileExistsError):  # a second daemon may share it and be faster
+    with suppress(FileExistsError):  # a second daemon may create it at the same time
         os.mkdir(path)  # noqa: PTH102 - through os, like every change in here
     sync_directory(path.parent)
 
 
 def make_directory(path: Path) -> None:
-    """Create a directory; durable after a sync of its parent. Raises FileExistsError."""
+    """Create a directory, durable after a sync of the parent. Raises FileExistsError."""
     os.mkdir(path)  # noqa: PTH102
 
 
 def discard(path: Path) -> None:
-    """Delete a directory of files without recorded data, as far as the disk permits.
+    """Delete a directory of files without recorded data, ignoring errors of the disk.
 
-    Uses a single descriptor, because a lack of descriptors may be the reason that nothing was recorded.
+    A single descriptor is used, because nothing may have been recorded due to a lack of descriptors.
     """
     with suppress(OSError):
         for file in path.iterdir():
@@ -97,7 +97,7 @@ def sync(fd: int) -> None:
 
 
 def persist(path: Path) -> None:
-    """Sync a complete file and its name."""
+    """Sync a complete file and the directory entry."""
     fd = reopen(path)
     try:
         sync(fd)
@@ -107,7 +107,7 @@ def persist(path: Path) -> None:
 
 
 def again(fd: int) -> int:
-    """Return a duplicate descriptor of an open file, valid after the first is closed."""
+    """Return a duplicate descriptor of an open file. It remains valid after the first is closed."""
     return os.dup(fd)
 
 
@@ -117,23 +117,23 @@ def truncate(fd: int, size: int) -> None:
 
 
 def close(fd: int) -> None:
-    """Close a file or lock. Errors do not affect synced data and are ignored."""
+    """Close a file or lock. Errors are ignored, because they do not affect synced data."""
     with suppress(OSError):
         os.close(fd)
 
 
 def rename(old: Path, new: Path) -> None:
-    """Rename a file, replacing an existing one; durable after a sync of the directory."""
+    """Rename a file, replacing an existing one. The change is durable after a sync of the directory."""
     os.replace(old, new)  # noqa: PTH105
 
 
 def remove(path: Path) -> None:
-    """Delete a file; durable after a sync of its directory."""
+    """Delete a file. The change is durable after a sync of the directory."""
     os.unlink(path)  # noqa: PTH108
 
 
 def write_at(fd: int, data: bytes, offset: int) -> None:
-    """Write all data: a disk that fills up accepts a part first and refuses only then."""
+    """Write all data at an offset. A full disk may accept the first part and refuse only the rest."""
     write = os.pwrite if hasattr(os, "pwrite") else _seek_and_write
     remaining = memoryview(data)
     while remaining:
@@ -147,9 +147,9 @@ def _seek_and_write(fd: int, data: memoryview, offset: int) -> int:
 
 
 def create(path: Path, data: bytes, mode: int = 0o644) -> int:
-    """Create a file with initial data and return its descriptor; no file remains after a failure.
+    """Create a file with initial data, and return its descriptor. If this fails, no file remains.
 
-    mode: permissions, limited by the umask. Raises FileExistsError if the name is taken.
+    mode: permissions, limited by the umask. Raises FileExistsError if the name exists.
     """
     fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | _BINARY, mode)
     try:
@@ -168,10 +168,10 @@ def reopen(path: Path) -> int:
 
 
 def read(fd: int) -> bytes:
-    """Return all bytes of an open file, even if its name was removed."""
+    """Return all bytes of an open file, even if the file name was removed."""
     data = b""
     while piece := os.pread(fd, os.fstat(fd).st_size - len(data), len(data)):
-        data += piece  # a second piece only if a single read cannot return a whole chunk
+        data += piece  # a second read is needed only if the first returns less than the file
     return data
 
 
@@ -185,7 +185,7 @@ def is_named(fd: int, path: Path) -> bool:
 
 
 def replace(path: Path, data: bytes, mode: int = 0o644) -> None:
-    """Replace a file durably and atomically, and verify its content; mode: as for `create`."""
+    """Replace a file durably and atomically, and verify the content. mode: as in `create`."""
     temporary = path.with_name(path.name + TEMPORARY)
     try:
         with suppress(FileNotFoundError):
@@ -200,7 +200,7 @@ def replace(path: Path, data: bytes, mode: int = 0o644) -> None:
         rename(temporary, path)
     except BaseException:
         with suppress(OSError):
-            remove(temporary)  # on a full disk every byte counts
+            remove(temporary)  # frees space on a full disk
         raise
     sync_directory(path.parent)
 
@@ -208,7 +208,7 @@ def replace(path: Path, data: bytes, mode: int = 0o644) -> None:
 def lock(run: Path) -> int:
     """Take the writer's lock of a run and return its descriptor.
 
-    May wait: on a new run other processes hold the lock only for the duration of `is_locked`.
+    The call may wait. On a new run, other processes hold the lock only during `is_locked`.
     """
     fd = os.open(run / LOCK, os.O_RDWR | os.O_CREAT | _AS_IT_IS, 0o644)
     _flock(fd, wait=True)
@@ -216,7 +216,7 @@ def lock(run: Path) -> int:
 
 
 def try_lock(run: Path) -> int | None:
-    """Take the writer's lock of a run; None if a process is writing the run."""
+    """Take the writer's lock of a run. None if a process is writing the run."""
     fd = os.open(run / LOCK, os.O_RDWR | os.O_CREAT | _AS_IT_IS, 0o644)
     try:
         _flock(fd)
@@ -227,7 +227,7 @@ def try_lock(run: Path) -> int | None:
 
 
 def is_locked(run: Path) -> bool:
-    """Return whether a process is writing this run. Read-only, also on a read-only disk."""
+    """Return whether a process is writing this run. The disk may be read-only."""
     try:
         fd = os.open(run / LOCK, os.O_RDONLY | _AS_IT_IS)
     except FileNotFoundError:
@@ -242,7 +242,7 @@ def is_locked(run: Path) -> bool:
 
 
 def may_be_locked(run: Path) -> bool:
-    """Return whether a process may be writing this run; true if this user lacks the right to check."""
+    """Return whether a process may be writing this run. True if this user is not permitted to check."""
     try:
         return is_locked(run)
     except OSError:
@@ -250,6 +250,6 @@ def may_be_locked(run: Path) -> bool:
 
 
 def _flock(fd: int, *, shared: bool = False, wait: bool = False) -> None:
-    """Lock an open file; always granted on systems without such locks. Raises BlockingIOError."""
+    """Lock an open file. On systems that lack such locks, it always succeeds. Raises BlockingIOError."""
     if fcntl is not None:
         fcntl.flock(fd, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | (0 if wait else fcntl.LOCK_NB))

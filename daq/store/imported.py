@@ -1,7 +1,7 @@
-"""Store an imported table as a normal run: a manifest, and the table in one Parquet chunk.
+"""Storage of an imported table as a normal run: a manifest, and the table in a single Parquet chunk.
 
-The chunk contains the opening manifest, and the ledger is sealed when the chunk is durable, so an interrupted import is
-detected, and repaired or rejected by `recover`.
+The chunk contains the opening manifest, and the ledger is sealed once the chunk is durable. An interrupted import is
+therefore detected, and `recover` repairs or rejects it.
 """
 
 from __future__ import annotations
@@ -39,12 +39,14 @@ def table_run(  # noqa: PLR0913 - what a manifest needs to know
     assumed: tuple[str, ...] = (),
     only_commanded: bool = False,
 ) -> Run:
-    """Return a run in memory for a table of double, int64 and string columns without nulls.
+    """Return a run in memory for a table of double, int64 and string columns without nulls. Nothing is written.
 
-    path: directory of the run; its name becomes the name of the run. source, source_sha256: name and checksum of the
-    original file. table_map, assumed: the import map and its unconfirmed assumptions. only_commanded: the joint angles
-    are commands, and no measured ones are known. Nothing is written. Raises
-    UseError for an invalid operator name.
+    path: directory of the run, whose name becomes the name of the run.
+    source, source_sha256: name and checksum of the original file.
+    table_map, assumed: import map, and unconfirmed assumptions.
+    only_commanded: True if the joint angles are commands, and measured angles are unknown.
+
+    Raises UseError if the name of the operator is invalid.
     """
     columns = {field.name: str(field.type) for field in table.schema}
     opening = new_manifest(
@@ -73,10 +75,10 @@ def table_run(  # noqa: PLR0913 - what a manifest needs to know
 
 
 def write_table_run(run: Run, path: Path, companions: Mapping[str, bytes] | None = None) -> Manifest:
-    """Create the directory `path` for a table run, which takes the directory's name.
+    """Create the directory `path` for a table run. The run takes the name of the directory.
 
-    companions: content of the files next to the rig file, by name. Raises FileError if path exists, CellError if the
-    disk refuses; nothing remains then, or after Ctrl-C.
+    companions: content of the files next to the rig file, by name. Raises FileError if path exists, and CellError if
+    the disk refuses. No directory remains after an error or Ctrl-C.
     """
     try:
         with new_directory(path) as made:
@@ -106,12 +108,12 @@ def write_table_run(run: Run, path: Path, companions: Mapping[str, bytes] | None
 
 
 def _parquet(opening: Manifest, table: pa.Table) -> bytes:
-    """Return a table with the opening manifest as a Parquet file."""
+    """Encode a table with the opening manifest as a Parquet file."""
     return to_parquet(table.cast(with_opening(opening.arrow_schema(TABLE), opening.opening())))
 
 
 def _entries(table: pa.Table, data: bytes, relabelled: tuple[Relabelling, ...] = ()) -> list[Entry]:
-    """Return the ledger entries of a table run after the first: chunk, seal, and label history."""
+    """Return the ledger entries of a table run after the opening: chunk, seal, and label history."""
     rows = table.num_rows
     seal = Seal(
         exit_status="complete",
@@ -125,5 +127,5 @@ def _entries(table: pa.Table, data: bytes, relabelled: tuple[Relabelling, ...] =
 
 
 def _name(path: Path) -> str:
-    """Return the run name for a directory, with _ in place of invalid characters."""
+    """Return the name of a run in a directory. Invalid characters are replaced by _."""
     return re.sub(r"[^A-Za-z0-9_.-]", "_", path.resolve().name).lstrip(".-")[:100] or TABLE

@@ -1,9 +1,8 @@
 """Ledger of a run, `ledger.jsonl`: an append-only list of records, one per line.
 
-Each line contains the SHA-256 of the previous line and its content, so that no line can be changed or removed
-unnoticed.
-All data after the last valid line is ignored: a crash may leave a partial line. See
-docs/decisions/0017-a-run-proves-that-it-is-whole.md. The records are shared with the manifest.
+Each line contains the SHA-256 of the previous line and a record, so that a changed or removed line is detected. All
+data after the last valid line is ignored, because a crash may leave a partial line. See
+docs/decisions/0017-a-run-proves-that-it-is-whole.md. The manifest uses the same records.
 """
 
 from __future__ import annotations
@@ -38,24 +37,24 @@ _CHUNK = re.compile(r"(?P<stream>.+)-(?P<number>[0-9]{4,})\.(?P<kind>parquet|arr
 
 
 def chunk_name(stream: str, number: int) -> str:
-    """Return the name of a chunk's Parquet file; chunks count from 1."""
+    """Return the name of a chunk's Parquet file. Chunks are numbered from 1."""
     return f"{stream}-{number:04d}.parquet"
 
 
 def parse_chunk(name: str) -> tuple[str, int, str] | None:
-    """Return stream, number and kind (parquet, arrow) from the file name of a chunk; None for other files."""
+    """Return stream, number and kind (parquet, arrow) from the file name of a chunk, or None for another file."""
     match = _CHUNK.fullmatch(name)
     return (match["stream"], int(match["number"]), match["kind"]) if match else None
 
 
 class Record(BaseModel):
-    """Base of all JSON records: immutable, without unknown keys."""
+    """Base class of all JSON records: immutable, rejecting unknown keys."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
 
 class Clock(Record):
-    """Monotonic and wall clock read together, to within bracket_ns."""
+    """Readings of the monotonic and the wall clock, taken within bracket_ns."""
 
     monotonic_ns: int
     unix_ns: int
@@ -63,7 +62,7 @@ class Clock(Record):
 
 
 class Chunk(Record):
-    """Closed chunk. first_ns, last_ns: first and last stamp of its bytes, 0 in a table."""
+    """A closed chunk. first_ns, last_ns: timestamps of the first and last byte, 0 in a table."""
 
     file: str
     stream: Name
@@ -72,31 +71,31 @@ class Chunk(Record):
     first_ns: int
     last_ns: int
     first_row: Count | None = Field(default=None, exclude_if=lambda first: first is None)
-    """Number of the first row in the stream; None in a run of version 1."""
+    """Number of the first row in the stream, None in a run of version 1."""
 
     @property
     def number(self) -> int:
-        """Number of the chunk in the stream, from 1; 0 for other file names."""
+        """Number of the chunk in the stream, from 1, or 0 if the file is not named like a chunk."""
         return (parse_chunk(self.file) or ("", 0, ""))[1]
 
 
 class ImportedTable(Record):
-    """Source of an imported run: file name, or names joined with ` + `, and the columns in order."""
+    """Source of an imported run: name of the file, or names joined with ` + `, and the columns in order."""
 
     file: Text
     sha256: str
-    """SHA-256 of the file; for several files, of their concatenation."""
+    """SHA-256 of the file, or of the concatenation of several files."""
     columns: dict[str, ColumnType]
     map: Text = Field(default="", max_length=100_000, exclude_if=lambda text: not text)
-    """Import map as YAML; empty for the columns of docs/tables.md."""
+    """Import map as YAML. Empty if the file had the columns of docs/tables.md."""
     assumed: tuple[Text, ...] = Field(default=(), max_length=100, exclude_if=lambda words: not words)
     """Unconfirmed assumptions of the import map, as text."""
     only_commanded: bool = Field(default=False, exclude_if=lambda only: not only)
-    """Whether the joint angles are commands, and the file contains no measured ones."""
+    """True if the joint angles are commands, and the file contains no measured angles."""
 
 
 class Relabelling(Record):
-    """Later correction of a label field, with its time."""
+    """A later correction of a label, with the time of the correction."""
 
     at: str
     field: Literal["test", "direction", "operator", "placement"]
@@ -105,10 +104,10 @@ class Relabelling(Record):
 
 
 class Seal(Record):
-    """Ending and size of a recording.
+    """End and size of a recording.
 
-    ended: None if the recording was cut off, so that the last rows may be missing. rows: rows of each stream handed to
-    the disk. counters: samples, and faults of each kind, by stream.
+    ended: None if the recording was interrupted, in which case the last rows may be missing. rows: number of rows
+    written to the disk, by stream. counters: samples, and faults of each kind, by stream.
     """
 
     exit_status: Literal["complete", "interrupted", "failed", "recovered"]
@@ -119,14 +118,14 @@ class Seal(Record):
 
 
 def to_recover(run: Path) -> str:
-    """Return the remedy for an interrupted or damaged run, ready for a shell."""
+    """Return the remedy for an interrupted or damaged run, as a shell command."""
     return f"run `rig recover {as_argument(run)}`"
 
 
 def no_run(path: Path) -> FileError:
     """Return the error for a path that is not a directory.
 
-    The directory of a recorded run begins with its time, so for a plain name the run ending in that name is suggested.
+    Directories of recorded runs begin with the time. If the path is a plain name, a run with that name is suggested.
     """
     if path.exists():
         return FileError(str(path), "is a file, not the directory of a run", "give the directory of a run")
@@ -140,7 +139,7 @@ def no_run(path: Path) -> FileError:
 
 
 def first_error(error: ValidationError) -> str:
-    """Return the first error of pydantic in one line."""
+    """Return the first pydantic error in one line."""
     details = error.errors(include_url=False, include_context=False, include_input=False)[0]
     place = ".".join(str(part) for part in details["loc"])
     return " ".join(f"{place} {details['msg']}".split())
@@ -152,18 +151,18 @@ def sha256(data: bytes) -> str:
 
 
 def iso_now() -> str:
-    """Return the present UTC time in ISO 8601."""
+    """Return the current UTC time in ISO 8601."""
     return clock.wall_time().isoformat(timespec="milliseconds")
 
 
 LEDGER = "ledger.jsonl"
 _MOST_BYTES = 1_000_000_000
-"""Largest ledger: about 400 bytes per chunk, so four million chunks, or years of recording."""
+"""Largest ledger in bytes. A chunk needs about 400 bytes, so this is sufficient for four million chunks, or years."""
 _LINE = re.compile(rb'\{"sha256":"(?P<digest>[0-9a-f]{64})",(?P<rest>.+)\}')
 
 
 class Entry(Record):
-    """One ledger line with exactly one record. opening: SHA-256 of the manifest, in the first line only."""
+    """A ledger line with exactly one record. opening: SHA-256 of the manifest, in the first line only."""
 
     opening: str | None = None
     chunk: Chunk | None = None
@@ -176,9 +175,9 @@ class Entry(Record):
 class Verified:
     """Valid part of a ledger.
 
-    size: bytes of the valid lines. last: SHA-256 of the last line. seal: SHA-256 of the last seal, empty without a
-    seal.
-    unread: bytes after the last valid line. unread_lines: complete lines among them, 0 after a crash.
+    size: number of bytes in valid lines. last: SHA-256 of the last valid line. seal: SHA-256 of the last seal, empty if
+    there is none. unread: number of bytes after the last valid line. unread_lines: number of complete lines among them,
+    0 after a crash.
     """
 
     entries: tuple[Entry, ...] = ()
@@ -190,7 +189,7 @@ class Verified:
 
 
 def verified(data: bytes) -> Verified:
-    """Return the ledger lines before the first invalid one. Never raises."""
+    """Return the ledger lines before the first invalid one. Raises no exceptions."""
     entries: list[Entry] = []
     size, last, seal = 0, "", ""
     for line in data.split(b"\n")[:-1]:
@@ -214,21 +213,21 @@ def _content(line: re.Match[bytes]) -> Entry | None:
 
 @dataclass(frozen=True)
 class Claim:
-    """Statements of seals in unverified lines: rows per sample stream, and the end time or None."""
+    """Content of the seals in unverified lines: rows per sample stream, and the end time or None."""
 
     rows: Counter[str]
     ended: str | None = None
 
     def __or__(self, claim: Claim) -> Claim:
-        """Return the larger of both claims."""
+        """Combine two claims, taking the larger row counts."""
         return Claim(self.rows | claim.rows, self.ended or claim.ended)
 
 
 def claim_in(data: bytes, opening: str | None) -> Claim:
-    """Return the claims of a ledger's seals, including invalid lines.
+    """Return the claims of the seals in a ledger, including those in invalid lines.
 
-    A seal states the row count twice, as rows and as samples: the smaller counts, so that a damaged digit does not make
-    rows appear missing. opening: SHA-256 of the run's manifest; ledgers of other runs are ignored.
+    A seal contains the row count twice, as rows and as samples. The smaller count is used, so that a damaged digit does
+    not make rows appear missing. opening: SHA-256 of the run's manifest; ledgers of other runs are ignored.
     """
     ledger, claimed, ended = verified(data), Counter[str](), None
     if ledger.entries and ledger.entries[0].opening != opening:
@@ -243,7 +242,10 @@ def claim_in(data: bytes, opening: str | None) -> Claim:
 
 
 def line_of(entry: Entry, before: str) -> tuple[bytes, str]:
-    """Return an entry as a line after the line with the given SHA-256 (empty for the first), and the line's SHA-256."""
+    """Return an entry as a line, and the SHA-256 of the line.
+
+    before: SHA-256 of the previous line, empty for the first line.
+    """
     content = entry.model_dump_json(exclude_defaults=True).encode()
     digest = sha256(before.encode() + content)
     return b'{"sha256":"' + digest.encode() + b'",' + content[1:] + b"\n", digest
@@ -259,7 +261,7 @@ def lines_of(entries: Iterable[Entry]) -> bytes:
 
 
 def read_ledger(run: Path) -> Verified:
-    """Read the ledger of a run; empty if absent. Raises OSError, and FileError if it is not a file."""
+    """Read the ledger of a run, empty if absent. Raises OSError, and FileError if it is not a file."""
     try:
         return verified(read_bytes(run / LEDGER, _MOST_BYTES))
     except FileNotFoundError:
@@ -267,19 +269,19 @@ def read_ledger(run: Path) -> Verified:
 
 
 class Ledger:
-    """Appends to the ledger of a run. Raises plain OSError."""
+    """Appends entries to the ledger of a run. Raises plain OSError."""
 
     def __init__(self, path: Path, fd: int, size: int, last: str) -> None:
         self.path, self.fd, self._size, self._last = path, fd, size, last
 
     @property
     def last(self) -> str:
-        """SHA-256 of the last line, which covers the whole ledger."""
+        """SHA-256 of the last line, which covers the complete ledger."""
         return self._last
 
     @classmethod
     def create(cls, run: Path, opening: bytes) -> Ledger:
-        """Create the ledger for a run with this manifest durably."""
+        """Create the ledger of a run durably. opening: manifest of the run."""
         line, last = line_of(Entry(opening=sha256(opening)), "")
         fd = durable.create(run / LEDGER, line)
         try:
@@ -294,7 +296,7 @@ class Ledger:
     def resume(cls, run: Path) -> Ledger:
         """Open the ledger of a run to continue after the last valid line.
 
-        Raises FileError if complete lines follow it, which would be overwritten.
+        Raises FileError if complete lines follow, because they would be overwritten.
         """
         ledger = read_ledger(run)
         if ledger.unread_lines:
@@ -303,7 +305,7 @@ class Ledger:
         return cls(run / LEDGER, durable.reopen(run / LEDGER), ledger.size, ledger.last)
 
     def append(self, entry: Entry) -> None:
-        """Append an entry durably, after removing the remains of a failed attempt."""
+        """Append an entry durably. Remains of a failed attempt are removed first."""
         line, digest = line_of(entry, self._last)
         durable.truncate(self.fd, self._size)
         durable.write_at(self.fd, line, self._size)

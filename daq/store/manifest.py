@@ -1,8 +1,8 @@
-"""Manifest of a run, `manifest.json`, written once at the start; later events are in the ledger.
+"""Manifest of a run, `manifest.json`, written once at the start. Later events are in the ledger.
 
-`load_manifest` combines both. A run without a seal and without a locking process is a crash. Chunks are referenced by
-file name only, so a run directory can be moved and copied. In runs of version 1 the manifest contained everything and
-was rewritten at each change.
+`load_manifest` combines both files. A run without a seal that no process has locked is the result of a crash. The
+manifest refers to chunks by file name only, so a run directory can be moved and copied. In runs of version 1 the
+manifest contained all data and was rewritten at each change.
 """
 
 from __future__ import annotations
@@ -48,20 +48,20 @@ from rigs.schema.part import Length
 from rigs.schema.vocabulary import Direction, TestName
 
 MANIFEST = "manifest.json"
-"""Written at the start and the end of a run."""
+"""Name of the manifest, written at the start and the end of a run."""
 OF_A_RUN = frozenset({MANIFEST, LEDGER})
-"""Files that identify a directory as a run, however damaged."""
+"""Files that identify a directory as a run, even if it is damaged."""
 _IN_LEDGER = {"chunks", "anchors", "rows", "counters", "exit_status", "reason", "ended", "relabelled"}
-"""Fields derived from the ledger in a run of version 2."""
+"""Fields that are derived from the ledger in a run of version 2."""
 _LONGEST_OPERATOR = 200
-"""Limit in characters: long enough for names of people and shifts, too short for a pasted page."""
+"""Largest length in characters, sufficient for names of people and shifts, but not for a pasted page."""
 _MOST_BYTES = 100_000_000
-"""Largest manifest; version 1 had 250 bytes per chunk, and a month of recording had 10 000 chunks."""
-_RIG_VERSION = version()  # now, because it opens files: a recording may start when no file can be opened
+"""Largest manifest in bytes. In version 1 a chunk needed 250 bytes, and a month of recording had 10 000 chunks."""
+_RIG_VERSION = version()  # read at import because it opens files; a recording may start when no file can be opened
 
 
 class _OperatorError(ValueError):
-    """Invalid operator name, with the remedy."""
+    """An invalid name of an operator, with the remedy."""
 
     def __init__(self, what: str, remedy: str) -> None:
         super().__init__(f"{what}; {remedy}")
@@ -69,7 +69,7 @@ class _OperatorError(ValueError):
 
 
 def operator_name(text: str) -> str:
-    """Return an operator name for storage. Raises ValueError for control characters or excessive length."""
+    """Return the name of an operator in stored form. Raises ValueError for control characters or excessive length."""
     text = storable(text)
     if len(text) > _LONGEST_OPERATOR:
         raise _OperatorError(f"a name of {len(text)} characters", f"write at most {_LONGEST_OPERATOR}")
@@ -79,7 +79,7 @@ def operator_name(text: str) -> str:
 
 
 def hold_operator(name: str) -> str:
-    """Return an operator name for storage. Raises UseError for control characters or excessive length."""
+    """Return the name of an operator in stored form. Raises UseError for control characters or excessive length."""
     try:
         return operator_name(name)
     except _OperatorError as error:
@@ -87,24 +87,24 @@ def hold_operator(name: str) -> str:
 
 
 Operator = Annotated[Text, AfterValidator(operator_name)]
-"""Name of the operator; manifests of older runs may contain any text."""
+"""Name of the operator. Manifests of older runs may contain any text."""
 Placement = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{0,64}$")]
-"""Name for the location of instrument or ball; runs of a placement share a set-up."""
+"""Name for the location of instrument or ball. Runs with the same placement share a set-up."""
 ViewZero = tuple[Length, Length]
-"""Zero offsets of the live view at the start of the run, for information only; the rows contain the readings."""
+"""Zero offsets of the live view at the start of the run. For information only: the rows are unmodified."""
 DrivenWith = Literal["", "targets", "entries"]
-"""Correction active while the arm moves: programs with corrected targets, or values entered at the controller.
+"""Correction that is active during the run: programs with corrected targets, or values entered at the controller.
 
-Empty without a correction. Such runs show the effect of the correction; the arm itself is unchanged.
+Empty if there is none. Such runs show the effect of the correction; the arm itself is unchanged.
 """
 PLACEMENT_RULE = "name a placement with up to 64 letters, digits, . _ and -"
 
 
 class Manifest(Record):
-    """Complete description of a run except its rows."""
+    """Complete description of a run, except for the rows."""
 
     version: Literal[1, 2] = 2
-    """1: a run without a ledger."""
+    """Version of the format; 1 is a run without a ledger."""
     name: Name
     test: TestName
     direction: Direction | None
@@ -117,27 +117,27 @@ class Manifest(Record):
     corrected: DrivenWith = Field(default="", exclude_if=lambda by: not by)
     view_zero_mm: ViewZero | None = Field(default=None, exclude_if=lambda zero: zero is None)
     follows: str = ""
-    """Directory of the previous run, if this run continues a run ended by the disk or the length limit."""
+    """Directory of the previous run, if this run continues it. The disk or the length limit ended the previous run."""
     host: str
     software: dict[str, str]
     clock: Clock
     anchors: tuple[Clock, ...] = Field(default=(), exclude_if=lambda anchors: not anchors)
-    """Both clocks, read again after each step of the wall clock or suspend."""
+    """Both clocks, read again after each suspend and each step of the wall clock."""
     started: str
     ended: str | None = None
     streams: dict[Name, tuple[str, ...]]
     """Value columns of each sample stream, in order."""
     table: ImportedTable | None = None
-    """Imported table; None in a recorded run."""
+    """Imported table, or None in a recorded run."""
     chunks: tuple[Chunk, ...] = ()
     rows: dict[Name, Count] = Field(default={}, exclude_if=lambda rows: not rows)
-    """Rows of each stream handed to the disk, from the seal; empty without a seal."""
+    """Number of rows of each stream written to the disk, from the seal. Empty if there is no seal."""
     counters: dict[str, dict[str, Count]] = Field(default={})
     """Samples, and faults of each kind, by stream."""
     exit_status: ExitStatus = "recording"
     reason: str = ""
     relabelled: tuple[Relabelling, ...] = Field(default=(), exclude_if=lambda history: not history)
-    """Earlier label values, in order of change; the fields contain the present ones."""
+    """Earlier label values, in order of the changes. The label fields contain the current values."""
 
     @model_validator(mode="after")
     def _consistent(self) -> Manifest:
@@ -158,7 +158,7 @@ class Manifest(Record):
 
     @property
     def all_streams(self) -> dict[str, tuple[str, ...]]:
-        """Value columns of the sample streams, the table if any, and the faults."""
+        """Columns of all streams: the sample streams, the table if any, and the faults."""
         table = {TABLE: tuple(self.table.columns)} if self.table else {}
         return {**self.streams, **table, FAULTS: ()}
 
@@ -174,14 +174,14 @@ class Manifest(Record):
         return tuple(sorted(mine, key=lambda chunk: chunk.number))
 
     def wall_ns(self, monotonic_ns: int) -> int:
-        """Return the wall time of a stamp, in ns since 1970."""
+        """Return the wall time of a monotonic timestamp, in ns since 1970."""
         before = bisect_right(self.anchors, monotonic_ns, key=lambda anchor: anchor.monotonic_ns)
         anchor = self.anchors[before - 1] if before else self.clock
         return anchor.unix_ns + monotonic_ns - anchor.monotonic_ns
 
     @property
     def is_sealed(self) -> bool:
-        """Whether a ledger proves that the run is complete since its end."""
+        """True if a ledger proves that the run is complete and unchanged since the end."""
         return self.version > 1 and self.exit_status != "recording"
 
     def updated(self, **changes: Any) -> Manifest:
@@ -189,7 +189,7 @@ class Manifest(Record):
         return Manifest.model_validate(self.model_dump() | changes)
 
     def with_entries(self, entries: Sequence[Entry]) -> Manifest:
-        """Return a copy with the content of these ledger entries. Raises ValidationError."""
+        """Return a copy that includes these ledger entries. Raises ValidationError."""
         history = [change for entry in entries for change in entry.relabelled]
         seal = next((entry.seal for entry in reversed(entries) if entry.seal), None)
         return self.updated(
@@ -205,7 +205,7 @@ class Manifest(Record):
         replace(run / MANIFEST, self.to_json() if self.version == 1 else self.opening())
 
     def opening(self) -> bytes:
-        """Return the manifest as stored at the start of the run."""
+        """Return the manifest as it was written at the start of the run."""
         if self.version > 1:
             return self.model_dump_json(indent=1, exclude=_IN_LEDGER).encode()
         fresh: dict[str, object] = {
@@ -219,7 +219,7 @@ class Manifest(Record):
         return self.model_copy(update=fresh).to_json()
 
     def to_json(self) -> bytes:
-        """Return the combined content of manifest and ledger as JSON."""
+        """Return the manifest combined with the ledger, as JSON."""
         return self.model_dump_json(indent=1).encode()
 
 
@@ -238,10 +238,7 @@ def new_manifest(  # noqa: PLR0913 - a manifest is this many facts
     follows: str = "",
     table: ImportedTable | None = None,
 ) -> Manifest:
-    """Return the manifest of a run starting now on this host.
-
-    Raises FileError for an invalid name.
-    """
+    """Create the manifest of a run that starts now on this host. Raises FileError if the name is invalid."""
     try:
         return Manifest(
             name=name,
@@ -267,18 +264,18 @@ def new_manifest(  # noqa: PLR0913 - a manifest is this many facts
 
 
 class UnknownTestError(FileError):
-    """The test of the run belongs to a package that is not installed; there is nothing to repair."""
+    """The test of the run belongs to a package that is not installed. The run needs no repair."""
 
 
 def is_run(path: Path) -> bool:
-    """Return whether a directory is a run, however damaged; a ledger suffices. Raises OSError if access is denied."""
+    """Return whether a directory is a run, even if damaged. A ledger suffices. Raises OSError if access is denied."""
     return any((path / name).exists() for name in OF_A_RUN)
 
 
 def load_manifest(run: Path) -> Manifest:
-    """Read the manifest of a run.
+    """Read the manifest of a run, including the ledger.
 
-    Raises FileError if the run or its manifest does not exist or is unreadable.
+    Raises FileError if the run or the manifest is missing or unreadable.
     """
     path = run / MANIFEST
     try:
@@ -309,7 +306,7 @@ def load_manifest(run: Path) -> Manifest:
 
 
 def _of_another_package(path: Path, error: ValidationError) -> UnknownTestError | None:
-    """Return the error for a manifest whose only defect is an unknown test, otherwise None."""
+    """Return the error for a manifest that is valid except for an unknown test, otherwise None."""
     (first, *others) = error.errors(include_url=False, include_context=False)
     if others or first["loc"] != ("test",) or not isinstance(first["input"], str):
         return None

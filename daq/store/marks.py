@@ -1,10 +1,10 @@
 """Changes to a finished run: corrected labels (test, direction, operator, placement), and marks.
 
-Earlier label values are kept in the ledger, or in the manifest of a run of version 1. The rest of the run is unchanged:
-chunks and checksums, stamps, rig file and name.
+Earlier label values are stored in the ledger, or in the manifest for a run of version 1. All else is unchanged: chunks
+and checksums, timestamps, rig file and name.
 
-The marks in `marks.json` record exports and protection by the operator; retention deletes only exported runs without
-protection.
+The marks in `marks.json` record exports, and protection by the operator.
+Retention deletes only exported runs that are not protected.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _MOST_BYTES = 1_000_000
 
 
 class Export(BaseModel):
-    """Export of a run: file and time."""
+    """An export of a run: file and time."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
@@ -63,13 +63,13 @@ def load_marks(run: Path) -> Marks:
 
 
 def mark_exported(run: Path, to: str, file: Path) -> None:
-    """Record an export of the run. Raises FileError, or CellError without write permission."""
+    """Record an export of a run. Raises FileError, or CellError if writing is not permitted."""
     export = Export(at=iso_now(), format=to, file=str(file.absolute()))
     _change(run, lambda marks: marks.model_copy(update={"exports": (*marks.exports, export)}))
 
 
 def mark_kept(run: Path, kept: bool) -> None:
-    """Set or remove the protection of a run. Raises the errors of `mark_exported`."""
+    """Set or remove the protection of a run. Raises the same errors as `mark_exported`."""
     _change(run, lambda marks: marks.model_copy(update={"kept": kept}))
 
 
@@ -99,10 +99,11 @@ def relabel(
     operator: str | None = None,
     placement: str | None = None,
 ) -> Manifest:
-    """Change test, direction, operator or placement of a run durably and atomically; None leaves a field unchanged.
+    """Change test, direction, operator or placement of a run durably and atomically. None leaves a field unchanged.
 
     A test without a circle removes the direction. Returns the new manifest. Raises FileError if the run is being
-    recorded, was not closed, or does not fit the new label; UseError for invalid values; CellError if the disk refuses.
+    recorded, was not closed, or does not fit the new label, UseError if a value is invalid, and CellError if the disk
+    refuses.
     """
     unchanged = load_manifest(run)
     try:
@@ -170,9 +171,11 @@ def _relabelled(
 def _test_and_direction(
     run: Path, manifest: Manifest, test: TestName, direction: Direction | None
 ) -> dict[str, str | None]:
-    """Return the new test and direction. Raises FileError if the run does not fit, UseError for a direction without
-    a circle."""
-    # Recorded streams fit any test with gauges, a table fits either circle.
+    """Return the new test and direction.
+
+    Raises FileError if the run does not fit, and UseError if a direction is given for a test without a circle.
+    """
+    # Recorded streams fit all tests with gauges. A table of a circle fits yaw and roll.
     alike: tuple[TestName, ...] = get_args(DrivenTest) if manifest.table is None else CIRCLES
     if test != manifest.test and not (manifest.test in alike and test in alike):
         problem = f"holds data of a {manifest.test} test, which cannot be of a {test} test"
@@ -186,7 +189,7 @@ def _test_and_direction(
     if (direction or manifest.direction) is None:
         raise FileError(str(run), f"a {test} test has a direction, and the run has none", "add --direction acw or cw")
     if manifest.table is not None and direction not in (None, manifest.direction):
-        # The rows of the table contain the direction too, and tables are never changed.
+        # The rows of a table also contain the direction, and tables are never changed.
         problem = f"holds an imported table whose rows say {manifest.direction}"
         remedy = f"import it again with --direction {direction}, its direction column left out"
         raise FileError(str(run), problem, remedy)

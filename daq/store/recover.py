@@ -1,8 +1,8 @@
-"""Recovery of a run that was not closed: after a crash, a kill, a full disk or a power cut.
+"""Recovery of a run that was not closed, after a crash, a kill, a full disk or a power cut.
 
-Recorded data is never removed: a recording chunk is deleted only when all bytes are in a Parquet file listed in the
-ledger, and a damaged chunk is kept as `<file>.torn`. Every step leaves a valid starting point for the next `recover`,
-so a recovery can be interrupted, and repeating it has no effect. A run of version 1 receives a ledger.
+Recorded data is never removed. A recording chunk is deleted only if all bytes are in a Parquet file listed in the
+ledger. A damaged chunk is preserved as `<file>.torn`. `recover` can start from the state after any step, so it may be
+interrupted. Repeating a recovery has no effect. A run of version 1 receives a ledger.
 """
 
 from __future__ import annotations
@@ -49,7 +49,8 @@ TORN = ".torn"
 class Recovery:
     """Result of a recovery.
 
-    rows: recovered rows per stream. losses: unreadable data per damaged file, as text. notes: all other actions.
+    rows: number of recovered rows by stream. losses: unreadable data in each damaged file, as text. notes: other
+    actions, as text.
     """
 
     path: Path
@@ -59,15 +60,14 @@ class Recovery:
 
     @property
     def nothing_to_do(self) -> bool:
-        """Whether the run was already complete."""
+        """True if the run was already complete."""
         return not (self.rows or self.losses or self.notes)
 
 
 def recover(path: Path) -> Recovery:
     """Recover an interrupted run, with exit status `recovered`.
 
-    Raises FileError if there is nothing to recover or a process is still recording the run, CellError if the disk
-    refuses access.
+    Raises FileError if the run needs no recovery or is still being recorded, and CellError if the disk refuses access.
     """
     try:
         if not path.is_dir():
@@ -81,7 +81,7 @@ def recover(path: Path) -> Recovery:
             durable.close(lock)
     except (OSError, pa.ArrowException) as error:
         reason, file = getattr(error, "strerror", None), getattr(error, "filename", None)
-        # The operating system reports some files by a bare number.
+        # The operating system reports some files only by number.
         words = f"{reason}: {file!r}" if reason and isinstance(file, str) else str(reason or error)
         raise CellError(str(path), f"cannot be recovered: {words}", f"{_remedy(error)}; nothing was lost") from error
 
@@ -111,7 +111,7 @@ def _repaired(path: Path) -> Recovery:
 
 def _manifest_of(path: Path, done: Recovery) -> Manifest:
     with suppress(FileNotFoundError):
-        read_bytes(path / MANIFEST, MOST_BYTES)  # a manifest refused by the disk is neither missing nor damaged
+        read_bytes(path / MANIFEST, MOST_BYTES)  # a manifest that the disk refuses to read is not missing or damaged
     try:
         return load_manifest(path)
     except UnknownTestError:
@@ -131,7 +131,7 @@ def _manifest_of(path: Path, done: Recovery) -> Manifest:
 
 
 def _with_sound_ledger(path: Path, manifest: Manifest, done: Recovery) -> Manifest:
-    """Return the manifest of a run with an appendable ledger, creating the ledger if absent."""
+    """Return the manifest of a run with a valid ledger. The ledger is created if absent."""
     ledger = read_ledger(path)
     if manifest.version > 1 and ledger.entries:
         if ledger.unread:
@@ -155,7 +155,7 @@ def _with_sound_ledger(path: Path, manifest: Manifest, done: Recovery) -> Manife
 
 
 def _opening_in(path: Path) -> bytes | None:
-    """Return the manifest from any chunk of the run; None if no chunk contains it."""
+    """Return the manifest from any chunk of the run, or None if no chunk contains it."""
     for file in sorted(path.iterdir()):
         if parse_chunk(file.name) and (opening := opening_in(read_bytes(file, MOST_BYTES))):
             with suppress(ValidationError):
@@ -166,7 +166,7 @@ def _opening_in(path: Path) -> bytes | None:
 
 @dataclass
 class _Repair:
-    """Repair in progress. opening: manifest according to the chunks."""
+    """A repair in progress. opening: manifest according to the chunks."""
 
     path: Path
     manifest: Manifest
@@ -224,7 +224,7 @@ class _Repair:
             self._list(chunk)
 
     def _closed(self, stream: str, number: int) -> Chunk | None:
-        """Return the Parquet file of a chunk if it is present and complete."""
+        """Return the chunk if the Parquet file is present and complete."""
         file = self.path / chunk_name(stream, number)
         data = read_bytes(file, MOST_BYTES) if file.exists() else b""
         listed = next((c for c in self.manifest.chunks if c.file == file.name), None)
@@ -256,7 +256,7 @@ class _Repair:
 
     def _seal(self) -> None:
         was, entries, claimed = self.manifest, read_ledger(self.path).entries, Claim(Counter())
-        for torn in self.path.glob(f"{LEDGER}{TORN}*"):  # so that an interruption preserves the claims
+        for torn in self.path.glob(f"{LEDGER}{TORN}*"):  # preserves the claims if interrupted
             claimed |= claim_in(read_bytes(torn, MOST_BYTES), entries[0].opening if entries else None)
         row_counts = {stream: self._rows(stream) for stream in self.manifest.all_streams}
         counters = {stream: dict(counts) for stream, counts in (was.counters or self._count()).items()}
@@ -275,7 +275,7 @@ class _Repair:
         self.done.notes.append(f"{LEDGER}: sealed as recovered")
 
     def _rows(self, stream: str) -> int:
-        """Return the number of rows of a stream, from the number of the last row."""
+        """Return the number of rows in a stream, from the number of the last row."""
         end = 0
         for chunk in self.manifest.chunks_of(stream):
             end = chunk.rows + (end if chunk.first_row is None else chunk.first_row)

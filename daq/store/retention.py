@@ -1,8 +1,9 @@
-"""Retention of runs: selection of the runs to delete, and the only function that deletes.
+"""Retention of runs: selection of runs to delete, and the only function that deletes them.
 
-Only a complete, exported run without protection may be deleted, oldest first. Doubtful cases stay: a run being
-recorded, a crashed run, an unreadable manifest or marks file, any other directory. A deletion first renames the run to
-`.deleted`, so an interrupted deletion leaves no partial run, and the next round removes the remains.
+A run may be deleted if it is complete, exported and not protected; the oldest is deleted first. All doubtful cases
+remain: a run being recorded, a crashed run, an unreadable manifest or marks file, and any other directory. A deletion
+first renames the run to `.deleted`. An interrupted deletion therefore leaves no partial run, and the next round removes
+the remains.
 """
 
 from __future__ import annotations
@@ -28,9 +29,10 @@ _DAY_S = 86400.0
 
 @dataclass(frozen=True)
 class RunInfo:
-    """Facts about a run directory. ended_s: Unix time of the end, or of the start without an end.
+    """Facts about a run directory.
 
-    status: exit status of the manifest, or `crashed`, or `damaged` if manifest or marks are unreadable.
+    ended_s: Unix time of the end, or of the start if the end is unknown. status: exit status in the manifest,
+    `crashed`, or `damaged` if manifest or marks are unreadable.
     """
 
     path: Path
@@ -42,7 +44,7 @@ class RunInfo:
 
     @property
     def may_go(self) -> bool:
-        """Whether retention may delete the run."""
+        """True if retention may delete the run."""
         if self.manifest is None or self.marks is None or self.status in ("recording", "crashed", "damaged"):
             return False
         return bool(self.marks.exports) and not self.marks.kept
@@ -50,14 +52,14 @@ class RunInfo:
 
 @dataclass(frozen=True)
 class Decision:
-    """delete: runs to delete, in order. over: bytes above the limit that cannot be freed."""
+    """Runs to delete, in order, and the number of bytes above the limit that cannot be freed (over)."""
 
     delete: tuple[RunInfo, ...]
     over: int
 
 
 def survey(runs: Path, denied: Callable[[Path], object] = lambda _: None) -> Iterator[RunInfo]:
-    """Yield all readable runs of a directory in order of name, and call `denied` with each unreadable directory.
+    """Yield all readable runs of a directory in order of name. `denied` is called with each unreadable directory.
 
     Raises FileError if the directory does not exist.
     """
@@ -70,7 +72,7 @@ def survey(runs: Path, denied: Callable[[Path], object] = lambda _: None) -> Ite
             if path.name.startswith(".") or path.is_symlink() or not is_run(path):
                 continue
             seen = look(path)
-        except FileNotFoundError:  # deleted or moved in the meantime
+        except FileNotFoundError:  # deleted or moved meanwhile
             continue
         except PermissionError:
             denied(path)
@@ -79,10 +81,10 @@ def survey(runs: Path, denied: Callable[[Path], object] = lambda _: None) -> Ite
 
 
 def look(run: Path) -> RunInfo:
-    """Return the facts about a run directory. Raises FileNotFoundError if it is gone."""
+    """Collect the facts about a run directory. Raises FileNotFoundError if it is gone."""
     size = 0
     for file in run.iterdir():
-        with suppress(FileNotFoundError):  # files of a run being recorded come and go
+        with suppress(FileNotFoundError):  # files appear and disappear while a run is being recorded
             size += file.stat().st_size
     changed_s = (run / (MANIFEST if (run / MANIFEST).exists() else LEDGER)).stat().st_mtime
     try:
@@ -97,7 +99,7 @@ def look(run: Path) -> RunInfo:
 
 
 def decide(runs: Sequence[RunInfo], limits: Retention, now_s: float) -> Decision:
-    """Select the runs to delete: expired runs, then the oldest until the rest fits."""
+    """Select the runs to delete: expired runs first, then the oldest until the limit is met."""
     free = sorted((info for info in runs if info.may_go), key=lambda info: info.ended_s)
     old = [info for info in free if limits.days is not None and now_s - info.ended_s > limits.days * _DAY_S]
     allowed = int(limits.gigabytes * 1e9) if limits.gigabytes is not None else 2**63
@@ -112,7 +114,7 @@ def decide(runs: Sequence[RunInfo], limits: Retention, now_s: float) -> Decision
 
 
 def delete(run: Path) -> bool:
-    """Delete a run after repeating the check; False if deletion is not allowed. Raises OSError."""
+    """Delete a run if a new check permits it. Returns False otherwise. Raises OSError."""
     lock = durable.try_lock(run)
     if lock is None:
         return False
@@ -129,6 +131,6 @@ def delete(run: Path) -> bool:
 
 
 def clear(runs: Path) -> None:
-    """Remove the remains of interrupted deletions, as far as possible."""
+    """Remove the remains of interrupted deletions, ignoring errors."""
     for gone in runs.glob(f".*{_DELETED}"):
         shutil.rmtree(gone, ignore_errors=True)

@@ -1,6 +1,6 @@
-"""Read a run: all chunks of each stream as arrays, or an error.
+"""Reading of runs: all chunks of each stream as arrays, or an error.
 
-A wrong number is worse than a missing one, so the SHA-256 and row count of every chunk are verified before use.
+A wrong number is worse than a missing one. The SHA-256 and row count of each chunk are therefore verified before use.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from rigs.files import read_bytes
 
 @dataclass(frozen=True)
 class Run:
-    """Recorded or imported run.
+    """A recorded or imported run.
 
-    streams: columns of each sample stream by name, each an array of n rows in file units (the fixed columns of
-    `daq.store.chunk`, then the values). faults: one row each, with at_ns, stream, kind, detail, count, sequence. table:
-    columns
-    of an imported run in file order; None in a recorded run.
+    streams: columns of each sample stream by name, as arrays (n,) in file units. The fixed columns of `daq.store.chunk`
+    come first, followed by the values.
+    faults: a row for each fault, with at_ns, stream, kind, detail, count, sequence.
+    table: columns of an imported run in file order, None in a recorded run.
     """
 
     path: Path
@@ -40,7 +40,7 @@ class Run:
 
     @cached_property
     def readings_sha256(self) -> str:
-        """Digest of the measurements, equal for copies of a run and for repeated imports of a table."""
+        """Digest of the measurements. Copies of a run and repeated imports of a table have equal digests."""
         if self.table is None:
             return sha256("".join(chunk.sha256 for chunk in self.manifest.chunks).encode())
         plain, rows = self.table.replace_schema_metadata(None).combine_chunks(), pa.BufferOutputStream()
@@ -81,7 +81,7 @@ def closed_manifest(path: Path) -> Manifest:
 
 
 def is_unclosed(path: Path) -> bool:
-    """Return whether a crash left this run unclosed, with no process writing it.
+    """Return whether the run was left unclosed by a crash. A run that a process is writing is not.
 
     Raises FileError if the manifest is missing or unreadable.
     """
@@ -94,25 +94,25 @@ def is_unclosed(path: Path) -> bool:
 
 
 def left_over(path: Path, manifest: Manifest) -> list[Path]:
-    """Return files left by a crash in a run that is not being recorded."""
+    """Return the files left by a crash, in a run that is not being recorded."""
     listed = {chunk.file for chunk in manifest.chunks}
     unlisted = {file for file in path.glob("*.parquet") if file.name not in listed}
     return sorted(unlisted | {*path.glob("*.arrow"), *path.glob(f"*{TEMPORARY}")})
 
 
 def read_stream(path: Path, manifest: Manifest, stream: str) -> pa.Table:
-    """Return all rows of a stream, in order of the chunks.
+    """Return all rows of a stream in order.
 
     Raises FileError for the first chunk that is missing, damaged or different from the manifest.
     """
     schema = manifest.arrow_schema(stream)
     tables = [read_chunk(path, chunk, schema) for chunk in manifest.chunks_of(stream)]
-    # Not `schema.empty_table()`, which imports pandas if installed; see `daq.store.chunk`.
+    # `schema.empty_table()` would import pandas if installed; see `daq.store.chunk`.
     return pa.concat_tables([pa.Table.from_batches([], schema), *tables])
 
 
 def chunks_of(path: Path, manifest: Manifest, stream: str) -> Iterator[dict[str, np.ndarray[Any, Any]]]:
-    """Yield the columns (n,) of a stream chunk by chunk, each in the unit of its name, without `sequence`.
+    """Yield the columns (n,) of a stream chunk by chunk, without `sequence`. The units are in the names of the columns.
 
     Raises FileError like `read_stream`, after yielding the valid chunks.
     """
@@ -124,8 +124,10 @@ def chunks_of(path: Path, manifest: Manifest, stream: str) -> Iterator[dict[str,
 
 
 def read_chunk(path: Path, chunk: Chunk, schema: pa.Schema, columns: Sequence[str] | None = None) -> pa.Table:
-    """Return the rows of a chunk, or some columns. Raises FileError if the chunk is missing, damaged or different from
-    the manifest."""
+    """Return the rows of a chunk, optionally with selected columns only.
+
+    Raises FileError if the chunk is missing, damaged or different from the manifest.
+    """
     file = path / chunk.file
     remedy = "restore the file from a copy of the run"
     try:
@@ -151,8 +153,10 @@ def read_chunk(path: Path, chunk: Chunk, schema: pa.Schema, columns: Sequence[st
 
 
 def _array(column: pa.ChunkedArray) -> np.ndarray[Any, Any]:
-    """Return a column as an array. Identical values, like most stamps of a streaming gauge, become a view of a single
-    value without memory."""
+    """Convert a column to an array.
+
+    If all values are equal, as in most timestamps of a streaming gauge, the array is a view of a single value.
+    """
     pieces = [piece_of(chunk) for chunk in column.chunks]
     first = next((piece[:1] for piece in pieces if len(piece)), None)
     if first is not None and all((_bits(piece) == _bits(first)).all() for piece in pieces):

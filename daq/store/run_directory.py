@@ -1,19 +1,18 @@
 """Directory of a run being recorded: name, lock, manifest, ledger, and disk space.
 
-A recording ends while the disk still has room to close it. Closing writes the Parquet file of each open chunk before
-deleting the chunk, and some lines of the ledger: `RunWriter.room_to_close` adds up the files. A margin covers the lines
-and other processes writing to the disk within half a second. Starting requires more room than continuing, so that a
-nearly full disk is not filled with runs of a second each.
+A recording ends while the disk has enough space to close it. Closing writes the Parquet file of each open chunk before
+deleting the chunk, and adds some lines to the ledger. `RunWriter.room_to_close` adds up the files. A margin covers the
+lines, and other processes that write to the disk within half a second. Starting a run requires more space than
+continuing, so that a nearly full disk is not filled with runs of a second each.
 
-A daemon runs for months, so the memory used for closing a chunk is returned to the system, and all modules are loaded
-at the start.
+A daemon runs for months. The memory used for closing a chunk is therefore returned to the system, and all modules are
+loaded at the start.
 
-A directory created by a command is complete or absent: it is filled under a hidden name and renamed at the end.
-Earlier,
-an interrupted command left a partial run that blocked the next attempt. Commands ignore hidden directories. A failed or
-interrupted command removes its hidden directory, also on signals. Remains of a SIGKILL or power cut are removed by the
-next command in the same place: a command locks the directory it fills, and the system releases the lock with the
-process.
+A directory created by a command is either complete or absent: it is filled under a hidden name and renamed at the end.
+Without this, an interrupted command would leave a partial run that blocks the next attempt. Commands ignore hidden
+directories. A failed or interrupted command removes the hidden directory, also after signals. Remains after SIGKILL or
+a power cut are removed by the next command in the same place. A command locks the directory it fills, and the system
+releases the lock when the process ends.
 """
 
 from __future__ import annotations
@@ -41,7 +40,7 @@ from rigs.errors import CellError
 
 MARGIN_BYTES = 16 << 20
 TO_BEGIN_BYTES = 64 << 20
-"""A full chunk of a robot (200 000 rows of 13 columns, 20 MB), the closed copy, and the margin."""
+"""Bytes required to start: a full robot chunk (200 000 rows of 13 columns, 20 MB), the closed copy, and a margin."""
 
 
 class NearlyFull(CellError):
@@ -53,7 +52,7 @@ class NearlyFull(CellError):
 
 
 def require_room(place: Path, needed: int) -> None:
-    """Raise NearlyFull if fewer bytes are free on the disk of place, OSError if this cannot be determined."""
+    """Raise NearlyFull if fewer bytes than needed are free on the disk, and OSError if this cannot be determined."""
     free = durable.free_bytes(place)
     if free < needed:
         raise NearlyFull(place, free, needed)
@@ -64,31 +63,31 @@ _LARGE_BYTES = 1 << 20
 
 
 def keep_large_blocks_apart() -> None:
-    """Make the C library map blocks of a megabyte and more separately, so that each is returned when freed.
+    """Configure the C library to map blocks of a megabyte and more separately, so that freed blocks are returned.
 
-    glibc raises this limit to the largest freed block, about 20 MB for a chunk. It then reserves that much in the arena
-    of each thread that ever closed a chunk, and the daemon grows in steps during its first hours (mallopt(3)). Other C
-    libraries have no such call and no such arenas.
+    glibc raises this limit to the size of the largest freed block, about 20 MB for a chunk. It then reserves this size
+    in the arena of each thread that has closed a chunk, and the memory of the daemon grows in steps during the first
+    hours (mallopt(3)). Other C libraries have neither this call nor such arenas.
     """
     if mallopt := getattr(ctypes.CDLL(None), "mallopt", None):
         mallopt(_M_MMAP_THRESHOLD, _LARGE_BYTES)
 
 
 def load_all_of_arrow() -> None:
-    """Make Arrow import its lazy dependencies before recording.
+    """Make Arrow import all lazy dependencies before recording.
 
-    This includes pandas if installed: half a second of one core in the thread that drains the readers.
+    These include pandas if installed. The import takes half a second of a core, in the thread that drains the readers.
     """
     pa.array([0])
 
 
 def give_back() -> None:
-    """Return the memory cached by Arrow to the system."""
+    """Return memory cached by Arrow to the system."""
     pa.default_memory_pool().release_unused()
 
 
 _TIMED = re.compile(r"[0-9]{8}T[0-9]{6}[.0-9]*Z")
-"""UTC time at the start of a run name; such names become the directory name unchanged."""
+"""UTC time at the start of a run name. Such a name becomes the name of the directory unchanged."""
 _WHO_DELETES = "find out what deletes or moves runs"
 
 
@@ -100,7 +99,7 @@ class RunRemoved(CellError):
 
 
 def require_files(run: Path, open_files: Mapping[Path, int]) -> None:
-    """Raise RunRemoved if the run directory is gone, CellError if the manifest or an open file is. Raises OSError.
+    """Raise RunRemoved if the run directory is gone, and CellError if the manifest or an open file is. Raises OSError.
 
     open_files: descriptors by path.
     """
@@ -116,8 +115,8 @@ def require_files(run: Path, open_files: Mapping[Path, int]) -> None:
 def create_run_directory(runs: Path, manifest: Manifest, companions: Mapping[str, bytes]) -> tuple[Path, int, Ledger]:
     """Create a new directory `<UTC time>_<name>` under runs, with the companion files of the rig file.
 
-    Returns the directory, the lock and the ledger. Raises NearlyFull without sufficient room, OSError if the disk
-    refuses.
+    Returns the directory, the lock and the ledger.
+    Raises NearlyFull if space is insufficient, and OSError if the disk refuses.
     """
     durable.make_directories(runs)
     require_room(runs, TO_BEGIN_BYTES + sum(map(len, companions.values())))
@@ -143,7 +142,7 @@ def create_run_directory(runs: Path, manifest: Manifest, companions: Mapping[str
 
 
 def write_beside(path: Path, companions: Mapping[str, bytes]) -> None:
-    """Write the companion files of the rig file into a run directory durably. Raises OSError.
+    """Write the companion files of the rig file durably into a run directory. Raises OSError.
 
     The rig file contains their digests, and the manifest contains the digest of the rig file.
     """
@@ -157,17 +156,17 @@ except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
 _OURS = re.compile(rf"\.[0-9a-f]{{16}}{re.escape(durable.TEMPORARY)}")
-"""Name of a hidden directory."""
+"""Name of a hidden directory created by a command."""
 _TRIES = 3
-"""Attempts; microseconds pass between creating and locking a directory, in which a second command may interfere."""
+"""Number of attempts. Between creating and locking a directory, another command may interfere for some microseconds."""
 _ENDS = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
 
 @contextmanager
 def new_directory(path: Path) -> Iterator[Path]:
-    """Provide a hidden directory that is renamed to `path` at the end of the block.
+    """Provide a hidden directory, which is renamed to `path` at the end of the block.
 
-    Raises FileExistsError if the name is taken, and any other OSError of the disk.
+    Raises FileExistsError if the name exists, and any other OSError of the disk.
     """
     _hold_free(path)
     durable.make_directories(path.parent)
@@ -181,10 +180,10 @@ def new_directory(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def files_into(directory: Path, *, over: bool = False) -> Iterator[Path]:
-    """Provide a hidden directory whose files move to `directory` at the end of the block: all of them or none.
+    """Provide a hidden directory, whose files are moved to `directory` at the end of the block: all or none.
 
-    over: existing files are replaced; each file is then completely old or new. Otherwise raises FileExistsError with
-    the path of an existing file. Raises any other OSError of the disk.
+    over: True to replace existing files; each file is then completely old or completely new. If False, FileExistsError
+    is raised with the path of an existing file. Raises any other OSError of the disk.
     """
     if not os.path.lexists(directory):
         with new_directory(directory) as made:
@@ -208,7 +207,7 @@ def files_into(directory: Path, *, over: bool = False) -> Iterator[Path]:
 
 
 def surely(remove: Callable[[], object]) -> None:
-    """Call a clean-up function, and repeat it after Ctrl-C."""
+    """Call a clean-up function. Repeat the call after Ctrl-C."""
     try:
         remove()
     except BaseException:
@@ -218,14 +217,14 @@ def surely(remove: Callable[[], object]) -> None:
 
 @contextmanager
 def removed_at_signals(directory: str | Path, before: Callable[[], None] = lambda: None) -> Iterator[None]:
-    """Remove a directory before this process ends by a signal, unless the signal is already handled or ignored.
+    """Remove a directory before a signal ends this process. Signals already handled or ignored are not changed.
 
-    before: called first, in this process only and not in forked ones.
+    before: function called first, in this process but not in forked ones.
     """
     owner = os.getpid()
 
     def leave(number: int, _: object) -> None:
-        # Raising an exception would not work: within a fork it is ignored, and the signal would be lost.
+        # An exception would not work: in a fork it would be ignored, and the signal lost.
         if os.getpid() == owner:  # not in a forked process, which shares the directory
             before()
             shutil.rmtree(directory, ignore_errors=True)
@@ -251,14 +250,14 @@ def _hidden(parent: Path) -> Iterator[Path]:
             if fd is not None:  # left by a killed process
                 shutil.rmtree(directory, ignore_errors=True)
                 os.close(fd)
-    # Hidden directory protected from other commands; the lock is None if the disk has no locks
+    # A hidden directory, protected from other commands. The lock is None if the disk does not support locks.
     for _ in range(_TRIES):
         made = parent / f".{secrets.token_hex(8)}{durable.TEMPORARY}"
         durable.make_directory(made)
         fd = _lock_of(made)
         if fd is not None and os.path.lexists(made):
             break
-        if fd is not None:  # removed by a second command just before the lock
+        if fd is not None:  # removed by another command just before it was locked
             os.close(fd)
     try:
         with removed_at_signals(made):
@@ -270,7 +269,7 @@ def _hidden(parent: Path) -> Iterator[Path]:
 
 
 def _lock_of(directory: Path) -> int | None:
-    """Return the descriptor of a directory lock; None if it is taken, or locks are not supported."""
+    """Return the descriptor of a directory lock, or None if the lock is taken or locks are not supported."""
     if fcntl is None:
         return None
     try:

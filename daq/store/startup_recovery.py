@@ -1,7 +1,7 @@
-"""Recover crashed runs at start-up, in a separate thread, so that reading starts immediately.
+"""Recovery of crashed runs at start-up, in a separate thread, so that reading can start immediately.
 
-Only clear cases are recovered: a run with a readable manifest, not closed, and not locked by a process, because a
-second daemon may share the directory. All other cases are logged and left to the operator and `rig recover`.
+Only clear cases are recovered: the manifest is readable, the run was not closed, and no process has locked it. (A
+second daemon may share the directory.) All other cases are logged, and left to the operator and `rig recover`.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ log = logging.getLogger("rigd")
 
 
 class StartupRecovery(clock.Thread):
-    """Recovers every unclosed run of a directory, latest first."""
+    """Thread that recovers all unclosed runs of a directory, latest first."""
 
     def __init__(self, runs: Path) -> None:
         super().__init__(name="recover", daemon=True)
@@ -27,11 +27,11 @@ class StartupRecovery(clock.Thread):
         self._stop_asked = clock.Event()
 
     def stop(self) -> None:
-        """Request the end after the present run; an interrupted recovery can be repeated."""
+        """Request the end after the current run. An interrupted recovery can be repeated."""
         self._stop_asked.set()
 
     def run(self) -> None:
-        """Recover runs until `stop`."""
+        """Recover runs until `stop` is called."""
         try:
             paths = sorted(filter(_may_be_run, self._runs.iterdir()), reverse=True)
         except FileNotFoundError:
@@ -47,15 +47,15 @@ class StartupRecovery(clock.Thread):
                     recover_and_log(path)
             except RigError as error:
                 log.warning("not recovered: %s", error)
-            except Exception:  # a damaged old run must not prevent new recordings
+            except Exception:  # a damaged old run must not prevent recording
                 log.exception("%s: not recovered because of an internal error; run: rig recover %s", path, path)
 
 
 def _may_be_run(path: Path) -> bool:
-    """Return whether this may be a run; false for other directories and for starts without recorded data."""
+    """Return whether this may be a run. False for other directories, and for runs without recorded data."""
     try:
         return path.is_dir() and any(file.name == MANIFEST or parse_chunk(file.name) for file in path.iterdir())
-    except OSError as error:  # for example lost+found on a separate disk
+    except OSError as error:  # such as lost+found on a separate disk
         log.info("%s: not searched for a crashed run: %s", path, error.strerror)
         return False
 

@@ -1,10 +1,10 @@
-"""Writer of a single stream: rows in, frames on the disk, a Parquet chunk at the end.
+"""Writer of a single stream: rows are written to the disk in frames, and converted to a Parquet chunk at the end.
 
-The recording chunk is append-only, and deleted only when the Parquet file is durable and in the ledger. After a failed
-write it is truncated to the last complete frame. A full chunk is ended, and the next one begins when the disk has
-stored all of it: a crash leaves no gap between them, and a second thread creates the Parquet file while this thread
-continues. Until then rows are pending, for the duration of one sync. Raises plain OSError, converted by the run's
-writer.
+The recording chunk is append-only. It is deleted only when the Parquet file is durable and in the ledger. After a
+failed write it is truncated to the last complete frame. A full chunk is ended, and the next chunk starts only when the
+disk has stored all of it, so that a crash leaves no gap between them. Rows are pending during this sync. A second
+thread creates the Parquet file while this thread continues. Functions raise plain OSError, which the writer of the run
+converts.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from daq.store.ledger import Chunk, chunk_name, sha256
 
 @dataclass
 class OpenChunk:
-    """Recording chunk: complete frames up to `size`, the synced part, and whether it was ended."""
+    """A recording chunk. size: bytes in complete frames. synced: bytes on the disk. ended: True after the end mark."""
 
     path: Path
     number: int
@@ -42,18 +42,18 @@ class OpenChunk:
 
     @property
     def is_synced(self) -> bool:
-        """Whether the whole chunk and its name are on the disk."""
+        """True if the complete chunk and the file name are on the disk."""
         return self.named and self.synced == self.size
 
     @property
     def has_vanished(self) -> bool:
-        """Whether the file name is gone; false if the disk does not respond."""
+        """True if the file name is gone. False if the disk does not respond."""
         with suppress(OSError):
             return not durable.is_named(self.fd, self.path)
         return False
 
     def append(self, data: bytes) -> None:
-        """Append complete frames or nothing."""
+        """Append complete frames. If this fails, the file is unchanged."""
         try:
             durable.write_at(self.fd, data, self.size)
         except OSError:
@@ -63,7 +63,7 @@ class OpenChunk:
         self.size += len(data)
 
     def end(self) -> None:
-        """Append the end mark once; later steps may fail and be repeated."""
+        """Append the end mark once. The following steps may fail and be repeated."""
         if not self.ended:
             self.append(END)
             self.ended = True
@@ -97,14 +97,14 @@ class Pending:
 
 @dataclass(frozen=True)
 class Sync:
-    """Sync of a chunk; call `wait` once, in any thread."""
+    """Sync of a chunk. Call `wait` once, in any thread."""
 
     chunk: OpenChunk
     fd: int
     size: int
 
     def wait(self) -> None:
-        """Wait until all frames are on the disk, and record this in the chunk. Raises OSError."""
+        """Wait until all frames are on the disk, and update the chunk. Raises OSError."""
         try:
             durable.sync(self.fd)
         finally:
@@ -116,9 +116,9 @@ class Sync:
 
 @dataclass
 class StreamWriter:
-    """Writes one stream of a run: pending rows, recording chunks and closed chunks.
+    """Writes a stream of a run: pending rows, recording chunks and closed chunks.
 
-    open: chunk being written, or ended and awaiting its sync. full: chunks ended, synced and being closed.
+    open: chunk being written, or ended and awaiting a sync. full: chunk that is ended, synced and being closed.
     """
 
     run: Path
@@ -131,28 +131,30 @@ class StreamWriter:
     full: OpenChunk | None = None
 
     def append(self, rows: Iterable[Row]) -> None:
-        """Store rows until the next write."""
+        """Store rows in memory until the next write."""
         self.pending.extend(rows)
 
     def unclosed(self) -> list[OpenChunk]:
-        """Return the chunks not yet converted to Parquet, in order."""
+        """Return the chunks to be converted to Parquet, in order."""
         return [chunk for chunk in (self.full, self.open) if chunk]
 
     def lost(self) -> int:
-        """Return the number of rows lost at the end: pending, or in a file without a name."""
+        """Return the number of lost rows at the end of a run: pending rows, and rows in a file without a name."""
         return len(self.pending) + sum(chunk.rows for chunk in self.unclosed() if chunk.has_vanished)
 
     def bytes_to_close(self) -> int:
-        """Return the maximum bytes needed to write the pending rows and a Parquet file per chunk.
+        """Return the largest number of bytes needed to write the pending rows and a Parquet file per chunk.
 
-        Parquet is no larger than the Arrow frames, which contain the same columns and a head per batch.
+        A Parquet file is not larger than the Arrow frames, which contain the same columns and a head per batch.
         """
         pending = 8 * len(self.schema) * len(self.pending)
         return 2 * pending + sum(chunk.size for chunk in self.unclosed())
 
     def write(self) -> None:
-        """Append the pending rows as one batch, in a new chunk if none is open; deferred while a chunk awaits its
-        sync."""
+        """Append the pending rows as a batch, in a new chunk if none is open.
+
+        If a chunk is waiting for a sync, the rows remain pending.
+        """
         if self.open and self.open.ended:
             if self.full or not self.open.is_synced:
                 return
@@ -174,7 +176,7 @@ class StreamWriter:
         self.rows += batch.num_rows
 
     def begin_sync(self) -> Sync | None:
-        """Return the next sync, or None."""
+        """Return the next sync, or None if all data is synced."""
         chunk = self.open
         return None if chunk is None or chunk.is_synced else Sync(chunk, durable.again(chunk.fd), chunk.size)
 
@@ -183,19 +185,19 @@ class StreamWriter:
         chunk.end()
         if not chunk.is_synced:
             Sync(chunk, durable.again(chunk.fd), chunk.size).wait()
-        salvaged = salvage(durable.read(chunk.fd), self.schema)  # also without a file name
+        salvaged = salvage(durable.read(chunk.fd), self.schema)  # works even if the file name is gone
         if salvaged.damage or salvaged.rows != chunk.rows:
             raise OSError(errno.EIO, f"{chunk.path.name} reads back {salvaged.damage or 'short'}")
         return store_chunk(self.run, self.stream, chunk.number, salvaged, self.schema)
 
     def forget(self, chunk: OpenChunk) -> None:
-        """Delete a chunk whose Parquet file is in the ledger."""
+        """Delete a chunk that is in the ledger as a Parquet file."""
         self._release(chunk)
         with suppress(FileNotFoundError):
             durable.remove(chunk.path)
 
     def release(self) -> None:
-        """Close the open files without deleting them."""
+        """Close the open files, but do not delete them."""
         for chunk in self.unclosed():
             self._release(chunk)
 
@@ -208,7 +210,7 @@ class StreamWriter:
 
 
 def store_chunk(run: Path, stream: str, number: int, salvaged: Salvage, schema: pa.Schema) -> Chunk:
-    """Write verified batches as a Parquet chunk durably. Raises OSError."""
+    """Write verified batches durably as a Parquet chunk. Raises OSError."""
     table = table_of(salvaged.batches, schema)
     data = to_parquet(table)
     path = run / chunk_name(stream, number)

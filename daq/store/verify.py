@@ -1,4 +1,4 @@
-"""Verify that a run is complete: compare manifest and ledger with the files."""
+"""Verification that a run is complete: comparison of manifest and ledger with the files."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ END_UNKNOWN = "before its end, which was never sealed: rows after the last one m
 
 @dataclass(frozen=True)
 class Gap:
-    """Missing rows of a stream: count, and number of the first."""
+    """Missing rows of a stream: their count, and the number of the first one."""
 
     stream: str
     first: int
@@ -40,10 +40,10 @@ class Gap:
 
 @dataclass(frozen=True)
 class Verdict:
-    """Result of a verification. problems: defects other than missing rows, one line each.
+    """Result of a verification.
 
-    end_known: whether the end of the run is recorded; otherwise the last rows may be missing. seal: SHA-256 of the
-    seal, printed by `rig record stop`; empty without a seal.
+    problems: defects except missing rows, as text. end_known: True if the end of the run is recorded; otherwise the
+    last rows may be missing. seal: SHA-256 of the seal as displayed by `rig record stop`, empty if there is none.
     """
 
     path: Path
@@ -56,7 +56,7 @@ class Verdict:
 
     @property
     def lines(self) -> list[str]:
-        """All defects, one line each; empty for a complete run."""
+        """All defects, one line each. Empty for a complete run."""
         return [*self.problems, *(f"{self.path}: {gap}" for gap in self.gaps)]
 
     @property
@@ -74,7 +74,7 @@ class Verdict:
 
 @dataclass
 class _Stream:
-    """Content of a stream. end: number after the last row. Repeated rows count twice in held."""
+    """Content of a stream. end: number after the last row. held: number of rows, counting repeated rows each time."""
 
     name: str
     rows_read: int = 0
@@ -85,22 +85,22 @@ class _Stream:
     """Number of faults in the fault stream, by stream and kind."""
 
     def skip_to(self, row: int) -> None:
-        """Continue at a row; the rows before it are missing."""
+        """Continue at a row. The rows before it are missing."""
         if row > self.end:
             self.gaps.append(Gap(self.name, self.end, row - self.end))
         self.end = row
 
 
 def verify(path: Path) -> list[str]:
-    """Return the defects of a run, one line each; empty for a complete run. See `judge`."""
+    """Return the defects of a run, one line each. Empty for a complete run. See `judge`."""
     return judge(path).lines
 
 
 def judge(path: Path) -> Verdict:
-    """Verify that a run is complete.
+    """Verify that a run is complete, reading every byte.
 
-    Reads every byte: each chunk must be present, unchanged and as declared; no chunk or row may be missing or repeated;
-    rows and faults must match the counts at the end of the run; no surplus files; the ledger must be sealed.
+    Each chunk must be present, unchanged and as declared. No row may be missing or repeated. Rows and faults must match
+    the counts at the end of the run. Other files are not permitted, and the ledger must be sealed.
     """
     try:
         manifest = load_manifest(path)
@@ -111,11 +111,11 @@ def judge(path: Path) -> Verdict:
     problems = [problem for stream in streams for problem in stream.problems]
     recovered = manifest.exit_status == "recovered"
     is_recorded = manifest.exit_status == "recording" and durable.may_be_locked(path)
-    # During recording, a chunk enters the ledger when it is full.
+    # During recording, a chunk is added to the ledger when it is full.
     leftovers = [] if is_recorded else left_over(path, manifest)
     place = "manifest" if manifest.version == 1 else "ledger"
     unlisted = [f"{file}: is not in the {place}; {to_recover(path)}" for file in leftovers]
-    if not problems:  # an unreadable chunk explains all count mismatches
+    if not problems:  # an unreadable chunk explains all differences of counts
         problems = _counters(path, manifest, {stream.name: stream for stream in streams})
     return Verdict(
         path,
@@ -162,8 +162,10 @@ def _manifest(path: Path, manifest: Manifest, *, is_recorded: bool) -> list[str]
 
 
 def _beside(path: Path, manifest: Manifest) -> list[str]:
-    """Return defects of the calibrations next to a run, using the digests in the rig file (absent in older runs), and
-    of the marks."""
+    """Return defects of the marks, and of the calibrations next to a run.
+
+    The digests of the calibrations are in the rig file, except in older runs.
+    """
     problems = []
     for file in sorted(path.glob(f"*{CALIBRATION}")):
         try:
@@ -206,7 +208,7 @@ def _read(path: Path, manifest: Manifest, stream: str) -> _Stream:
 
 
 def _follow(read: _Stream, file: Path, rows: pa.Table) -> None:
-    """Check that the row numbers of a chunk continue without gaps."""
+    """Check that the row numbers of a chunk are contiguous."""
     sequence = rows["sequence"].to_numpy()
     for i in np.flatnonzero(np.diff(sequence, prepend=read.end - 1) != 1):
         expected = read.end if i == 0 else int(sequence[i - 1]) + 1
@@ -224,7 +226,7 @@ def _follow(read: _Stream, file: Path, rows: pa.Table) -> None:
 def _counters(path: Path, manifest: Manifest, streams: Mapping[str, _Stream]) -> list[str]:
     """Compare the counts of the recording with the content.
 
-    Only a run ended in order has all faults on the disk.
+    All faults are on the disk only if the run ended normally.
     """
     problems = []
     for stream, counts in manifest.counters.items():

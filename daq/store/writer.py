@@ -1,10 +1,12 @@
 """Writer of a run, from the first row to the exit status.
 
-One thread owns a writer. It appends rows and writes them to the operating system, where they survive a kill. Slow disk
-operations are `Work` for a second thread, one at a time: syncing, which protects the data from a power cut, and closing
-a full chunk. If the disk refuses, a `CellError` is raised and the writer is unusable, because the disk content is
-unknown after a failed fsync; earlier synced data stays readable, `close` saves as much as possible, and `rig recover`
-does the rest. `NearlyFull` comes earlier: the writer stays usable, and the run can be closed completely.
+A single thread owns the writer. It appends rows and writes them to the operating system, where they survive the end of
+the process. Slow disk operations are `Work` for a second thread, one at a time. These are syncs, which protect the data
+from a power cut, and the closing of full chunks.
+
+If the disk refuses, a `CellError` is raised and the writer can no longer be used, because the content of the disk is
+unknown after a failed fsync. Data synced earlier remains readable. `close` saves as much as possible, and `rig recover`
+does the rest. `NearlyFull` is raised earlier: the writer can still be used, and the run can be closed completely.
 """
 
 from __future__ import annotations
@@ -39,16 +41,16 @@ from rigs.schema.vocabulary import Direction, TestName
 from rigs.text import as_argument
 
 CHUNK_ROWS = 200_000
-"""Closing a chunk of this size takes about 0.2 s (7 columns and 6 joints)."""
+"""Rows of a full chunk. Closing it takes about 0.2 s (7 columns and 6 joints)."""
 CHUNK_AGE_NS = 600 * 10**9
-"""Rows of a slow gauge become Parquet within ten minutes."""
+"""Age of a full chunk. The rows of a slow gauge are thus stored as Parquet within ten minutes."""
 MOST_PENDING = 100_000
-"""Limit of pending rows per stream while the previous chunk is not stored: minutes at 500 Hz."""
+"""Limit of pending rows per stream while the previous chunk is being stored: minutes at 500 Hz."""
 
 
 @dataclass(frozen=True)
 class Work:
-    """Disk operation. synced: rows per sample stream on the disk afterwards."""
+    """A disk operation. synced: number of rows per sample stream on the disk after the operation."""
 
     steps: Sequence[Callable[[], None]]
     synced: Mapping[str, int] | None = None
@@ -62,24 +64,24 @@ class Work:
 
 @dataclass
 class RunWriter:
-    """Writes a run; created by `create`, finished by `close`."""
+    """Writes a run. Created by `create`, finished by `close`."""
 
     path: Path
     manifest: Manifest
     _writers: dict[str, StreamWriter]
     _lock: int
     _ledger: Ledger
-    """Appended by `Work` and `close` only."""
+    """Ledger; only `Work` and `close` append to it."""
     device: int
     """Device number of the disk."""
     _chunk_rows: int
     _failure: CellError | None = None
     _anchors: deque[Clock] = field(default_factory=deque)
-    """Anchors not yet in the ledger."""
+    """Clock anchors to be added to the ledger."""
     seal: str = ""
     """After `close`: SHA-256 of the seal, which covers all data of the run."""
     lost: Counter[str] = field(default_factory=Counter)
-    """After `close`: unsaved samples per stream, including unsaved drop counts."""
+    """After `close`: number of unsaved samples per stream, including drops with unsaved counts."""
 
     @classmethod
     def create(  # noqa: PLR0913 - what a manifest needs to know
@@ -102,9 +104,9 @@ class RunWriter:
     ) -> RunWriter:
         """Start a run in a new directory `<UTC time>_<name>` under runs, with manifest and ledger on the disk.
 
-        A name that begins with a UTC time is used unchanged. streams: value columns of each sample stream. follows: the
-        run continued by this one. companions: content of the files next to the rig file, by name. Raises FileError for
-        invalid names, CellError if the disk refuses (NearlyFull if it soon would).
+        A name that starts with a UTC time is used unchanged. streams: value columns of each sample stream. follows: the
+        run that this run continues. companions: content of the files next to the rig file, by name. Raises FileError if
+        a name is invalid, CellError if the disk refuses, and NearlyFull if it soon would.
         """
         manifest = new_manifest(
             name=name,
@@ -131,7 +133,7 @@ class RunWriter:
         return cls(path, manifest, writers, lock, ledger, os.fstat(lock).st_dev, chunk_rows)
 
     def append(self, stream: str, samples: Iterable[Sample]) -> None:
-        """Append samples of a stream, stored in memory until `write` or `sync`."""
+        """Append samples of a stream. They remain in memory until `write` or `sync`."""
         self._writers[stream].append(samples)
 
     def append_faults(self, stream: str, faults: Iterable[Fault]) -> None:
@@ -139,30 +141,31 @@ class RunWriter:
         self._writers[FAULTS].append((stream, fault) for fault in faults)
 
     def is_behind(self, stream: str) -> bool:
-        """Return whether too many rows of the stream, or faults, wait for the disk."""
+        """Return whether too many rows of the stream, or faults, are waiting for the disk."""
         return max(len(self._writers[name].pending) for name in (stream, FAULTS)) >= MOST_PENDING
 
     def stored(self) -> dict[str, int]:
-        """Return the rows per sample stream handed to the operating system; they are on the disk after a sync."""
+        """Return the rows per sample stream written to the operating system. They are on the disk after a sync."""
         return {stream: self._writers[stream].rows for stream in self.manifest.streams}
 
     def room_to_close(self) -> int:
-        """Return the maximum bytes needed to write the pending rows, close all chunks and end the run.
+        """Return the largest number of bytes needed to write the pending rows, close all chunks and end the run.
 
-        The opening manifest is in the head of a chunk once and in the Parquet file three times.
+        The opening manifest is in the head of a chunk once, and in the Parquet file three times.
         """
         chunks = sum(writer.bytes_to_close() for writer in self._writers.values())
         return chunks + 4 * len(self._writers) * len(self.manifest.opening())
 
     def anchor(self) -> None:
-        """Store both clocks after a step of the wall clock; saved by the next sync."""
+        """Store both clocks after a step of the wall clock. The next sync saves them."""
         self._anchors.append(clock_now())
 
     def write(self) -> None:
-        """Hand all rows to the operating system, where they survive a kill.
+        """Write all rows to the operating system, where they survive the end of the process.
 
-        Raises NearlyFull before writing if there would be no room to close. Raises CellError for other failures,
-        including a vanished file, after which closing is still possible, and RunRemoved if the directory is gone.
+        Raises NearlyFull before writing if there would not be enough space to close. Raises RunRemoved if the directory
+        is gone, and CellError for other failures, including a removed file. The run can still be closed after a
+        CellError.
         """
         with self._guarded():
             chunks = {chunk.path: chunk.fd for writer in self._writers.values() if (chunk := writer.open)}
@@ -171,12 +174,15 @@ class RunWriter:
             self._write()
 
     def sync(self) -> None:
-        """Write, and return when all rows are on the disk. Raises the errors of `write`."""
+        """Write, and wait until all rows are on the disk. Raises the errors of `write`."""
         self.write()
         self._do(self.begin_sync())
 
     def begin_sync(self) -> Work:
-        """Return the operation that syncs all written rows; full or old chunks come first and are ended by it."""
+        """Return the operation that syncs all written rows.
+
+        Full or old chunks are ended and synced first.
+        """
         with self._guarded():
             for writer in self._writers.values():
                 chunk = writer.open
@@ -190,7 +196,7 @@ class RunWriter:
             return Work([*(sync.wait for sync in syncs), *anchored], self.stored())
 
     def roll(self) -> bool:
-        """Close an ended chunk; return False if there is none. Raises the errors of `write`."""
+        """Close an ended chunk. Returns False if there is none. Raises the errors of `write`."""
         self.write()
         work = self.begin_roll()
         if work:
@@ -198,15 +204,16 @@ class RunWriter:
         return work is not None
 
     def begin_roll(self) -> Work | None:
-        """Return the operation that closes the oldest ended and synced chunk; None if there is none.
+        """Return the operation that closes the oldest ended and synced chunk, or None if there is none.
 
-        A single chunk, because closing takes time without syncs, and several streams may be due together.
+        Only one chunk is closed at a time, because no syncs take place while a chunk is closed, and chunks of several
+        streams may be due together.
         """
         full = [(chunk.born_ns, name) for name, writer in self._writers.items() if (chunk := writer.full)]
         return Work([partial(self._roll, self._writers[min(full)[1]]), give_back]) if full else None
 
     def end_work(self, error: BaseException | None) -> None:
-        """Record the outcome of an operation: the error of `Work.wait`, or None. Raises CellError for an error."""
+        """Process the result of an operation: the error of `Work.wait`, or None. Raises CellError for an error."""
         with self._guarded():
             if error:
                 raise error
@@ -215,10 +222,10 @@ class RunWriter:
         self.end_work(_attempt(work.wait))
 
     def close(self, exit_status: Ending, reason: str, counters: Mapping[str, Mapping[str, int]]) -> None:
-        """End the run: close all chunks and seal the ledger with status and reason. Any thread, no pending operation.
+        """End the run: close all chunks, and seal the ledger with status and reason.
 
-        counters: faults by stream and kind; sample counts are set to the stored rows. All steps are attempted and the
-        run is released before a CellError is raised.
+        Any thread may call this, when no operation is pending. counters: faults by stream and kind; sample counts are
+        set to the stored rows. All steps are attempted, and the run is released, before a CellError is raised.
         """
         steps = [] if self._failure else [self._write]
         steps += [partial(self._end, writer) for writer in self._writers.values()]

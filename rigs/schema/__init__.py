@@ -1,1 +1,1 @@
-"""Parts of a rig file, one per module, and the interface of effects."""
+"""Parts of a rig file, with a module for each, and the interface of effects."""

@@ -58,12 +58,12 @@ class ModemLines:
 
 
 def tcp_address(port: str) -> tuple[str, int] | None:
-    """Return host and port number of `tcp://host:number`; None for other text."""
+    """Return host and port number of `tcp://host:number`, or None for other text."""
     return _address("tcp", port)
 
 
 def udp_address(port: str) -> tuple[str, int] | None:
-    """Return host and port number of `udp://host:number`; None for other text."""
+    """Return host and port number of `udp://host:number`, or None for other text."""
     return _address("udp", port)
 
 

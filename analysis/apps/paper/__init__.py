@@ -1,1 +1,1 @@
-"""Comparison of Oh 2019 with a simulated robot (`rig paper`); all values are computed, none stored."""
+"""Comparison of Oh 2019 with a simulated robot (`rig paper`). All values are computed, none are stored."""

@@ -1,4 +1,4 @@
-"""`rig paper`: the figures of Oh 2019 beside ours."""
+"""Command `rig paper`: compare the figures of Oh 2019 with the simulated ones."""
 
 from __future__ import annotations
 

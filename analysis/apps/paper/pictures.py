@@ -1,10 +1,11 @@
-"""Figures of Oh 2019 drawn from the simulated robot, each with the paper's numbers next to ours.
+"""Figures of Oh 2019 drawn from the simulated robot, with the published and the simulated numbers below each.
 
-3 to 8: yaw; 10 and 11: roll; 13 and 14: hemisphere; 15: repeatability. 1, 2, 9 and 12 show equipment. Figures that
-correspond to measurements (3, 5, 6, 10, 13, 15) have all effects of the rig file; the paper's simulations have the
-effects
-it names: eccentricity only (4), datum errors and backlash (8), gear errors (14). All runs are simulated and evaluated
-normally.
+Figures 3 to 8 show yaw, 10 and 11 roll, 13 and 14 the hemisphere, and 15 the repeatability. Figures 1, 2, 9 and 12 show
+equipment and are omitted.
+
+Figures of measurements (3, 5, 6, 10, 13, 15) include all effects of the rig file. Figures of the paper's simulations
+include only the effects named in the paper: eccentricity (4), datum errors and backlash (8), gear errors (14). All runs
+are simulated and evaluated in the usual way.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ from rigs.schema.vocabulary import Direction, TestName
 
 @dataclass(frozen=True)
 class JointLap:
-    """Reported joint angles on one lap: phi_deg (n,), q_deg (n, 6), and axis names."""
+    """Reported joint angles on one lap: phi_deg (n,), q_deg (n, 6), and the axis names."""
 
     phi_deg: Array
     q_deg: Array
@@ -42,8 +43,11 @@ class JointLap:
 
 @dataclass(frozen=True)
 class SimulatedFigures:
-    """Evaluated runs by figure: yaw 3, 5, 6; eccentric 4; joints 7; yaw_datum_and_play 8; roll 10, 11; sphere 13;
-    sphere_gears 14; repeatability 15. Only the last has noise."""
+    """Evaluated runs, by the figures drawn from them.
+
+    yaw: 3, 5 and 6. eccentric: 4. joints: 7. yaw_datum_and_play: 8. roll: 10 and 11. sphere: 13. sphere_gears: 14.
+    repeatability: 15, the only run with noise.
+    """
 
     yaw: dict[Direction, Result]
     eccentric: Result
@@ -56,7 +60,7 @@ class SimulatedFigures:
 
 
 def figures_of(rig: Rig, rig_text: str) -> SimulatedFigures:
-    """Simulate every run. Raises FileError if the robot cannot do a test."""
+    """Simulate all runs. Raises FileError if the robot cannot run a test."""
 
     def result(test: TestName, direction: Direction | None, effects: Sequence[Effect], of: Rig = rig) -> Result:
         return evaluate(simulated_run(of, rig_text, test, direction, None, effects))
@@ -82,12 +86,14 @@ _INK = {"acw": "#d95f02", "cw": "#1f5fa8"}
 _GREY = "#777777"
 _ARROW = {"arrowstyle": "-|>", "lw": 2.0, "color": "black"}
 _MAGNIFIED = 100
-"""Magnification of deviations, since millimetres are invisible on a sphere of 400 mm."""
+"""Magnification of deviations. At true scale, a deviation of millimetres is invisible on a sphere of 400 mm."""
 
 
 def save(rig: Rig, rig_text: str, rows: Sequence[Row], directory: Path) -> list[Path]:
-    """Write the pictures, named after the paper's numbers; return their paths. Raises FileError if they cannot be
-    written."""
+    """Write the pictures to a directory and return their paths. File names contain the figure numbers of the paper.
+
+    Raises FileError if a picture cannot be written.
+    """
     from analysis.runs.written_files import write_views  # noqa: PLC0415 - slow to import
 
     simulated = figures_of(rig, rig_text)
@@ -106,7 +112,7 @@ def save(rig: Rig, rig_text: str, rows: Sequence[Row], directory: Path) -> list[
 
 
 def _sheet(title: str, rows: Sequence[Row], height_inch: float) -> Sheet:
-    """Return a sheet with space for a drawing in its first subfigure, and the rows below."""
+    """Return a sheet with an empty subfigure for the drawing, and a table of the rows below it."""
     rows_inch = 0.24 * (len(rows) + 1) + 0.1
     sheet = Sheet(9, height_inch + rows_inch)
     sheet.suptitle(title, fontsize=11)
@@ -145,13 +151,13 @@ def _curve(result: Result) -> CircleCurve:
 
 
 def _sine_deg(result: Result) -> Array:
-    """Return the least-squares sine (n,) deg of a run at its circle angles."""
+    """Return the least-squares sine (n,) deg of a run at the circle angles of the curve."""
     amplitude, shift, offset = (result.figures[f"{name}_deg"].value for name in ("amplitude", "shift", "offset"))
     return offset + amplitude * np.sin(np.radians(_curve(result).phi_deg + shift))
 
 
 def _raw(figure: FigureBase, simulated: SimulatedFigures) -> None:
-    """3: angle in each direction with its least-squares sine."""
+    """Figure 3: angle in each direction, with the least-squares sine."""
     for axes, direction in zip(_circle_panels(figure, 2, "yaw angle / °"), DIRECTIONS, strict=True):
         result = simulated.yaw[direction]
         curve = _curve(result)
@@ -162,7 +168,7 @@ def _raw(figure: FigureBase, simulated: SimulatedFigures) -> None:
 
 
 def _eccentric(figure: FigureBase, simulated: SimulatedFigures) -> None:
-    """4: angle caused by an eccentricity only."""
+    """Figure 4: angle caused only by an eccentricity."""
     (axes,) = _circle_panels(figure, 1, "yaw angle / °")
     curve = _curve(simulated.eccentric)
     axes.plot(curve.phi_deg, curve.angle_deg, color=_INK["acw"], lw=1.2)
@@ -171,7 +177,7 @@ def _eccentric(figure: FigureBase, simulated: SimulatedFigures) -> None:
 
 
 def _fitted(figure: FigureBase, simulated: SimulatedFigures) -> None:
-    """5: residual of the least-squares sine; every tenth point with its magnified deviation."""
+    """Figure 5: the least-squares sine, and the deviation of every tenth point."""
     (axes,) = _circle_panels(figure, 1, "yaw angle / °")
     result = simulated.yaw["cw"]
     curve, sine = _curve(result), _sine_deg(result)
@@ -185,12 +191,12 @@ def _fitted(figure: FigureBase, simulated: SimulatedFigures) -> None:
 
 
 def _yaw_error(figure: FigureBase, simulated: SimulatedFigures) -> None:
-    """6: orientation error in each direction."""
+    """Figure 6: orientation error in each direction."""
     _errors(figure, [simulated.yaw[direction] for direction in DIRECTIONS])
 
 
 def _yaw_simulated(figure: FigureBase, simulated: SimulatedFigures) -> None:
-    """8: orientation error with datum errors and backlash only."""
+    """Figure 8: orientation error caused only by datum errors and backlash."""
     _errors(figure, [simulated.yaw_datum_and_play[direction] for direction in DIRECTIONS])
 
 
@@ -203,7 +209,7 @@ def _errors(figure: FigureBase, results: Sequence[Result]) -> None:
         axes.axhspan(error.min(), error.max(), color=_INK[direction], alpha=0.08, lw=0)
         axes.set_title(f"{direction}, error band {result.figures['band_deg'].value:.3f}°", fontsize=9, loc="left")
         axes.margins(y=0.3)
-        # Dashed line at a joint reversal; labels of close neighbours alternate in height.
+        # A dashed line marks each joint reversal. The labels of close neighbours are staggered in height.
         previous, step = -100.0, 0
         for turn in result.reversals:
             phi = turn.phi_deg
@@ -224,7 +230,7 @@ def _errors(figure: FigureBase, results: Sequence[Result]) -> None:
 
 
 def _joints(figure: FigureBase, simulated: SimulatedFigures) -> None:
-    """7: joints on the circle, with a square at each reversal as in the paper."""
+    """Figure 7: joint angles on the circle. As in the paper, a square marks each reversal."""
     lap = simulated.joints
     panels = list(figure.subplots(3, 2, sharex=True).flat)
     for axes, name, q_deg in zip(panels, lap.names, lap.q_deg.T, strict=True):
@@ -247,7 +253,7 @@ def _joints(figure: FigureBase, simulated: SimulatedFigures) -> None:
 
 
 def _roll(figure: FigureBase, simulated: SimulatedFigures) -> None:
-    """10: roll angle in each direction; as in the paper without removing a sine."""
+    """Figure 10: roll angle in each direction. As in the paper, no sine is removed."""
     for axes, direction in zip(_circle_panels(figure, 2, "roll angle / °"), DIRECTIONS, strict=True):
         curve = _curve(simulated.roll[direction])
         axes.plot(curve.phi_deg, curve.angle_deg, color=_INK[direction], lw=1.2)
@@ -255,7 +261,7 @@ def _roll(figure: FigureBase, simulated: SimulatedFigures) -> None:
 
 
 def _roll_mean(figure: FigureBase, simulated: SimulatedFigures) -> None:
-    """11: mean of both directions."""
+    """Figure 11: mean roll angle of both directions."""
     (axes,) = _circle_panels(figure, 1, "roll angle / °")
     curves = [_curve(simulated.roll[direction]) for direction in DIRECTIONS]
     mean_deg = np.mean([curve.angle_deg for curve in curves], axis=0)
@@ -265,25 +271,29 @@ def _roll_mean(figure: FigureBase, simulated: SimulatedFigures) -> None:
 
 
 def _sphere(figure: FigureBase, simulated: SimulatedFigures) -> None:
-    """13: sphere with all errors."""
+    """Figure 13: sphere with all errors."""
     _radial(figure, simulated.sphere)
 
 
 def _sphere_gears(figure: FigureBase, simulated: SimulatedFigures) -> None:
-    """14: sphere with gear errors only."""
+    """Figure 14: sphere with gear errors only."""
     _radial(figure, simulated.sphere_gears)
 
 
 def _radial(figure: FigureBase, result: Result) -> None:
-    """Draw the target distance errors from the side of the displacement, from above, and over the azimuth, where a
-    displacement is a wave once around."""
+    """Draw the radial errors of the targets: side view, top view, and over the azimuth.
+
+    The side view is perpendicular to the displacement of the sphere.
+    Over the azimuth, a displacement appears as one full wave.
+    """
     curve = result.curve
     assert isinstance(curve, RadialCurve)  # noqa: S101 - of a hemisphere
     polar, azimuth = np.radians(curve.polar_deg), np.radians(curve.azimuth_deg)
     ways = np.stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)])
     centre = np.array([result.figures[f"centre_{name}_mm"].value for name in "xyz"])
     radius_mm = result.figures["radius_mm"].value
-    # Distance of a target outside the nominal sphere about the ball; millimetres on 400 are beyond first order.
+    # Distance of a target from the nominal sphere about the ball, positive outside. First order is sufficient for
+    # millimetres on a radius of 400 mm.
     error_mm = radius_mm - NOMINAL_RADIUS_MM + centre @ ways + curve.deviation_mm
     pulled_deg = float(np.degrees(np.arctan2(centre[1], centre[0])))
     side, above, wave = figure.subplots(1, 3, width_ratios=(1.5, 0.85, 1.05))
@@ -302,9 +312,9 @@ def _radial(figure: FigureBase, result: Result) -> None:
 
 
 def _draw_side(axes: Axes, ways: Array, error_mm: Array, centre_mm: Array, radius_mm: float) -> None:
-    """Draw targets, nominal sphere and least-squares sphere across the displacement, with magnified errors.
+    """Draw the side view: targets, nominal sphere and least-squares sphere, with magnified errors.
 
-    ways (3, t): directions of the targets.
+    ways (3, t): directions of the targets. error_mm (t,), centre_mm (3,).
     """
     along = np.array([centre_mm[0], centre_mm[1], 0.0]) / max(float(np.hypot(*centre_mm[:2])), 1e-12)
     turn = np.linspace(-np.pi / 2, np.pi / 2, 181)
@@ -333,7 +343,7 @@ def _draw_side(axes: Axes, ways: Array, error_mm: Array, centre_mm: Array, radiu
 
 
 def _draw_above(axes: Axes, curve: RadialCurve, error_mm: Array, pulled_deg: float) -> None:
-    """Draw the errors on the hemisphere along its axis, with an arrow in the direction of the displacement."""
+    """Draw the errors on the hemisphere from above, with an arrow in the direction of the displacement."""
     azimuth, limit = np.radians(curve.azimuth_deg), float(np.abs(error_mm).max())
     x, y = curve.polar_deg * np.cos(azimuth), curve.polar_deg * np.sin(azimuth)
     axes.scatter(x, y, c=error_mm, cmap="coolwarm", vmin=-limit, vmax=limit, s=60, edgecolors="#555555", linewidths=0.4)
@@ -350,7 +360,7 @@ def _draw_above(axes: Axes, curve: RadialCurve, error_mm: Array, pulled_deg: flo
 
 
 def _repeatability(figure: FigureBase, simulated: SimulatedFigures) -> None:
-    """15: each reading at its target, by side of approach."""
+    """Figure 15: readings at each target, by side of approach."""
     curve = simulated.repeatability.curve
     assert isinstance(curve, RepeatabilityCurve)  # noqa: S101 - of a repeatability test
     axes = figure.subplots()
@@ -376,11 +386,11 @@ _FIGURES: dict[int, tuple[str, str, Callable[[FigureBase, SimulatedFigures], Non
     14: ("sphere-simulated", "radial accuracy, gear errors alone", _sphere_gears, 4.4),
     15: ("repeatability", "repeatability", _repeatability, 4.0),
 }
-"""Number: file name, title, drawing function, and height in inches without the numbers below."""
+"""File name, title, drawing function, and height in inches without the table, by figure number."""
 
 
 def _label_axes(axes: Axes, x: str, y: str) -> None:
-    """Label the axes of a panel, and draw a grid instead of a box."""
+    """Label the axes of a panel, and draw a grid instead of a frame."""
     axes.set_xlabel(x)
     axes.set_ylabel(y)
     axes.grid(color="#dddddd", lw=0.5)

@@ -1,4 +1,4 @@
-"""Rows of the `rig paper` table: a figure of the paper, ours, and remarks; also for scripts."""
+"""Rows of the `rig paper` table: a published figure, the simulated figure, and remarks. Also usable in scripts."""
 
 from __future__ import annotations
 
@@ -23,14 +23,18 @@ from rigs.schema.effect import is_play
 from rigs.schema.vocabulary import Direction
 
 STEP_DEG = 6.0
-"""Circle angle over which a jump is measured: the angle needed by Theta to cross its backlash."""
+"""Circle angle over which a jump is measured. Theta crosses the backlash within this angle."""
 DIRECTIONS: tuple[Direction, ...] = ("cw", "acw")
 
 
 @dataclass(frozen=True)
 class Row:
-    """Row. where: section, figure or table of the paper. paper, ours: number in `unit`, or text. place: whether the
-    number is a circle angle, where 359° is 2° from 1°."""
+    """A row of the table.
+
+    where: section, figure or table of the paper.
+    paper, ours: published and simulated value, a number in `unit` or a text.
+    place: whether the number is a circle angle, so that 359° and 1° differ by 2°.
+    """
 
     where: str
     figure: str
@@ -43,7 +47,7 @@ class Row:
 
     @property
     def difference(self) -> float | None:
-        """Ours less the paper's, if both are numbers."""
+        """Simulated minus published value, or None if either is a text."""
         if isinstance(self.paper, str) or isinstance(self.ours, str):
             return None
         apart = self.ours - self.paper
@@ -51,7 +55,7 @@ class Row:
 
 
 def rows_of(rig: Rig) -> list[Row]:
-    """Compute all rows from the rig's set-up and effects. Raises FileError if the rig cannot do a test."""
+    """Compute all rows from the set-up and effects of the rig. Raises FileError if the rig cannot run a test."""
     return [
         *rule_rows(rig),
         *reversal_rows(rig),
@@ -63,7 +67,7 @@ def rows_of(rig: Rig) -> list[Row]:
 
 
 def rule_rows(rig: Rig) -> Iterator[Row]:
-    """Yield §2.1, the eccentricity rule: as arithmetic, and by simulation and evaluation."""
+    """Yield rows for §2.1, the eccentricity rule: from the formula, and by simulation and evaluation."""
     e_mm, R_mm = paper.RULE_ECCENTRICITY_MM, paper.RULE_RADIUS_MM
     by_rule = paper.RULE_CONSTANT * e_mm * 1000 / R_mm / 3600
     curve = circle(eccentric(rig), "yaw", "acw", ())
@@ -79,7 +83,7 @@ def rule_rows(rig: Rig) -> Iterator[Row]:
 
 
 def eccentric(rig: Rig) -> Rig:
-    """Return the rig with the eccentricity and radius of the rule."""
+    """Return the rig with the eccentricity and radius used in the rule."""
     frame = frame_of(circle_of(rig))
     eccentricity_mm = tuple(float(x) for x in paper.RULE_ECCENTRICITY_MM * (frame.u + frame.v) / np.sqrt(2))
     moved = circle_of(rig).model_copy(update={"eccentricity_mm": eccentricity_mm, "radius_mm": paper.RULE_RADIUS_MM})
@@ -87,7 +91,7 @@ def eccentric(rig: Rig) -> Rig:
 
 
 def reversal_rows(rig: Rig) -> Iterator[Row]:
-    """Yield Table 1, from the set-up only, independent of effects."""
+    """Yield rows for Table 1. Reversals depend on the set-up only, not on effects."""
     names = [axis.name for axis in rig.robot.axes]
     all_turns = reversals(circle_of(rig), arm_of(rig.robot), rig.name)
     for axis, name in enumerate(names, start=1):
@@ -103,8 +107,11 @@ def reversal_rows(rig: Rig) -> Iterator[Row]:
 
 
 def yaw_rows(rig: Rig) -> Iterator[Row]:
-    """Yield figures 6 and 8; for 8 the jump of the residual after each reversal caused by backlash: with less
-    without."""
+    """Yield rows for figures 6 and 8.
+
+    For figure 8, compare the jumps of the residual caused by backlash after each reversal. Each jump is the difference
+    between simulations with and without backlash.
+    """
     curves = {direction: circle(rig, "yaw", direction, rig.effects) for direction in DIRECTIONS}
     for direction, curve in curves.items():
         yield Row(
@@ -128,7 +135,7 @@ def yaw_rows(rig: Rig) -> Iterator[Row]:
 
 
 def roll_rows(rig: Rig) -> Iterator[Row]:
-    """Yield figures 10 and 11. Their extremes are 135° apart: the paper removed no sine, and neither do we."""
+    """Yield rows for figures 10 and 11. As in the paper, no sine is removed, so the extremes are 135° apart."""
     curves = {direction: circle(rig, "roll", direction, rig.effects) for direction in DIRECTIONS}
     for direction, curve in curves.items():
         note = f"whole angle, the paper takes no sine off; less its sine {curve.figures['band_deg']:.2f}°"
@@ -154,7 +161,7 @@ def roll_rows(rig: Rig) -> Iterator[Row]:
 
 
 def sphere_rows(rig: Rig) -> Iterator[Row]:
-    """Yield figures 13 (all errors) and 14 (gear transmission errors only, as in the paper's simulation)."""
+    """Yield rows for figures 13 (all errors) and 14 (gear transmission errors only, as in the paper's simulation)."""
     measured, simulated = sphere(rig, rig.effects), sphere(rig, paper.gears(rig.effects))
     every, gears = "all errors", "gear transmission errors alone"
     yield Row("Fig. 13", "sphere, measured: radius", paper.RADIUS_MM, measured.radius_mm, "mm", every)
@@ -185,7 +192,7 @@ def _towards(ball: FittedSphere, measured: FittedSphere | None = None) -> str:
 
 
 def repeatability_rows(rig: Rig) -> Iterator[Row]:
-    """Yield figure 15: means and spread over simulated tests."""
+    """Yield rows for figure 15: mean and standard deviation over simulated tests."""
     figures = repeats(rig, rig.effects)
     uni, bi = figures["uni_mm"], figures["bi_mm"]
     spread = f"mean of {len(uni)} simulated tests, sd {{:.3f}} mm"
@@ -216,7 +223,7 @@ SLIPS = (
 
 
 def as_table(rig: Rig, rows: Sequence[Row]) -> RenderableType:
-    """Return every row, then the effects, the errata, and the limitations."""
+    """Format the rows as a table, followed by the effects, the errata of the paper, and the limitations."""
     table = Table(title=f"Oh 2019 beside the simulated robot of {rig.name}", title_style="bold", header_style="bold")
     for heading in ("where", "figure", "paper", "ours", "difference", "note"):
         table.add_column(heading, justify="right" if heading in ("paper", "ours", "difference") else "left")
@@ -228,21 +235,21 @@ def as_table(rig: Rig, rows: Sequence[Row]) -> RenderableType:
         previous = section
         difference = ""
         if row.difference is not None:
-            difference = f"{round(row.difference, row.digits) + 0.0:+.{row.digits}f}"  # + 0.0: avoids -0.0
+            difference = f"{round(row.difference, row.digits) + 0.0:+.{row.digits}f}"  # adding 0.0 avoids -0.0
         table.add_row(row.where, row.figure, written(row, row.paper), written(row, row.ours), difference, row.note)
     effects = "Effects: " + "; ".join(in_words(rig, effect) for effect in rig.effects) + "."
     return Group(whole(table), *(Text(line, style="dim") for line in (effects, SLIPS, CAVEAT)))
 
 
 def written(row: Row, value: float | str) -> str:
-    """Format a value of a row with its unit."""
+    """Format a value of a row with the unit."""
     if isinstance(value, str):
         return value
     return f"{value:.{row.digits}f}{'' if row.unit in ('', '°') else ' '}{row.unit}"
 
 
 def in_words(rig: Rig, effect: Effect) -> str:
-    """Describe an effect with the joint name and size, such as `… Theta 0.071°`."""
+    """Describe an effect by name, joint and size, such as `… Theta 0.071°`."""
     axis = getattr(effect, "axis", None)
     name = f" {rig.robot.axes[axis - 1].name}" if axis else ""
     order = getattr(effect, "order", None)

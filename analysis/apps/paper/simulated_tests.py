@@ -1,6 +1,6 @@
-"""The paper's tests on a simulated robot, with the usual simulation and evaluation.
+"""Tests of the paper on a simulated robot, simulated and evaluated in the usual way.
 
-All are noise-free except the repeatability test, whose uni-directional figure consists of noise.
+All tests are noise-free except the repeatability test, because the uni-directional figure consists of noise.
 """
 
 from __future__ import annotations
@@ -26,20 +26,23 @@ from rigs.rig import Rig
 from rigs.schema.vocabulary import Direction
 
 SCATTER = Noise(wander_mm=0.087, wander_s=0.5)
-"""Scatter of a reading at a target between approaches: 0.087 mm fitted to the paper's 0.261 mm.
+"""Scatter of readings between approaches to a target: 0.087 mm, fitted to the published 0.261 mm.
 
-It is the simulator's wander, with half a second being short compared with the 4 s between readings. It moves both
-gauges equally, so yaw and roll angles are unaffected.
+This is the simulator's wander. The time constant of 0.5 s is short compared with the 4 s between readings. Both gauges
+move equally, so yaw and roll angles are unaffected.
 """
 SEEDS = 100
-"""Number of repeatability tests averaged: the range of three readings varies strongly."""
+"""Number of repeatability tests to average. The range of three readings varies strongly between tests."""
 
 
 @dataclass(frozen=True)
 class SimulatedLap:
-    """Lap in order of phi. phi (n,) rad, 0 … 2 pi; angle, residual (n,) rad: before and after removing the
-    least-squares sine;
-    figures: of its test."""
+    """A lap in order of phi.
+
+    phi: circle angle (n,) rad, 0 … 2 pi.
+    angle, residual: (n,) rad, before and after removing the least-squares sine.
+    figures: figures of the test.
+    """
 
     phi: Array
     angle: Array
@@ -49,7 +52,7 @@ class SimulatedLap:
 
 @dataclass(frozen=True)
 class FittedSphere:
-    """Least-squares sphere. radius, band mm; centre (3,) mm from the base-ball, in the hemisphere's frame."""
+    """Least-squares sphere: radius_mm, band_mm, and centre_mm (3,) from the base-ball in the hemisphere's frame."""
 
     radius_mm: float
     band_mm: float
@@ -57,19 +60,19 @@ class FittedSphere:
 
     @property
     def shift_mm(self) -> float:
-        """Horizontal displacement of the sphere."""
+        """Displacement of the sphere."""
         return float(np.linalg.norm(self.centre_mm))
 
 
 def circle(rig: Rig, test: str, direction: Direction, effects: Sequence[Effect]) -> SimulatedLap:
-    """Return one lap of yaw or roll. Raises FileError if the robot cannot drive it."""
+    """Simulate one lap of yaw or roll. Raises FileError if the robot cannot run it."""
     table = simulate(rig, "yaw" if test == "yaw" else "roll", direction, None, effects)
     assert isinstance(table, CircleTable)  # noqa: S101 - by the test's name
     return curve_of(table, rig)
 
 
 def joint_lap(rig: Rig) -> tuple[Array, Array]:
-    """Return circle angles (n,) rad in order, 0 … 2 pi, and the reported joint angles (n, 6) rad."""
+    """Simulate a lap of yaw: circle angles (n,) rad in order, 0 … 2 pi, and reported joint angles (n, 6) rad."""
     table = simulate(rig, "yaw", "acw", None, ())
     assert isinstance(table, CircleTable)  # noqa: S101 - by the test's name
     lap = laps_of(table, rig, rig.name).first
@@ -79,7 +82,7 @@ def joint_lap(rig: Rig) -> tuple[Array, Array]:
 
 
 def curve_of(table: CircleTable, rig: Rig) -> SimulatedLap:
-    """Return the curve of a circle table."""
+    """Evaluate the first lap of a circle table."""
     lap = laps_of(table, rig, rig.name).first
     phi = lap.phi % (2 * np.pi)
     order = np.argsort(phi)
@@ -90,14 +93,14 @@ def curve_of(table: CircleTable, rig: Rig) -> SimulatedLap:
 
 
 def step(curve: SimulatedLap, at_deg: float, span_deg: float) -> float:
-    """Return the change of the residual, degrees, from circle angle `at_deg` over `span_deg` (negative for cw)."""
+    """Return the change of the residual in degrees from circle angle `at_deg` over `span_deg`, negative for cw."""
     ends = np.radians([at_deg, at_deg + span_deg]) % (2 * np.pi)
     before, after = np.interp(ends, curve.phi, curve.residual, period=2 * np.pi)
     return float(np.degrees(after - before))
 
 
 def sphere(rig: Rig, effects: Sequence[Effect]) -> FittedSphere:
-    """Return the radial test. Raises FileError if a target is out of reach."""
+    """Simulate the radial test and fit a sphere. Raises FileError if a target is out of reach."""
     table = simulate(rig, "radial", None, None, effects)
     assert isinstance(table, RadialTable)  # noqa: S101 - by the test's name
     result = radial.evaluate(table, hemisphere_of(rig).radius_mm, 0.0, rig.name)
@@ -105,12 +108,12 @@ def sphere(rig: Rig, effects: Sequence[Effect]) -> FittedSphere:
 
 
 def repeats(rig: Rig, effects: Sequence[Effect], seeds: int = SEEDS) -> dict[str, Array]:
-    """Return uni_mm and bi_mm, (seeds,) each, of simulated repeatability tests."""
+    """Simulate repeatability tests and return uni_mm and bi_mm, (seeds,) each."""
     readings = []
     for seed in range(seeds):
         table = simulate(rig, "repeatability", None, noise_seed(seed, None), effects, SCATTER)
         assert isinstance(table, RepeatabilityTable)  # noqa: S101 - by the test's name
-        # Readings (targets, 2, rounds) mm of the sides out and in; the simulated table is complete and in order.
+        # Readings (targets, 2, rounds) mm for the sides out and in. The simulated table is complete and ordered.
         targets = len(np.unique(table.target))
         sides = [table.g_mm[table.approach == side].reshape(targets, -1) for side in repeatability.SIDES]
         readings.append(np.stack(sides, axis=1))
@@ -119,6 +122,9 @@ def repeats(rig: Rig, effects: Sequence[Effect], seeds: int = SEEDS) -> dict[str
 
 
 def typical_seed(figures: dict[str, Array]) -> int:
-    """Return the index of the test, among figures (seeds,) in mm, closest to the mean, each relative to its spread."""
+    """Return the index of the most typical test: the closest to the means of the figures, (seeds,) in mm each.
+
+    Distances are relative to the spread of each figure.
+    """
     off = [(values - values.mean()) / (values.std() or 1.0) for values in figures.values()]
     return int(np.argmin(np.sum(np.square(off), axis=0)))

@@ -1,1 +1,1 @@
-"""3D-printed parts for touches and the link: solids, drawing and parts list from a rig file."""
+"""3D-printed parts for touch tests and the link: solids, a drawing and a parts list from a rig file."""

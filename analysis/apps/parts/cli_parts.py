@@ -1,4 +1,4 @@
-"""`rig parts RIG -o DIR`: sockets, ball holder, bar and link to print, from the numbers of a rig file."""
+"""Command `rig parts RIG -o DIR`: printable sockets, ball holder, bar and link with the dimensions of a rig file."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def parts(
 
 
 def _pair(written: str) -> tuple[float, float]:
-    """Two numbers above zero, written with a comma between."""
+    """Parse two positive numbers separated by a comma."""
     try:
         first, second = (float(word) for word in written.split(","))
     except ValueError:

@@ -1,8 +1,7 @@
-"""Documents for the printed parts: a sectional drawing, true to scale at 100 %, and a sheet with parts, assembly and
-checks.
+"""Documents for the printed parts: a sectional drawing, and a sheet with parts, assembly and checks.
 
-The text below a drawn part contains every dimension to measure with a caliper after printing. Prices are our estimates
-for small packs from web shops; they are upper limits, not offers.
+The drawing is true to scale when printed at 100 %. The text below each part lists all dimensions to check with a
+caliper after printing. Prices are estimates for small packs from web shops. They are upper limits, not offers.
 """
 
 from __future__ import annotations
@@ -16,14 +15,14 @@ from analysis.apps.parts.sizes import Bought, PrintedPart
 from rigs.text import plain
 
 _GRAMS_PER_CM3 = 1.24
-"""PLA; a part printed with four walls and 40 % infill has about 60 % of the solid weight."""
+"""Density of PLA. With four walls and 40 % infill, a part has about 60 % of the solid weight."""
 _FILLED = 0.6
 _EURO_PER_GRAM = 0.025
 
 
 @dataclass(frozen=True)
 class Purchase:
-    """Purchased item: quantity, name, maximum total price (€), and purpose."""
+    """An item to buy: quantity, name, highest total price (€), and purpose."""
 
     count: int
     name: str
@@ -32,7 +31,7 @@ class Purchase:
 
 
 def purchases(parts: Sequence[PrintedPart], bought: Bought) -> list[Purchase]:
-    """Return the items to buy for these parts."""
+    """List the items to buy for these parts."""
     seats = sum(part.count * (2 if part.name in {"bar", "link", "long-link"} else 1) for part in parts)
     magnets = seats - sum(part.count for part in parts if part.name == "holder")
     screws = sum(part.count * (2 if part.name == "bar" else 1) for part in parts if part.name in {"bar", "socket"})
@@ -52,7 +51,7 @@ def purchases(parts: Sequence[PrintedPart], bought: Bought) -> list[Purchase]:
 
 
 def sheet(parts: Sequence[PrintedPart], bought: Bought, rig_name: str, remarks: Sequence[str]) -> str:
-    """Return the sheet as Markdown."""
+    """Write the sheet as Markdown."""
     things = purchases(parts, bought)
     printed = [f"| {part.count} | `{part.name}.stl` | {part.about} |" for part in parts]
     buy = [f"| {thing.count} | {thing.name} | {thing.euro:.0f} | {thing.why} |" for thing in things]
@@ -97,8 +96,7 @@ def sheet(parts: Sequence[PrintedPart], bought: Bought, rig_name: str, remarks: 
 
 
 _MARGIN, _LINE, _COLUMN, _HEAD = 12.0, 5.0, 62.0, 18.0
-"""Margin around a part, line spacing, minimum column width, and space above all parts, in mm: a ball rises above its
-seat."""
+"""In mm: margin around a part, line spacing, minimum column width, and space above all parts for a ball in its seat."""
 _STYLE = (
     ".paper{fill:#fff}text{font:3.4px sans-serif;fill:#1a1a1a}.title{font-weight:bold;font-size:4px}"
     ".part{fill:#e3e8ee;stroke:#1a1a1a;stroke-width:.35}.ball{fill:none;stroke:#0b57a4;stroke-width:.3}"
@@ -108,7 +106,7 @@ _STYLE = (
 
 
 def drawing(parts: Sequence[PrintedPart], title: str) -> str:
-    """Return an SVG of the parts in mm; title: heading."""
+    """Draw the parts as SVG in mm. The title becomes the heading."""
     body, x, tallest = list[str](), 0.0, 0.0
     for part in parts:
         low, high = part.solid.corners.min(axis=0), part.solid.corners.max(axis=0)
@@ -135,7 +133,7 @@ def drawing(parts: Sequence[PrintedPart], title: str) -> str:
 
 
 def _part(part: PrintedPart, width: float, height: float) -> Iterator[str]:
-    """Draw one part about x = 0, from its title down; its foot is level with its lowest corner."""
+    """Draw a part centred on x = 0, starting with the title. The foot is level with the lowest corner of the part."""
     foot = _MARGIN + height
     axes = [0.0]
     if "distance of the sockets" in part.numbers:
@@ -169,13 +167,13 @@ def _part(part: PrintedPart, width: float, height: float) -> Iterator[str]:
 
 
 def _below(part: PrintedPart) -> float:
-    """Return the distance by which the lower ball of a link reaches below its foot."""
+    """Return the distance from the foot of a link down to the lowest point of the ball, in mm, or 0 for other parts."""
     reach = part.numbers.get("ball to ball", 0.0) - part.numbers.get("length", 0.0)
     return reach / 2 + part.numbers["ball"] / 2 if "ball to ball" in part.numbers else 0.0
 
 
 def _across(left: float, right: float, y: float, words: str) -> Iterator[str]:
-    """Draw a dimension from left to right."""
+    """Draw a horizontal dimension from left to right."""
     yield f'<line class="dim" x1="{left:.2f}" x2="{right:.2f}" y1="{y:.2f}" y2="{y:.2f}"/>'
     for x in (left, right):
         yield f'<line class="dim" x1="{x:.2f}" x2="{x:.2f}" y1="{y - 1.2:.2f}" y2="{y + 1.2:.2f}"/>'

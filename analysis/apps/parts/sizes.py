@@ -1,7 +1,8 @@
-"""Dimensions of printed parts, from a rig file and commercial balls, magnets and screws.
+"""Dimensions of printed parts, for a rig file and commercial balls, magnets and screws.
 
-A ball sits in a cone of 90 degrees on a circle, at 0.71 of its radius from the axis, independent of printing errors
-elsewhere. The magnet below does not touch it, so the cone alone determines the ball's centre.
+Each ball sits in a cone of 90 degrees and touches the cone on a circle, at 0.71 of the ball's radius from the axis.
+Printing errors elsewhere have no influence. The ball does not touch the magnet below, so the cone alone determines the
+centre of the ball.
 """
 
 from __future__ import annotations
@@ -15,29 +16,31 @@ from rigs.rig import Rig
 
 Size = tuple[float, float]
 _SCREWS: dict[str, Size] = {"M3": (3.4, 6.7), "M4": (4.5, 9.0), "M5": (5.5, 11.2)}
-"""Clearance hole (ISO 273, medium) and head of a countersunk screw (ISO 10642), diameters in mm."""
+"""Diameters in mm: clearance hole (ISO 273, medium) and head of a countersunk screw (ISO 10642)."""
 _TAPPED_MM, _TAPPED_DEEP_MM = 5.0, 14.0
-"""Hole in the foot of the holder: an M6 screw cuts its thread in plastic (core hole of ISO 965: 5.0 mm)."""
+"""Diameter and depth of the hole in the foot of the holder. An M6 screw cuts a thread into the plastic (core hole of
+ISO 965: 5.0 mm).
+"""
 _GAP_MM = 0.5
-"""Gap between ball and magnet: one or two layers of a printer, so that the ball touches the cone only."""
+"""Gap between ball and magnet, one or two layers of a printer. It ensures that the ball touches only the cone."""
 _CLEAR_MM = 0.15
-"""Radial clearance of bores; usual for filament printers."""
+"""Radial clearance of bores, usual for filament printers."""
 _RIM_MM, _WALL_MM, _FLOOR_MM = 2.0, 3.0, 3.0
-"""Cone beyond the contact circle, wall around it, and plastic below a screw head."""
+"""Width of the cone outside the contact circle, thickness of the wall, and thickness below a screw head."""
 _FOOT_MM, _FOOT_RADIUS_MM, _NECK_MM = 6.0, 15.0, 1.5
-"""Height and radius of the holder's foot, and reduction of the neck relative to the cup."""
+"""Height and radius of the holder's foot, and difference of radius between cup and neck."""
 _SHELF_MM = 1.0
-"""Stop for a magnet at the end of a bore with a conical ceiling; a printer can bridge this width."""
+"""Width of the shelf that stops a magnet in a bore with a conical ceiling. A printer can bridge this width."""
 _SHORTEST_HOLDER_MM, _LONGEST_HOLDER_MM = 35.0, 150.0
 DISTANCE_MM = 100.0
-"""Distance between the bar's two sockets by default."""
+"""Default distance between the two sockets of the bar."""
 BED_MM = 220.0
-"""Bed size of most printers; longer parts are not written."""
+"""Bed size of most printers. Longer parts are not written."""
 
 
 @dataclass(frozen=True)
 class Bought:
-    """Purchased dimensions: ball diameter, magnet diameter and height (mm), and the screw of a socket."""
+    """Dimensions of purchased items: ball diameter, magnet diameter and height (mm), and screw of a socket."""
 
     ball_mm: float = 20.0
     magnet_mm: Size = (10.0, 5.0)
@@ -46,8 +49,11 @@ class Bought:
 
 @dataclass(frozen=True)
 class Seat:
-    """Cone seat of a ball, heights above its apex (mm): ball centre, contact circle (radius = height), rim (radius =
-    height), top of the magnet, and its bore."""
+    """Cone seat of a ball: heights above the apex of the cone, and radius of the bore, in mm.
+
+    centre: centre of the ball. contact, rim: contact circle and rim of the cone; in a cone of 90 degrees the radius
+    equals the height. magnet_top: upper face of the magnet. bore: radius of the magnet's bore.
+    """
 
     centre: float
     contact: float
@@ -57,14 +63,17 @@ class Seat:
 
     @property
     def outside(self) -> float:
-        """Outer radius of the part."""
+        """Outer radius of the part in mm."""
         return self.rim + _WALL_MM
 
 
 @dataclass(frozen=True)
 class PrintedPart:
-    """Printed part. count: quantity. section: corners (radius, height) for the drawing. about: description. numbers:
-    dimensions in mm by name."""
+    """A printed part.
+
+    count: quantity. section: corners (radius, height) in mm for the drawing. about: description. numbers: dimensions in
+    mm by name.
+    """
 
     name: str
     count: int
@@ -75,7 +84,7 @@ class PrintedPart:
 
 
 def seat_of(bought: Bought) -> Seat:
-    """Return the seat of a ball above a magnet. Raises UseError for a magnet too wide for the ball."""
+    """Compute the seat of a ball above a magnet. Raises UseError if the magnet is too wide for the ball."""
     radius = bought.ball_mm / 2
     centre, contact = radius * math.sqrt(2), radius / math.sqrt(2)
     bore = bought.magnet_mm[0] / 2 + _CLEAR_MM
@@ -86,7 +95,7 @@ def seat_of(bought: Bought) -> Seat:
 
 
 def parts_of(rig: Rig, bought: Bought) -> tuple[PrintedPart, ...]:
-    """Return the parts required by a rig's touches and link. Raises UseError for impossible dimensions."""
+    """Return the parts required for a rig's touches and link. Raises UseError if a dimension is impossible."""
     touch, circle = rig.tests.touch, rig.tests.circle
     distance_mm = touch.distances[0].distance_mm if touch and touch.distances else DISTANCE_MM
     sockets = max(len(touch.sockets) - 2, 0) if touch else 1
@@ -102,7 +111,7 @@ def parts_of(rig: Rig, bought: Bought) -> tuple[PrintedPart, ...]:
 
 
 def remarks_of(rig: Rig, bought: Bought) -> list[str]:
-    """Return remarks about the parts: oversized ones, and the position of the holder."""
+    """Return remarks about oversized parts and the position of the holder."""
     lengths = {"the long link": _long_mm(rig)}
     if rig.tests.touch and rig.tests.touch.distances:
         lengths["the bar of two sockets"] = rig.tests.touch.distances[0].distance_mm + 2 * seat_of(bought).outside
@@ -122,8 +131,10 @@ def _long_mm(rig: Rig) -> float | None:
 
 
 def _hole(bought: Bought) -> list[tuple[float, float]]:
-    """Return the inner contour of a socket from its rim down: cone, magnet bore, countersunk screw; heights above
-    the bed."""
+    """Return the inner contour of a socket from the rim downwards: cone, bore of the magnet, and countersunk screw.
+
+    Heights are measured from the printer's bed.
+    """
     seat = seat_of(bought)
     if bought.screw not in _SCREWS:
         raise UseError("--screw", f"{bought.screw} is none of {', '.join(_SCREWS)}", "give one of them")
@@ -167,8 +178,9 @@ def _bar(bought: Bought, distance_mm: float) -> PrintedPart:
 
 
 def _holder(bought: Bought, asked_mm: float) -> PrintedPart:
-    """Return the ball holder of the tool, with the ball centre at the distance given in the rig file, as far as
-    printable."""
+    """Return the ball holder of the tool. The height of the ball centre follows the rig file,
+    within the printable range.
+    """
     seat = seat_of(bought)
     height = min(max(asked_mm, _SHORTEST_HOLDER_MM), _LONGEST_HOLDER_MM)
     rim = height - (seat.centre - seat.contact)
@@ -188,9 +200,9 @@ def _holder(bought: Bought, asked_mm: float) -> PrintedPart:
 
 
 def _link(bought: Bought, name: str, length_mm: float) -> PrintedPart:
-    """Return a rod with a cone at each end, with the test radius as the distance between the balls.
+    """Return a rod with a cone at each end. The distance between the balls is the radius of the test.
 
-    The bore of the lower magnet ends in a cone above a shelf, because a flat ceiling needs supports.
+    The bore of the lower magnet ends in a cone above a shelf, because a flat ceiling would require supports.
     """
     seat = seat_of(bought)
     top = length_mm / 2 - (seat.centre - seat.rim)

@@ -1,7 +1,7 @@
-"""Closed surfaces of turned parts, or of a bar with two equal holes, and their STL files.
+"""Closed surfaces of turned parts and of a bar with two equal holes, with STL export.
 
-There are no boolean operations: each surface is built ring by ring, so by construction every edge belongs to two
-triangles. Lengths are mm, z is up from the printer's bed.
+Surfaces are built ring by ring, without boolean operations. By construction, every edge belongs to exactly two
+triangles. Lengths are in mm, and z points up from the printer's bed.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Faces = NDArray[np.int64]
 Profile = Sequence[tuple[float, float]]
-"""Corners (radius, height) of a section, mm."""
+"""Corners (radius, height) of a section, in mm."""
 
 SEGMENTS = 128
-"""Sides of a circle. The cone seat of a ball of 20 mm is then within 2 µm of round."""
+"""Number of sides of a circle. The cone seat of a ball of 20 mm is then round to within 2 µm."""
 _HEADER = b"rig parts, mm".ljust(80)
 _ON_AXIS = 1e-9
 
 
 @dataclass(frozen=True)
 class Solid:
-    """Closed surface: corners (n, 3) mm, and faces (m, 3) as corner indices, counterclockwise from outside."""
+    """A closed surface: corners (n, 3) mm, and faces (m, 3) of corner indices, counterclockwise seen from outside."""
 
     corners: Array
     faces: Faces
@@ -43,7 +43,7 @@ class Solid:
         return float((a * np.cross(b, c)).sum() / 6)
 
     def stl(self) -> bytes:
-        """Return the surface as a binary STL, in mm."""
+        """Return the surface as a binary STL file, in mm."""
         triangles = self.triangles
         normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
         records = np.zeros(len(triangles), dtype=[("sides", "<f4", (4, 3)), ("attribute", "<u2")])
@@ -53,9 +53,9 @@ class Solid:
 
 
 def turned(profile: Profile) -> Solid:
-    """Return the solid of revolution of a section, given as corners on one side of the axis, downwards on the outside.
+    """Return the solid of revolution of a section, with corners on one side of the axis, downwards on the outside.
 
-    A section starting and ending on the axis is closed there; any other forms a ring.
+    A section that starts and ends on the axis becomes a closed body, any other section becomes a ring.
     """
     angles = 2 * np.pi * np.arange(SEGMENTS) / SEGMENTS
     rings = [
@@ -68,11 +68,12 @@ def turned(profile: Profile) -> Solid:
 
 
 def bar(hole: Profile, apart_mm: float, beyond_mm: float) -> Solid:
-    """Return a bar with two equal holes along x, apart_mm between their axes, extending beyond_mm past each axis.
+    """Return a bar along x with two equal vertical holes.
 
-    hole: radii and heights from the top to the bottom of the bar.
+    hole: radii and heights of a hole, from the top to the bottom of the bar. apart_mm: distance of the axes. beyond_mm:
+    length of the bar past each axis.
     """
-    # Triangles (m, 3, 3) of the half bar with a hole at the origin, open at the cut x = to_cut.
+    # Build the half of the bar with the hole at the origin, open at the cut x = to_cut, as triangles (m, 3, 3).
     to_cut = apart_mm / 2
     corners = np.arctan2([beyond_mm, beyond_mm, -beyond_mm, -beyond_mm], [to_cut, -beyond_mm, -beyond_mm, to_cut])
     angles = np.unique(np.concatenate([2 * np.pi * np.arange(SEGMENTS) / SEGMENTS - np.pi, corners]).round(12))
@@ -99,14 +100,14 @@ def bar(hole: Profile, apart_mm: float, beyond_mm: float) -> Solid:
 
 
 def _band(upper: Array, lower: Array) -> list[Array]:
-    """Return triangles (3, 3) between two rings (n, 3), two per side; degenerate for a ring of radius 0."""
+    """Connect two rings (n, 3) with triangles (3, 3), two per side. They are degenerate if a ring has radius 0."""
     after_upper, after_lower = np.roll(upper, -1, axis=0), np.roll(lower, -1, axis=0)
     quads = zip(upper, lower, after_lower, after_upper, strict=True)
     return [triangle for a, b, c, d in quads for triangle in (np.array([a, b, c]), np.array([a, c, d]))]
 
 
 def _joined(triangles: Sequence[Array]) -> Solid:
-    """Merge triangles (3, 3) mm into a solid, sharing corners and dropping degenerate faces."""
+    """Merge triangles (3, 3) mm into a solid. Corners are shared, and degenerate faces are dropped."""
     all_corners = np.array(triangles).reshape(-1, 3).round(9) + 0.0
     corners, numbers = np.unique(all_corners, axis=0, return_inverse=True)
     faces = numbers.reshape(-1, 3)

@@ -1,1 +1,1 @@
-"""Import of arms into the `robot:` section of a rig file, and export: URDF, MJCF, and a UR's calibration."""
+"""Import of arms from URDF or a UR's calibration to the `robot:` section of a rig file, and export to URDF or MJCF."""

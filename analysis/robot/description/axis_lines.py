@@ -1,9 +1,10 @@
 """Modified Denavit-Hartenberg constants from joint axes given as lines in space.
 
-The axes contain the complete kinematics, independent of the frames of a source. Two lines have a common normal, Craig's
-a and alpha. For parallel or nearly parallel lines the common normal is ill-conditioned, and the next axis is
-intersected with the plane through the previous origin instead, rotated by Hayati's beta (S. Hayati, M. Mirmirani,
-Improving the Absolute Positioning Accuracy of Robot Manipulators, 1985). Both are exact: no axis is moved.
+The axes determine the kinematics completely, independent of the frames used by a source. The common normal of two lines
+gives Craig's a and alpha. For nearly parallel lines the common normal is ill-conditioned. In this case the next axis is
+intersected with the plane through the previous origin, and rotated by Hayati's beta (S. Hayati, M. Mirmirani, Improving
+the Absolute Positioning Accuracy of Robot Manipulators, 1985). Both constructions are exact: the axes remain the same
+lines.
 """
 
 from __future__ import annotations
@@ -16,19 +17,20 @@ from analysis.robot.kinematics.arm import Array
 from rigs.schema.robot import Rail
 
 _PARALLEL = 0.1
-"""Sine of the angle between axes below which beta is used: 6 degrees. A common normal further than ten times the
-distance of two axes is not a length of a robot; nominal angles of 0 and 90 degrees are not affected."""
+"""Sine of the angle between axes below which beta is used: 6 degrees. Above it, the foot of the common normal is
+less than ten axis distances away, which is still a plausible link length. Nominal angles of 0 and 90 degrees are
+not affected.
+"""
 _MEET_MM = 1e-6
-"""Distance below which axes intersect; sources round to a micrometre or finer."""
+"""Distance below which axes intersect. Sources are rounded to a micrometre or finer."""
 
 
 @dataclass(frozen=True)
 class AxisLines:
-    """Axes of an arm in the base frame with all joints at zero.
+    """Axes of an arm in the base frame, with all joints at zero.
 
-    points (axes, 3) mm: a point on each. directions (axes, 3): unit vectors of positive rotation. T_base_flange (4, 4),
-    in mm.
-    rail: of the base, if any.
+    points (axes, 3) mm: a point on each axis. directions (axes, 3): unit vectors of positive rotation.
+    T_base_flange (4, 4): flange, in mm. rail: rail under the base, if any.
     """
 
     points: Array
@@ -39,12 +41,14 @@ class AxisLines:
 
 @dataclass(frozen=True)
 class DenavitHartenberg:
-    """a, d (axes,) mm, alpha, beta, offset (axes,) rad, senses (axes,) of 1 and -1: theta = senses · q + offset.
+    """Denavit-Hartenberg constants of an arm.
 
-    base_mm (3,): start of the first axis in the base frame. T_base_link (axes, 4, 4): joint frames with all joints at
-    zero.
-    T_last_flange (4, 4): remaining transformation after the last joint, other than a rotation about or translation
-    along it.
+    a, d (axes,) mm; alpha, beta, offset (axes,) rad.
+    senses (axes,): 1 or -1, with theta = senses · q + offset.
+    base_mm (3,): start of the first axis in the base frame.
+    T_base_link (axes, 4, 4): joint frames with all joints at zero.
+    T_last_flange (4, 4): remaining transformation after the last joint. It contains no rotation about and no
+    translation along the last axis.
     """
 
     a: Array
@@ -60,7 +64,7 @@ class DenavitHartenberg:
 
 @dataclass(frozen=True)
 class _Step:
-    """One link: alpha, beta (rad), a (mm), and the frame before the rotation of the next joint."""
+    """Link constants alpha, beta (rad) and a (mm), with origin and x axis before the rotation of the next joint."""
 
     alpha: float
     a: float
@@ -70,10 +74,10 @@ class _Step:
 
 
 def denavit_hartenberg(axes: AxisLines) -> DenavitHartenberg:
-    """Return the constants of an arm's axes, joint by joint from the base.
+    """Compute the constants from the axes of an arm, joint by joint from the base.
 
-    The first axis points like the base's z axis and the last like the flange's, with the joint direction in `senses`;
-    the x axes are chosen for the smallest offsets.
+    The z axis of the first joint points in the direction of the base's z axis, and that of the last in the direction of
+    the flange's. `senses` contains the direction of rotation. The x axes are chosen for the smallest offsets.
     """
     senses = np.ones(len(axes.directions))
     senses[0] = -1.0 if axes.directions[0, 2] < 0 else 1.0
@@ -88,7 +92,7 @@ def denavit_hartenberg(axes: AxisLines) -> DenavitHartenberg:
         offsets.append(_angle(steps[-1].x, x, z[axis]))
         frames.append(_frame(x, z[axis], origin))
         steps.append(step)
-    # On the last axis, origin and x axis are those of the flange, as far as the axis permits.
+    # Use origin and x axis of the flange for the last axis, as far as its direction permits.
     flange_x, flange = axes.T_base_flange[:3, 0], axes.T_base_flange[:3, 3]
     x = flange_x - (flange_x @ z[-1]) * z[-1]
     length = float(np.linalg.norm(x))
@@ -110,7 +114,7 @@ def denavit_hartenberg(axes: AxisLines) -> DenavitHartenberg:
 
 
 def _linked(before: _Step, z: Array, point: Array, z_next: Array, point_next: Array) -> tuple[Array, Array, _Step]:
-    """Return origin (3,) mm and x axis (3,) on a joint axis z through point, and the step to the next axis."""
+    """Return origin (3,) mm and x axis (3,) on the axis through point with direction z, and the step to the next."""
     normal = np.cross(z, z_next)
     sine = float(np.linalg.norm(normal))
     if sine < _PARALLEL:
@@ -129,7 +133,9 @@ def _linked(before: _Step, z: Array, point: Array, z_next: Array, point_next: Ar
 
 
 def _turned(origin: Array, R: Array, z_next: Array, a: float) -> _Step:
-    """Return the step by a along x of a frame (3, 3) at origin (3,) mm, to an axis z_next (3,) intersected there."""
+    """Return the step from a frame (3, 3) at origin (3,) mm to the axis z_next (3,), which intersects the frame's x
+    axis at a.
+    """
     x, y, z = R.T @ z_next
     beta, alpha = float(np.arcsin(np.clip(x, -1.0, 1.0))), float(np.arctan2(-y, z))
     x_next = R @ [np.cos(beta), np.sin(alpha) * np.sin(beta), -np.cos(alpha) * np.sin(beta)]
@@ -137,7 +143,7 @@ def _turned(origin: Array, R: Array, z_next: Array, a: float) -> _Step:
 
 
 def _towards(before: Array, x: Array) -> Array:
-    """Return x or -x (3,), whichever is closer to the previous direction."""
+    """Return the one of x and -x (3,) that is closer to the previous direction."""
     return -x if before @ x < -_MEET_MM else x
 
 

@@ -1,9 +1,9 @@
-"""Export an arm as a MuJoCo model (MJCF) with measured backlash, friction and compliance per joint.
+"""Export of an arm as a MuJoCo model (MJCF), with measured backlash, friction and compliance per joint.
 
-Backlash is an additional hinge on the same axis and body, turning freely within half the width in both directions, and
-compliance is a hinge with a spring: the position of the joint's main hinge is the angle reported by the controller.
-Friction is the `frictionloss` of that hinge. Source of the format: MuJoCo's XML reference, joint (range, stiffness,
-frictionloss, armature) and body/inertial.
+Backlash is an additional hinge on the same axis and body, free to turn by half the backlash in both directions.
+Compliance is an additional hinge with a spring. The position of the main hinge is therefore the angle reported by the
+controller. Friction is the `frictionloss` of the main hinge. Source of the format: XML reference of MuJoCo, joint
+(range, stiffness, frictionloss, armature) and body/inertial.
 """
 
 from __future__ import annotations
@@ -29,12 +29,13 @@ from analysis.robot.kinematics.arm import RAIL_MM, Arm, Array
 from rigs.schema.robot import Robot
 
 _DENSITY = 2700.0
-"""kg/m³ of aluminium. Moments of inertia are unknown and written as those of a ball with the link's mass."""
+"""Density of aluminium in kg/m³. Moments of inertia are unknown, and written as those of a ball of equal mass."""
 _LEAST_KG = 1e-3
-"""MuJoCo does not simulate massless bodies. Chosen: a gram, if the rig file contains no mass."""
+"""Mass of a body if the rig file contains none, because MuJoCo does not simulate massless bodies. Chosen: a gram."""
 _ARMATURE = 1e-3
-"""kg m² required by additional hinges of an axis; without it their motion is undetermined. Chosen: a rotor behind a
-gear has some tenths (MuJoCo Menagerie, universal_robots_ur10e: 0.1)."""
+"""Armature in kg m² of the additional hinges of an axis, whose motion would otherwise be undetermined. Chosen: much
+less than that of a rotor with a gear, which is some tenths (MuJoCo Menagerie, universal_robots_ur10e: 0.1).
+"""
 _HEAD = (
     "Lengths are in metres and angles in radians. The hinge with a joint's name turns by the angle that the controller "
     "reports. Moments of inertia are not known: each link is a ball of aluminium of its mass."
@@ -43,8 +44,10 @@ _HEAD = (
 
 @dataclass(frozen=True)
 class JointTraits:
-    """Measured joint properties, by axis from 1: play_deg, full width; compliance_deg_per_nm; friction_nm, Coulomb
-    friction."""
+    """Measured joint properties by axis, from 1.
+
+    play_deg: full backlash. compliance_deg_per_nm. friction_nm: Coulomb friction.
+    """
 
     play_deg: Mapping[int, float] = field(default_factory=dict)
     compliance_deg_per_nm: Mapping[int, float] = field(default_factory=dict)
@@ -52,9 +55,10 @@ class JointTraits:
 
 
 def mjcf_text(robot: Robot, arm: Arm, traits: JointTraits, where: str, remarks: Sequence[str] = ()) -> str:
-    """Return the MJCF of an arm, with the names, limits and masses of a robot; the site `tool` is its tool.
+    """Return an arm as MJCF, with names, limits and masses of a robot. The site `tool` is the robot's tool.
 
-    where: rig file, for errors. remarks: sentences at the top. Raises FileError for a coupling, or for invalid names.
+    where: rig file named in errors. remarks: sentences written at the top. Raises FileError if axes are coupled or a
+    name is invalid.
     """
     senses = joint_senses(arm, where, "MJCF")
     require_names(robot, where)
@@ -72,7 +76,7 @@ def mjcf_text(robot: Robot, arm: Arm, traits: JointTraits, where: str, remarks: 
         payload_kg = robot.payload_kg if number == len(robot.axes) else 0.0
         kg = max(axis.mass_kg + payload_kg, _LEAST_KG)
         _inertia(body, kg, np.array(axis.centre_mm) / 1000.0 * axis.mass_kg / kg)
-        # hinge of the joint, and those of measured backlash and compliance
+        # main hinge of the joint, and hinges of measured backlash and compliance
         friction = {"frictionloss": repr(float(nm))} if (nm := traits.friction_nm.get(number)) else {}
         limits = numbers_text([float(np.radians(limit)) for limit in axis.limits_deg])
         hinges = {axis.name: {"limited": "true", "range": limits} | friction}
@@ -89,18 +93,18 @@ def mjcf_text(robot: Robot, arm: Arm, traits: JointTraits, where: str, remarks: 
 
 
 def _body(parent: ElementTree.Element, name: str, T: Array) -> ElementTree.Element:
-    """Add a body at T (4, 4) mm in its parent, and return it."""
+    """Add a body at T (4, 4) mm relative to the parent, and return it."""
     return ElementTree.SubElement(parent, "body", {"name": name} | _place(T))
 
 
 def _place(T: Array) -> dict[str, str]:
-    """Return position in m and quaternion, real part first, of a frame (4, 4) mm."""
+    """Return position in m and quaternion, scalar first, of a frame (4, 4) mm."""
     quaternion = Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True)
     return {"pos": numbers_text(T[:3, 3] / 1000.0), "quat": numbers_text(quaternion)}
 
 
 def _inertia(body: ElementTree.Element, kg: float, centre_m: Array | Sequence[float] = (0.0, 0.0, 0.0)) -> None:
-    """Add the mass of a link as a ball, with a payload at its origin."""
+    """Add the mass of a link as a ball."""
     radius_m = (3.0 * kg / (4.0 * np.pi * _DENSITY)) ** (1.0 / 3.0)
     moment = repr(float(0.4 * kg * radius_m**2))
     ElementTree.SubElement(

@@ -1,4 +1,4 @@
-"""Create the `robot:` section of a rig file from computed constants, as an object and as text."""
+"""The `robot:` section of a rig file, created from computed constants, as an object and as text."""
 
 from __future__ import annotations
 
@@ -19,21 +19,26 @@ from rigs.text import plain
 from rigs.yaml_text import flow
 
 _DECIMALS = 13
-"""Decimals of mm and degrees: rounding by 1e-13 degrees moves a flange 3 m away by less than 1e-11 mm."""
+"""Decimals of mm and degrees. An error of 1e-13 degrees moves a flange at 3 m by less than 1e-11 mm."""
 _CENTRE_DECIMALS = 3
-"""Decimals of a centre of mass in mm: no source is accurate to a micrometre."""
+"""Decimals of a centre of mass in mm. No source is accurate to a micrometre."""
 TOLERANCE = 1e-9
-"""Permitted difference between the written section and its source, in mm and rad."""
+"""Largest permitted difference between section and source, in mm and rad."""
 _POSTURES = 200
-"""Sufficient to move each joint through its range; the URDF library takes a millisecond each."""
+"""Number of random postures, which moves each joint through the complete range.
+The URDF library needs 1 ms for each.
+"""
 _ZERO = 1e-11
-"""mm and degrees below which a constant is rounded zero: doubles of some metres resolve 1e-12 mm."""
+"""Magnitude in mm or degrees of a rounded zero. Doubles of a few metres have a resolution of 1e-12 mm."""
 
 
 @dataclass(frozen=True)
 class Joint:
-    """Properties of a joint in a source other than its axis: limits (degrees) in its own direction, degrees/s, kg, and
-    centre of mass (3,) mm in the base frame with all joints at zero."""
+    """Properties of a joint in a source, except the axis.
+
+    limits_deg: in the direction of the joint. speed_deg_s, mass_kg. centre_mm (3,): centre of mass in the base frame,
+    with all joints at zero.
+    """
 
     name: str
     limits_deg: tuple[float, float]
@@ -44,9 +49,9 @@ class Joint:
 
 @dataclass(frozen=True)
 class Section:
-    """Robot and the text of its section.
+    """A robot, and the section as text.
 
-    largest_mm, largest_rad: largest differences between the written poses and the source, for random postures.
+    largest_mm, largest_rad: largest differences from the poses of the source, over random postures.
     """
 
     robot: Robot
@@ -55,16 +60,16 @@ class Section:
     largest_rad: float
 
     def with_build(self, build: Build) -> Section:
-        """Return the section of an arm whose build a person states."""
+        """Return the section with the build of the arm as stated by the user."""
         head = "".join(line for line in self.text.splitlines(keepends=True) if line.startswith("#"))
         robot = self.robot.model_copy(update={"build": build})
         return replace(self, robot=robot, text=head + robot_text(robot))
 
 
 def robot_of(name: str, constants: DenavitHartenberg, joints: Sequence[Joint], rail: Rail | None = None) -> Robot:
-    """Return the robot with these constants and joints.
+    """Build a robot from constants and joints.
 
-    The transformation after the last joint becomes the `tool`; a flange on axis 6 needs none.
+    The transformation after the last joint becomes the `tool`. It is the identity if the flange is on axis 6.
     """
     dh, axes = constants, list[JointAxis]()
     columns = zip(dh.a, dh.alpha, dh.beta, dh.d, dh.offset, dh.T_base_link, joints, strict=True)
@@ -92,7 +97,7 @@ def robot_of(name: str, constants: DenavitHartenberg, joints: Sequence[Joint], r
 
 
 def robot_text(robot: Robot) -> str:
-    """Return the section as YAML: one line per axis, without defaults."""
+    """Format the section as YAML with one line per axis, omitting defaults."""
     fields = robot.model_dump(mode="json", exclude_defaults=True)
     if robot.coupling == identity(len(robot.axes)):
         fields.pop("coupling", None)
@@ -113,10 +118,11 @@ def checked_section(
     path: Path,
     tolerance_mm: float = TOLERANCE,
 ) -> Section:
-    """Return the section of axes and joints, below comment lines, after a comparison with its source.
+    """Build a section, and compare it with the source.
 
-    source: flange poses (n, 4, 4) mm at joint angles q (n, axes) rad and rail position in m, computed independently.
-    Raises FileError naming path if the section cannot be written, or differs by more than the tolerance.
+    head: comment lines above the section. source: function that returns flange poses (n, 4, 4) mm for joint angles q
+    (n, axes) rad and the rail position in m, computed independently. Raises FileError, naming path, if the section
+    cannot be written or the difference exceeds the tolerance.
     """
     try:
         section = robot_text(robot_of(name, denavit_hartenberg(axes), joints, axes.rail))
@@ -140,8 +146,10 @@ def parsed(text: str) -> Robot:
 
 
 def random_postures(robot: Robot) -> Array:
-    """Return joint angles (200, axes) rad within the limits, equal in each call, with a rail position in m if
-    applicable."""
+    """Return random joint angles (200, axes) rad within the limits, with the rail position in m if there is a rail.
+
+    Each call returns the same postures.
+    """
     limits = np.radians([axis.limits_deg for axis in robot.axes])
     if robot.rail:
         limits = np.vstack([limits, np.array(robot.rail.limits_mm) / RAIL_MM])
@@ -150,24 +158,24 @@ def random_postures(robot: Robot) -> Array:
 
 
 def flange_poses(robot: Robot, q: Array) -> Array:
-    """Return flange poses (n, 4, 4) in the base frame, in mm, at joint angles q (n, axes) rad."""
+    """Return flange poses (n, 4, 4) mm in the base frame, for joint angles q (n, axes) rad."""
     return forward(arm_of(robot), q)
 
 
 def largest_difference(T: Array, its_T: Array) -> tuple[float, float]:
-    """Return the largest differences between two stacks of poses (n, 4, 4): mm, and rad."""
-    # The chord of the rotation, because the arc cosine of its trace loses all digits near zero.
+    """Return the largest differences between two stacks of poses (n, 4, 4), in mm and in rad."""
+    # Use the chord of the rotation: the arc cosine of its trace loses all digits near zero.
     chord = np.linalg.norm(T[:, :3, :3] - its_T[:, :3, :3], axis=(1, 2)) / np.sqrt(2)
     return float(np.linalg.norm(T[:, :3, 3] - its_T[:, :3, 3], axis=1).max()), float(chord.max())
 
 
 def _written(value: float) -> float:
-    """Return a number rounded to 13 decimals, with rounded zero as zero."""
+    """Round a number to 13 decimals. A rounded zero becomes exactly zero."""
     return 0.0 if abs(value) < _ZERO else round(float(value), _DECIMALS)
 
 
 def _degrees(angle: float) -> float:
-    """Return an angle (rad) in degrees as written; -180 degrees become 180."""
+    """Convert an angle from rad to degrees as written, with 180 in place of -180 degrees."""
     degrees = _written(float(np.degrees(angle)))
     return -degrees if degrees == -180.0 else degrees
 

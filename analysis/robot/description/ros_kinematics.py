@@ -1,10 +1,9 @@
-"""Read the calibration of a UR: the differences in its calibration.conf, applied to the `robot:` section of its model.
+"""Import of a UR's calibration: the differences in calibration.conf, applied to the `robot:` section of the model.
 
-The file contains the maker's measurements of this arm as differences to the classic Denavit-Hartenberg constants of the
-model (metres and radians): T(i-1,i) = RotZ(theta) TransZ(d) TransX(a) RotX(alpha). Axes 2, 3 and 4 are nearly parallel,
-so
-their common normals have offsets of hundreds of metres that almost cancel. The resulting axes are written with Hayati's
-beta instead: the same lines in space, without such lengths.
+The file contains the maker's measurements of this arm, as differences from the classic Denavit-Hartenberg constants of
+the model (metres and radians): T(i-1,i) = RotZ(theta) TransZ(d) TransX(a) RotX(alpha). Axes 2, 3 and 4 are nearly
+parallel. Their common normals therefore have offsets of hundreds of metres, which almost cancel. The section is written
+with Hayati's beta instead, which describes the same lines in space with plausible lengths.
 """
 
 from __future__ import annotations
@@ -33,23 +32,23 @@ from rigs.files import read_text
 
 MAKER = "Universal Robots"
 _ROUNDING = 1e-14
-"""Share of the largest length in the file: lengths are doubles, rounded about ten times where they cancel."""
+"""Rounding error relative to the largest length. Lengths are doubles, rounded about ten times before they cancel."""
 _LARGEST = 1e6
-"""Limit in metres or radians; common normals of nearly parallel axes reach some hundred."""
+"""Largest value in metres or radians. Common normals of nearly parallel axes reach a few hundred."""
 _MOST_BYTES = 100_000
-"""Size limit; a calibration.conf has about 2000 bytes."""
+"""Largest file size in bytes. A calibration.conf has about 2000 bytes."""
 _REMEDY = "give calibration.conf of the controller, unchanged"
 ROS_KINEMATICS = "kinematics:"
-"""First key of the YAML written by ur_calibration of ROS: frames of its URDF instead of differences."""
+"""First key of the YAML written by ur_calibration of ROS. It contains the frames of the URDF instead of differences."""
 _NOT_CALIBRATED = "0"
-"""calibration_status; 1 and 2 mean a measured arm."""
+"""Value of calibration_status for an arm that was not measured; 1 and 2 mean a measured arm."""
 _LARGE_MM = 50.0
-"""Larger than any deformation: the file belongs to a different model."""
+"""Displacement beyond any deformation. The file then belongs to a different model."""
 
 
 @dataclass(frozen=True)
 class Differences:
-    """Differences to the classic constants: theta, alpha (6,) rad, a, d (6,) mm."""
+    """Differences from the classic constants: theta, alpha (6,) rad, and a, d (6,) mm."""
 
     theta: Array
     a: Array
@@ -60,9 +59,9 @@ class Differences:
 
 @dataclass(frozen=True)
 class CalibratedArm:
-    """Calibrated arm. doubts: to be checked by the user.
+    """A calibrated arm. doubts: facts for the user to check.
 
-    moved_mm: largest flange displacement relative to the published arm, for random postures.
+    moved_mm: largest flange displacement relative to the published arm, over random postures.
     """
 
     section: Section
@@ -71,14 +70,14 @@ class CalibratedArm:
 
 
 def calibrated(arm: Arm, path: Path) -> CalibratedArm:
-    """Return an arm of the library with the calibration of a file. Raises FileError."""
+    """Apply the calibration in a file to an arm of the library. Raises FileError."""
     if arm.maker != MAKER:
         raise FileError(arm.name, "has no calibration.conf: only the arms of Universal Robots do", "leave it out")
     by, nominal = read_calibration(path), arm_of(arm.robot)
-    # Classic constants are the modified ones of the link before each joint.
+    # The classic constants of a joint are the modified constants of the link before it.
     a, alpha = np.append(nominal.a[1:], 0.0), np.append(nominal.alpha[1:], 0.0)
     classic = _Classic(nominal.offset + by.theta, a + by.a, nominal.d + by.d, alpha + by.alpha)
-    # Names, limits and masses are as published; centres of mass keep their positions with all joints at zero.
+    # Names, limits and masses are as published. Centres of mass do not move, with all joints at zero.
     links = link_frames(nominal, np.zeros((1, 6)))[0]
     centres = [T[:3, 3] + T[:3, :3] @ np.array(axis.centre_mm) for axis, T in zip(arm.robot.axes, links, strict=True)]
     section = checked_section(
@@ -134,7 +133,7 @@ def read_calibration(path: Path) -> Differences:
 
 @dataclass(frozen=True)
 class _Classic:
-    """Classic constants: theta at zero, alpha (6,) rad, a, d (6,) mm."""
+    """Classic constants: theta with all joints at zero and alpha (6,) rad, and a, d (6,) mm."""
 
     theta: Array
     a: Array
@@ -142,7 +141,7 @@ class _Classic:
     alpha: Array
 
     def frames(self, q: Array) -> Array:
-        """Return the base frame and the frames after each joint, (n, 7, 4, 4) mm, at q (n, 6) rad."""
+        """Return the base frame and the frame after each joint, (n, 7, 4, 4) mm, at q (n, 6) rad."""
         frames = [np.broadcast_to(np.eye(4), (len(q), 4, 4))]
         for theta, a, d, alpha in zip((q + self.theta).T, self.a, self.d, self.alpha, strict=True):
             c, s, ca, sa = np.cos(theta), np.sin(theta), np.cos(alpha), np.sin(alpha)
@@ -155,6 +154,6 @@ class _Classic:
         return np.stack(frames, axis=1)
 
     def axes(self) -> AxisLines:
-        """Return the joint axes, each the z axis of the previous frame."""
+        """Return the joint axes. Each is the z axis of the previous frame."""
         T = self.frames(np.zeros((1, 6)))[0]
         return AxisLines(T[:6, :3, 3], T[:6, :3, 2], T[6])

@@ -1,12 +1,12 @@
-"""Export an arm as a URDF, `world` → `base_link` → `link_1` … `link_n` → `flange` → `tool`, and as a xacro macro.
+"""Export of an arm as a URDF, `world` → `base_link` → `link_1` … `link_n` → `flange` → `tool`, and as a xacro macro.
 
-Joints have the names, directions and limits of the rig file and turn by the controller's angles: each about z of a
-frame fixed in the previous one, as in ROS drivers (`driver_kinematics`). A rail is a prismatic joint between
-`rail_base`, fixed in the world, and `base_link`. A rig file contains masses and their centres, but no moments of
-inertia or torques: they are written as zero, with a comment.
+Joints have the names, directions and limits of the rig file. Joint values are the controller's angles: each joint turns
+about z of a frame fixed in the previous link, as in ROS drivers (`driver_kinematics`). A rail is a prismatic joint
+between `rail_base`, fixed in the world, and `base_link`. A rig file contains masses and their centres, but no moments
+of inertia or torques. These are written as zero, with a comment.
 
-With the macro a second description can include the arm under a prefix and on a parent. It is the same URDF without its
-world: an otherwise empty description that calls it has the same joints.
+The macro includes the arm in a second description, with a prefix and a parent link. It contains the URDF except for the
+world, with the same joints.
 """
 
 from __future__ import annotations
@@ -25,13 +25,15 @@ from rigs.schema.robot import Robot
 RAIL_JOINT = "rail"
 """Name of the rail joint."""
 _ZERO = 1e-15
-"""Smaller numbers in m and rad are rounded zero; a thousandth of the permitted difference between file and arm."""
+"""Magnitude in m and rad below which a number is a rounded zero. It is a thousandth of the permitted difference
+between file and arm.
+"""
 
 
 def joint_senses(arm: Arm, where: str, kind: str) -> list[int]:
-    """Return 1 or -1 for each joint (6): the direction of its axis relative to the controller's angle.
+    """Return 1 or -1 for each joint (6): the direction of the axis relative to the controller's angle.
 
-    Raises FileError if an axis depends on the angle of a different joint, or turns by a different ratio. kind: of file.
+    kind: of file, named in errors. Raises FileError if an axis is coupled to another, or turns by a different ratio.
     """
     senses = np.sign(np.diag(arm.coupling))
     if not np.array_equal(arm.coupling, np.diag(senses)) or not senses.all():
@@ -46,7 +48,7 @@ def joint_senses(arm: Arm, where: str, kind: str) -> list[int]:
 
 
 def joint_origins(arm: Arm) -> Array:
-    """Return the joint frames (6, 4, 4) in mm, each in the frame moved by the previous joint, with all angles zero."""
+    """Return the joint frames (6, 4, 4) in mm with all angles zero, each relative to the previous joint."""
     c, s = np.cos(arm.offset), np.sin(arm.offset)
     turned = np.tile(np.eye(4), (len(arm.a), 1, 1))
     turned[:, 0, 0], turned[:, 0, 1], turned[:, 1, 0], turned[:, 1, 1] = c, -s, s, c
@@ -54,7 +56,7 @@ def joint_origins(arm: Arm) -> Array:
 
 
 def rail_way(arm: Arm) -> Array:
-    """Return the rail direction (3,) in the base frame."""
+    """Return the direction (3,) of the rail in the base frame."""
     assert arm.rail is not None  # noqa: S101 - asked for rails alone
     way: Array = arm.T_world_base[:3, :3].T @ arm.rail
     return way / np.linalg.norm(way)
@@ -71,9 +73,9 @@ def _written(value: float) -> float:
 
 
 _RAIL_M_S = 1.0
-"""Rail speed in the file: mandatory in a URDF, but not part of a rig file."""
+"""Rail speed in the file. A URDF requires it, but a rig file does not contain it."""
 _HYPHENS = re.compile("-(?=-)")
-"""Two hyphens in a row end an XML comment."""
+"""Consecutive hyphens, which would end an XML comment."""
 _HEAD = (
     "Lengths are in metres and angles in radians. Joints turn by the angles that the controller reports. Moments of "
     "inertia and torques are not known: they are written as 0."
@@ -82,9 +84,10 @@ _RAIL_HEAD = f"The joint {RAIL_JOINT} moves the arm in metres. Its speed is not 
 
 
 def urdf_text(robot: Robot, arm: Arm, where: str, remarks: Sequence[str] = ()) -> str:
-    """Return the URDF of an arm, with the names, limits and masses of a robot.
+    """Return an arm as URDF, with names, limits and masses of a robot.
 
-    where: rig file, for errors. remarks: sentences at the top. Raises FileError for a coupling or invalid names.
+    where: rig file named in errors. remarks: sentences written at the top. Raises FileError if axes are coupled or a
+    name is invalid.
     """
     senses = joint_senses(arm, where, "a URDF")
     require_names(robot, where)
@@ -114,7 +117,7 @@ def urdf_text(robot: Robot, arm: Arm, where: str, remarks: Sequence[str] = ()) -
 
 
 def require_names(robot: Robot, where: str) -> None:
-    """Raise FileError for names invalid in XML, or shared by two joints. where: rig file."""
+    """Raise FileError for a name that is invalid in XML or shared by two joints. where: rig file named in errors."""
     names = [axis.name for axis in robot.axes]
     for k, name in enumerate(names, start=1):
         if not name.strip() or not name.isprintable():
@@ -133,7 +136,7 @@ def _fixed_joints(robot: Robot) -> tuple[str, str, str]:
 
 
 def _link(root: ElementTree.Element, name: str, kg: float = 0.0, centre_mm: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
-    """Add a link, with its mass if any."""
+    """Add a link, with a mass if any."""
     link = ElementTree.SubElement(root, "link", name=name)
     if kg > 0:
         inertial = ElementTree.SubElement(link, "inertial")
@@ -146,7 +149,7 @@ def _link(root: ElementTree.Element, name: str, kg: float = 0.0, centre_mm: Sequ
 def _joint(
     root: ElementTree.Element, name: str, kind: str, links: tuple[str, str], T_parent_joint: Array
 ) -> ElementTree.Element:
-    """Add a joint between a parent and a child link at T_parent_joint (4, 4) mm, and return it."""
+    """Add a joint between two links, parent and child, at T_parent_joint (4, 4) mm. Return the joint."""
     joint = ElementTree.SubElement(root, "joint", name=name, type=kind)
     xyz, rpy = metres_and_rpy(T_parent_joint)
     ElementTree.SubElement(joint, "origin", xyz=numbers_text(xyz), rpy=numbers_text(rpy))
@@ -163,18 +166,18 @@ def _limited(joint: ElementTree.Element, way: Sequence[float], lower: float, upp
 
 
 def numbers_text(values: Sequence[float] | Array) -> str:
-    """Format numbers (n,) with all digits."""
+    """Format numbers (n,) with all digits. Units are unchanged."""
     return " ".join(repr(float(value)) for value in values)
 
 
 def xml_text(root: ElementTree.Element) -> str:
-    """Format an element as a file, one line per child element."""
+    """Format an element as a file, with one line per child element."""
     ElementTree.indent(root)
     return f'<?xml version="1.0" encoding="utf-8"?>\n{ElementTree.tostring(root, encoding="unicode")}\n'
 
 
 def add_remarks(root: ElementTree.Element, remarks: Iterable[str]) -> None:
-    """Add comments to an element, without double hyphens."""
+    """Add comments to an element. Double hyphens are replaced."""
     for remark in remarks:
         root.append(ElementTree.Comment(f" {_HYPHENS.sub('- ', remark)} "))
 
@@ -185,15 +188,15 @@ _EXPANDS = re.compile(r"\$+[{(]")
 
 
 def macro_name(robot: Robot) -> str:
-    """Return the macro name: the robot's name in xacro's alphabet."""
+    """Return the name of the macro: the robot's name, in the characters permitted by xacro."""
     letters = re.sub(r"\W+", "_", robot.name.casefold(), flags=re.ASCII).strip("_")
     return letters if letters and not letters[0].isdigit() else f"arm_{letters}".rstrip("_")
 
 
 def xacro_text(robot: Robot, arm: Arm, where: str, remarks: Sequence[str] = ()) -> str:
-    """Return a xacro file with a macro of an arm, with parameters prefix (of all names) and parent (a link).
+    """Return a xacro file with a macro of an arm. Parameters: a prefix for all names, and a parent link.
 
-    where: rig file, for errors. Raises FileError like `urdf_text`, and for names that xacro would evaluate.
+    where: rig file named in errors. Raises FileError like `urdf_text`, and for a name that xacro would evaluate.
     """
     for name in (robot.name, *(axis.name for axis in robot.axes)):
         if _EXPANDS.search(name):
@@ -208,7 +211,7 @@ def xacro_text(robot: Robot, arm: Arm, where: str, remarks: Sequence[str] = ()) 
     for part in urdf:
         if part.get("name") == "world" and part.tag == "link":
             continue
-        # prefix of link and joint names, and the parent in place of the world
+        # add the prefix to link and joint names, and replace the world by the parent
         for element, key in product(part.iter(), ("name", "link")):
             if called := element.get(key):
                 element.set(key, "${parent}" if called == "world" else "${prefix}" + called)

@@ -1,1 +1,1 @@
-"""Arm kinematics on stacks of joint angles and poses. Depends on `rigs` only."""
+"""Kinematics of arms, for stacks of joint angles and poses. Depends on `rigs` only."""

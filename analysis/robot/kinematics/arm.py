@@ -1,8 +1,8 @@
 """Forward kinematics and Jacobian of an arm, on stacks of joint angles.
 
-The arm is an immutable value, and all functions are pure. Angles are radians, lengths mm, frames homogeneous 4 × 4
-matrices named `T_parent_child`. Modified Denavit–Hartenberg after Craig, Introduction to Robotics, 3rd ed., eq. 3.6,
-with Hayati's angle beta between alpha and theta.
+The arm is an immutable value, and all functions are pure. Angles are in radians, lengths in mm. Frames are homogeneous
+4 × 4 matrices named `T_parent_child`. The convention is modified Denavit–Hartenberg (Craig, Introduction to Robotics,
+3rd ed., eq. 3.6), with Hayati's angle beta between alpha and theta.
 """
 
 from __future__ import annotations
@@ -20,25 +20,26 @@ Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 _UPRIGHT = 1e-13
-"""Cosine of a pitch below which the pitch counts as 90°; the resulting frame error is no larger, in rad."""
+"""Cosine of a pitch below which the pitch counts as 90°. The resulting error of the frame is not larger, in rad."""
 
 RAIL_MM = 1000.0
-"""Rail travel for one unit of the column after the joints."""
+"""Rail travel in mm for one unit of the column after the joints."""
 _UPRIGHT_RAIL = 1e-3
-"""Sine of the angle to the base's z axis below which a rail is vertical."""
+"""Sine of the angle to the base's z axis below which a rail counts as vertical."""
 _BLOCK = 1500
-"""Samples per block: the data of all links then fits the processor's cache, 0.9 of 1 MB."""
+"""Samples per block. The data of all links then fit into the processor's cache: 0.9 of 1 MB."""
 
 
 @dataclass(frozen=True)
 class Arm:
     """Constants of an arm with `axes` joints.
 
-    a, d: (axes,) mm; alpha, beta, offset: (axes,) rad; coupling: (axes, axes); T_world_base, T_flange_tool: (4, 4);
-    limits: (axes, 2) rad; speed: (axes,) rad/s; rail (3,): world direction of a rail under the base, or None.
+    a, d: (axes,) mm. alpha, beta, offset: (axes,) rad. coupling: (axes, axes).
+    T_world_base, T_flange_tool: (4, 4). limits: (axes, 2) rad. speed: (axes,) rad/s.
+    rail (3,): direction in the world of a rail under the base, or None.
 
-    Joint angles q (n, axes) rad of an arm on a rail may have an additional column, the rail position in m: for
-    something a metre away, a metre moves as much as a radian. The default position is 0.
+    Joint angles q (n, axes) rad of an arm on a rail may have an additional column with the rail position in m. In this
+    unit a metre of travel moves the tool as far as a radian does one metre from the axis. The default position is 0.
     """
 
     a: Array
@@ -60,7 +61,7 @@ class Arm:
 
     @cached_property
     def links_at_zero(self) -> Array:
-        """T(i-1,i) (axes, 4, 4) of each joint for theta = 0, the part independent of the angles."""
+        """Transformations T(i-1,i) (axes, 4, 4) at theta = 0, which do not depend on the joint angles."""
         links = []
         for alpha, beta, a, d in zip(self.alpha, self.beta, self.a, self.d, strict=True):
             ca, sa = np.cos(alpha), np.sin(alpha)
@@ -100,28 +101,32 @@ def arm_of(robot: Robot) -> Arm:
 
 
 def without_setup(arm: Arm) -> Arm:
-    """Return the arm with its base at the world origin (rail included) and the tool at the flange, for a fit of base
-    and tool."""
+    """Return the arm with the base at the world origin, including the rail, and the tool at the flange.
+
+    Fits of base and tool start from this arm.
+    """
     rail = None if arm.rail is None else arm.T_world_base[:3, :3].T @ arm.rail
     return replace(arm, T_world_base=np.eye(4), T_flange_tool=np.eye(4), rail=rail)
 
 
 def rail_mm(arm: Arm, q: Array) -> Array:
-    """Return the rail position (n,) mm for joint angles q (n, axes) rad, with or without a rail column; 0 by
-    default."""
+    """Return the rail position (n,) mm in joint angles q (n, axes) rad, 0 if they have no rail column."""
     stands: Array = RAIL_MM * q[:, arm.axes :].sum(axis=1)
     return stands
 
 
 def base_places(arm: Arm, q: Array) -> Array:
-    """Return the base origin in the world (n, 3) mm for joint angles q (n, axes) rad, including the rail."""
+    """Return the origin of the base in the world (n, 3) mm for joint angles q (n, axes) rad, including the rail."""
     at_zero: Array = arm.T_world_base[:3, 3]
     return np.broadcast_to(at_zero, (len(q), 3)) if arm.rail is None else at_zero + np.outer(rail_mm(arm, q), arm.rail)
 
 
 def rail_frame(arm: Arm) -> Array:
-    """Return the axes (3, 3) of a rail in the world as columns: along it, across it horizontally in the base frame, and
-    across both. For a vertical rail the second axis is the base's x axis."""
+    """Return the directions (3, 3) of a rail in the world as columns.
+
+    The first is along the rail, the second horizontal in the base frame and perpendicular to it, and the third
+    perpendicular to both. For a vertical rail the second is the x axis of the base.
+    """
     assert arm.rail is not None  # noqa: S101 - asked for rails alone
     up = arm.T_world_base[:3, 2]
     across = np.cross(up, arm.rail)
@@ -132,7 +137,7 @@ def rail_frame(arm: Arm) -> Array:
 
 
 def transform(pose: Pose) -> Array:
-    """Return the frame (4, 4) of a pose: fixed-axis roll-pitch-yaw, R = Rz(yaw) Ry(pitch) Rx(roll)."""
+    """Return the frame (4, 4) of a pose with fixed-axis roll-pitch-yaw angles: R = Rz(yaw) Ry(pitch) Rx(roll)."""
     (cr, cp, cy), (sr, sp, sy) = np.cos(np.radians(pose.rpy_deg)), np.sin(np.radians(pose.rpy_deg))
     T = np.eye(4)
     T[:3, :3] = [
@@ -145,14 +150,14 @@ def transform(pose: Pose) -> Array:
 
 
 def roll_pitch_yaw(T: Array) -> Array:
-    """Return fixed-axis roll, pitch and yaw (..., 3) rad of frames (..., 4, 4), the inverse of `transform`.
+    """Return fixed-axis roll, pitch and yaw (..., 3) rad of frames (..., 4, 4). This is the inverse of `transform`.
 
-    At a pitch of 90° roll and yaw share an axis: roll is zero there.
+    At a pitch of 90° roll and yaw have a common axis, and roll is set to zero.
     """
     R = np.moveaxis(T[..., :3, :3], (-2, -1), (0, 1))
     upright = np.hypot(R[0, 0], R[1, 0]) < _UPRIGHT
     yaw = np.where(upright, np.arctan2(-R[0, 1], R[1, 1]), np.arctan2(R[1, 0], R[0, 0]))
-    # Near a pitch of 90° yaw is uncertain; the rotation remaining after yaw compensates for it.
+    # Near a pitch of 90° yaw is inaccurate. The roll is computed after removing yaw, which compensates for the error.
     c, s = np.cos(yaw), np.sin(yaw)
     pitch = np.arctan2(-R[2, 0], c * R[0, 0] + s * R[1, 0])
     roll = np.arctan2(s * R[0, 2] - c * R[1, 2], c * R[1, 1] - s * R[0, 1])
@@ -179,8 +184,8 @@ def forward(arm: Arm, q: Array) -> Array:
 def forward_and_jacobian(arm: Arm, q: Array) -> tuple[Array, Array]:
     """Return T_world_tool (n, 4, 4) and the geometric Jacobian of the tool origin (n, 6, axes).
 
-    Rows: linear velocity in mm/rad, then angular velocity, both in the world. Columns: joints of the controller,
-    including couplings.
+    Rows are linear velocity in mm/rad and angular velocity, both in the world. Columns are the joints of the
+    controller, including couplings.
     """
     T, J = np.empty((len(q), 4, 4)), np.empty((len(q), 6, arm.axes))
     for block in blocks(len(q)):
@@ -193,7 +198,7 @@ def forward_and_jacobian(arm: Arm, q: Array) -> tuple[Array, Array]:
 def tool_and_motions(arm: Arm, q: Array) -> tuple[Array, Array]:
     """Return the columns (4, 3, n) of T_world_tool for joint angles q (n, axes) rad of one block, and the Jacobian.
 
-    The Jacobian is transposed, samples last, (axes, 6, n): mm/rad, then angular velocity.
+    The Jacobian is transposed, with samples last: (axes, 6, n), mm/rad and angular velocity.
     """
     links = list(link_columns(arm, q))
     tool = _at(links[-1], arm.T_flange_tool)
@@ -211,23 +216,20 @@ def _cross(a: Array, b: Array) -> tuple[Array, Array, Array]:
 
 
 def blocks(count: int, size: int = _BLOCK) -> Iterator[slice]:
-    """Yield slices of at most `size` that cover `count` samples, so that intermediate results fit the processor's
-    cache."""
+    """Yield slices that cover `count` samples. At most `size` samples per slice fit into the processor's cache."""
     return (slice(at, min(at + size, count)) for at in range(0, count, size))
 
 
 def tool_columns(arm: Arm, q: Array) -> Array:
-    """Return the columns x, y, z and origin of T_world_tool, (4, 3, n), for joint angles q (n, axes) rad of one
-    block."""
+    """Return the columns x, y, z and origin of T_world_tool, (4, 3, n), for joint angles q (n, axes) rad of a block."""
     *_, flange = link_columns(arm, q)
     return _at(flange, arm.T_flange_tool)
 
 
 def link_columns(arm: Arm, q: Array) -> Iterator[Array]:
-    """Yield the columns x, y, z and origin of each joint frame, (4, 3, n), for joint angles q (n, axes) rad of one
-    block.
+    """Yield columns x, y, z and origin of each joint frame, (4, 3, n), for joint angles q (n, axes) rad of a block.
 
-    Samples are last, so each step of the chain is one operation on long rows.
+    Samples are last, so that each step of the chain is a single operation on long rows.
     """
     cosine, sine = cos_sin(arm.coupling @ q[:, : arm.axes].T + arm.offset[:, None])
     before: Array = np.broadcast_to(arm.T_world_base[:3].T[:, :, None], (4, 3, len(q)))
@@ -244,9 +246,9 @@ def link_columns(arm: Arm, q: Array) -> Iterator[Array]:
 
 
 def cos_sin(angle: Array) -> tuple[Array, Array]:
-    """Return cosine and sine (n, …) of angles (n, …) rad from the tangent of the half angle, accurate to 3e-16.
+    """Return cosine and sine (n, …) of angles (n, …) rad, accurate to 3e-16.
 
-    numpy vectorises the tangent but not these two: 2 ns instead of 16 for both.
+    They are computed from the tangent of the half angle, which numpy vectorises: 2 ns for both instead of 16 ns.
     """
     tangent = np.tan(angle / 2)
     square = tangent * tangent
@@ -258,7 +260,7 @@ def cos_sin(angle: Array) -> tuple[Array, Array]:
 
 
 def _at(columns: Array, T: Array) -> Array:
-    """Return columns (4, 3, n) of frames, each multiplied by a constant T (4, 4) from the right."""
+    """Multiply frames, given as columns (4, 3, n), by a constant T (4, 4) from the right."""
     return (T.T @ columns.reshape(4, -1)).reshape(columns.shape)
 
 
@@ -274,17 +276,17 @@ def columns_of(T: Array) -> Array:
 
 
 def pose_error(T: Array, target: Array) -> Array:
-    """Return the small motion from T to target, (n, 6): translation in mm, rotation vector in rad, in the world."""
+    """Return the small motion from T to target in the world, (n, 6): translation in mm, and rotation vector in rad."""
     return column_error(columns_of(T), columns_of(target)).T
 
 
 def column_error(columns: Array, target: Array) -> Array:
-    """Return the small motion (6, n) from frames to targets given as columns (4, 3, n): mm, then rad."""
+    """Return the small motion (6, n) from frames to targets given as columns (4, 3, n), in mm and rad."""
     error = np.empty((6, columns.shape[2]))
     error[:3] = target[3] - columns[3]
-    # Rotation axis times sine is half the sum of the cross products of corresponding columns.
+    # The rotation axis times the sine is half the sum of the cross products of corresponding columns.
     skew = np.sum([_cross(old, new) for old, new in zip(columns[:3], target[:3], strict=True)], axis=0) / 2
-    # The sine alone would vanish at half a turn; the full angle keeps Newton's direction correct.
+    # The sine alone would vanish at half a turn. With the full angle, Newton's direction is correct.
     sine = np.sqrt((skew * skew).sum(axis=0))
     angle = np.arctan2(sine, ((columns[:3] * target[:3]).sum(axis=(0, 1)) - 1) / 2)
     error[3:] = skew * (angle / np.where(sine > 1e-12, sine, 1.0) + (sine <= 1e-12))

@@ -1,25 +1,26 @@
-"""Eight inverse kinematics branches in closed form, for two kinds of arms and arms close to them.
+"""Closed-form inverse kinematics with eight branches, for two kinds of arms and for arms close to them.
 
-With R = RotX(90°) and all signs removed, the arm is Rz(t1) TransX(a1) R, then a planar chain, then the wrist. A point
-of the plane is a complex number; the normal of the plane is -y of frame 1. Both kinds consist of the same three parts:
+With R = RotX(90°) and without signs, the arm consists of Rz(t1) TransX(a1) R, a planar chain, and the wrist. A point of
+the plane is a complex number. The normal of the plane is -y of frame 1. The inverse of both kinds has the same three
+parts:
 
-- shoulder: the distance of the wrist centre from the plane is known, D = the sum of the offsets along the parallel
-axes,
-so -x sin t1 + y cos t1 = -D: two t1;
-- elbow: u + iv = L e^(i t2) + w e^(i (t2 + t3)), two links in the plane: two (t2, t3);
-- wrist: M = Rz(t4) R Rz(t5) R Rz(t6), so M22 = -cos t5, and column 2 contains t4: two (t4, t5, t6).
+- shoulder: the distance D of the wrist centre from the plane is the sum of the offsets along the parallel axes. The
+  equation -x sin t1 + y cos t1 = -D has two solutions t1.
+- elbow: u + iv = L e^(i t2) + w e^(i (t2 + t3)) for two links in the plane has two solutions (t2, t3).
+- wrist: M = Rz(t4) R Rz(t5) R Rz(t6) has two solutions (t4, t5, t6), because M22 = -cos t5 and column 2 gives t4.
 
-Spherical wrist: shoulder, elbow with w = a3 - i d4, wrist. Parallel axes: shoulder, wrist with t2 + t3 + t4 in place of
-t4, elbow with w = a3 after removing a4 - i d5. Derived for this program (J. Craig, Introduction to Robotics, 3rd ed.,
-ch. 4 for the method; M. Brandstötter et al. 2014 and K. Hawkins 2013 have the same branches in other parameters).
+For a spherical wrist the order is shoulder, elbow with w = a3 - i d4, wrist. For parallel axes it is shoulder, wrist
+with t2 + t3 + t4 in place of t4, and elbow with w = a3 after removing a4 - i d5. The equations were derived for this
+program (J. Craig, Introduction to Robotics, 3rd ed., ch. 4 for the method; M. Brandstötter et al. 2014 and K. Hawkins
+2013 have the same branches in other parameters).
 
-Two kinds of arms have a closed-form inverse: parallel axes 2 and 3 with a spherical wrist, and parallel axes 2, 3 and 4
-(Universal Robots). Reversing the z axis of joint i (a half turn about its x axis) changes the sign of theta_i and d_i
-and the adjacent alphas by 180°, so each arm of a kind is brought to the same alphas, all 90° or 0°, with one
-derivation.
+The two kinds with a closed form are: parallel axes 2 and 3 with a spherical wrist, and parallel axes 2, 3 and 4
+(Universal Robots). Reversing the z axis of joint i, a half turn about its x axis, changes the sign of theta_i and d_i,
+and the adjacent alphas by 180°. Each arm of a kind can therefore be brought to the same alphas of 90° or 0°, and one
+derivation is sufficient.
 
-A calibrated arm is close to a kind: small Hayati angles and alpha errors. It is snapped to the kind, and the closed
-form of the snapped arm gives the start values for Newton's method on the true arm.
+A calibrated arm differs from a kind by small Hayati angles and errors of alpha. The arm is snapped to the kind. The
+closed form of the snapped arm gives the start values for Newton's method on the true arm.
 """
 
 from __future__ import annotations
@@ -38,20 +39,21 @@ _ALPHA: dict[Kind, Array] = {
     "spherical wrist": np.radians([90.0, 0.0, 90.0, 90.0, 90.0]),
     "parallel axes": np.radians([90.0, 0.0, 0.0, 90.0, 90.0]),
 }
-"""Alphas of links 1 … 5; the part before axis 1 is free."""
+"""Alphas of links 1 … 5. The transformation before axis 1 is arbitrary."""
 _NEAR = 0.05
-"""Distance of a calibrated arm from its kind: in rad, and for lengths relative to the size of the arm."""
+"""Largest difference of a calibrated arm from its kind: in rad, and for lengths relative to the size of the arm."""
 _EXACT = 1e-12
 _DEGENERATE = 1e-6
 
 
 @dataclass(frozen=True)
 class Canonical:
-    """Arm of a kind with signs removed: theta of the arm = sign · theta here.
+    """An arm of a kind without signs: theta of the arm is sign · theta here.
 
-    a, d, sign: (6,). T_one_world: (4, 4) from the world to the frame of axis 1 at rest, raised by d1. T_tool_wrist: (4,
-    4) from the tool back along axis 6 by d6. snapped_mm: maximum tool motion caused by snapping, a radian counted as
-    500 mm.
+    a, d, sign: (6,).
+    T_one_world: (4, 4), from the world to the frame of axis 1 at rest, raised by d1.
+    T_tool_wrist: (4, 4), from the tool back along axis 6 by d6.
+    snapped_mm: largest tool motion caused by snapping, with a radian counted as 500 mm.
     """
 
     kind: Kind
@@ -64,20 +66,21 @@ class Canonical:
 
     @property
     def exact(self) -> bool:
-        """Whether nothing was snapped."""
+        """True if the arm was not changed by snapping."""
         return self.snapped_mm == 0
 
 
 def canonical(arm: Arm) -> Canonical | None:
-    """Return the canonical form of an arm; None for an arm of neither kind."""
+    """Return the canonical form of an arm, or None if it belongs to neither kind."""
     for kind, alpha in _ALPHA.items():
         half_turns = np.rint((arm.alpha[1:] - alpha) / np.pi)
         turned = np.concatenate([arm.alpha[1:] - alpha - half_turns * np.pi, arm.beta[1:]])
         is_spherical = kind == "spherical wrist"
-        lengths = np.array([arm.a[4], arm.a[5], arm.d[4]] if is_spherical else [arm.a[5]])  # zero for the kind
+        # zero for an exact arm of the kind
+        lengths = np.array([arm.a[4], arm.a[5], arm.d[4]] if is_spherical else [arm.a[5]])
         deviation = max(np.abs(turned).max(), np.abs(lengths).max() / _size(arm))
         forearm = np.hypot(arm.a[3], arm.d[3]) if is_spherical else abs(arm.a[3])
-        lacks_a_link = min(abs(arm.a[2]), forearm) < _DEGENERATE * _size(arm)  # of the planar chain
+        lacks_a_link = min(abs(arm.a[2]), forearm) < _DEGENERATE * _size(arm)  # a link of the planar chain
         if deviation < _NEAR and not lacks_a_link:
             sign = np.cumprod(np.concatenate([[1.0], np.where(half_turns % 2 == 1, -1.0, 1.0)]))
             reach = _size(arm) + float(np.linalg.norm(arm.T_flange_tool[:3, 3])) + LENGTH_MM
@@ -111,26 +114,28 @@ def _size(arm: Arm) -> float:
 _BOTH = np.array([1.0, -1.0])
 _ON_AXIS_MM = 1e-9
 _WRIST_SINGULAR = 1e-12
-"""sin t5 below which t4 is chosen: the resulting tool motion is far below every tolerance."""
+"""Value of sin t5 below which t4 can be chosen.
+The resulting tool motion is negligible compared with all tolerances.
+"""
 Point = tuple[Array, Array]
-"""Positions in the plane of the arm, mm: two coordinates of equal shape."""
+"""Positions in the plane of the arm in mm: two coordinates with equal shapes."""
 
 
 def branches(form: Canonical, poses: Array, spread: float = 0.0, slot: int | None = None) -> Array:
-    """Return theta (8, 6, n) rad of the arm for tool poses (n, 4, 4) in the world, not wrapped; (1, 6, n) for a single
-    slot.
+    """Return theta (8, 6, n) rad of all branches for tool poses (n, 4, 4) in the world, or (1, 6, n) for one slot.
 
-    Slot = 4 · shoulder + 2 · elbow + wrist. An unreachable branch is not marked: its angles come as close as possible,
-    and forward kinematics decides. With `spread` > 0 (rad) the two sides of a singularity are kept that far apart:
-    start values for an arm close to its kind.
+    Slot = 4 · shoulder + 2 · elbow + wrist. Angles are not wrapped. An unreachable branch is not marked: its angles
+    come as close to the pose as possible, and forward kinematics shows the difference. With `spread` > 0 (rad) the two
+    sides of a singularity are separated by this angle. This gives start values for an arm close to its kind.
 
-    Singular poses: a wrist centre on axis 1 has t1 = 0 and 180°; t5 = 0 has t4 = 0 (spherical wrist), or the t2 + t3 +
-    t4 with the elbow closest to a right angle (parallel axes). Other splits exist.
+    At singular poses the solution is a choice. If the wrist centre is on axis 1, t1 is 0 and 180°. If t5 = 0, t4 is 0
+    for a spherical wrist. For parallel axes, t2 + t3 + t4 is chosen so that the elbow is closest to a right angle.
     """
     sides = [_BOTH] * 3 if slot is None else [_BOTH[[slot >> bit & 1]] for bit in (2, 1, 0)]
     solve = _spherical_wrist if form.kind == "spherical wrist" else _parallel_axes
     theta = np.empty((*(len(side) for side in sides), 6, len(poses)))
-    # T_one_world poses T_tool_wrist without the last row, (3, 4, n): one product, because it is linear in the pose.
+    # T_one_world poses T_tool_wrist without the last row, (3, 4, n). The expression is linear in the pose, so a single
+    # product is sufficient.
     both = np.kron(form.T_one_world[:3], form.T_tool_wrist.T)
     for axis, angle in enumerate(
         solve(form, np.asarray(both @ poses.reshape(-1, 16).T).reshape(3, 4, -1), sides, spread)
@@ -155,7 +160,7 @@ def _parallel_axes(form: Canonical, T: Array, sides: list[Array], spread: float)
     a, d = form.a, form.d
     t1, u = _shoulder(T, d[1] + d[2] + d[3], sides[0])
     x, y, hand = u - a[1], np.broadcast_to(T[2, 3], u.shape), complex(a[4], -d[4])
-    # Direction of the hand with the elbow closest to a right angle.
+    # direction of the hand for which the elbow is closest to a right angle
     square = x * x + y * y
     reach = 2 * np.sqrt(square) * abs(hand)
     cosine = (square + abs(hand) ** 2 - a[2] ** 2 - a[3] ** 2) / np.where(reach > 0, reach, 1.0)
@@ -168,7 +173,7 @@ def _parallel_axes(form: Canonical, T: Array, sides: list[Array], spread: float)
 
 
 def _shoulder(T: Array, off_plane: float, sides: Array) -> tuple[Array, Array]:
-    """Return t1 (shoulder, n) and the distance of the wrist centre from axis 1 within the plane (shoulder, n)."""
+    """Return t1 (shoulder, n), and the distance within the plane of the wrist centre from axis 1 (shoulder, n)."""
     x, y = T[0, 3], T[1, 3]
     r = np.hypot(x, y)
     bearing = np.where(r < _ON_AXIS_MM, 0.0, np.arctan2(y, x))
@@ -177,7 +182,7 @@ def _shoulder(T: Array, off_plane: float, sides: Array) -> tuple[Array, Array]:
 
 
 def _elbow(target: Point, upper: float, forearm: complex, sides: Array, spread: float) -> tuple[Array, Array]:
-    """Return t2 and t3 (shoulder, elbow, …) of two planar links with their end at target (shoulder, …)."""
+    """Return t2 and t3 (shoulder, elbow, …) of two planar links that end at target (shoulder, …)."""
     x, y = target
     length, widest = abs(forearm), np.cos(spread)
     cosine = np.clip((x * x + y * y - upper**2 - length**2) / (2 * upper * length), -widest, widest)
@@ -188,9 +193,9 @@ def _elbow(target: Point, upper: float, forearm: complex, sides: Array, spread: 
 
 
 def _wrist(M: list[Array], free: Array, sides: Array, spread: float) -> tuple[Array, Array, Array]:
-    """Return t4, t5, t6 (…, wrist, n) of rotations given by their rows M, three of (…, 3, n).
+    """Return t4, t5, t6 (…, wrist, n) of rotations M, given by three rows (…, 3, n).
 
-    t4 is `free` (…, n) for a singular wrist.
+    If the wrist is singular, t4 is `free` (…, n).
     """
     x, y = M[0][..., 2, :], M[1][..., 2, :]
     sine = np.sqrt(x * x + y * y)
@@ -201,14 +206,14 @@ def _wrist(M: list[Array], free: Array, sides: Array, spread: float) -> tuple[Ar
         t4 = np.where(singular, free, t4)
         c4, s4 = np.where(singular, np.cos(t4), c4), np.where(singular, np.sin(t4), s4)
     t5 = np.arctan2(np.maximum(sine, np.sin(spread)), -M[2][..., 2, :])
-    # From t4 and the second row, well-conditioned for any sin t5.
+    # Computed from t4 and the second row, which is well-conditioned for any sin t5.
     t6 = np.arctan2(s4 * M[0][..., 0, :] - c4 * M[1][..., 0, :], s4 * M[0][..., 1, :] - c4 * M[1][..., 1, :])
     flipped = np.where(singular, 0.0, np.pi)[..., None, :] * (sides < 0)[:, None]
     return t4[..., None, :] + flipped, t5[..., None, :] * sides[:, None], t6[..., None, :] + flipped
 
 
 def _down(t: Array, rows: Array | list[Array]) -> list[Array]:
-    """Return the rows of RotX(-90°) Rz(-t) M for t (…, 1, n) and rotations with rows M, three of (…, 3, n)."""
+    """Return the rows of RotX(-90°) Rz(-t) M, for t (…, 1, n) and rotations M given by three rows (…, 3, n)."""
     c, s = cos_sin(t)
     x, y, z = rows
     return [c * x + s * y, z, s * x - c * y]

@@ -1,10 +1,10 @@
-"""Inverse kinematics along a path: joint angles that follow a sequence of tool poses without a jump.
+"""Inverse kinematics along a path: joint angles that follow a sequence of tool poses continuously.
 
-Strategy: the first pose is solved by damped Newton from the posture, or otherwise by the branch closest to the posture.
-An arm with a closed form, or close to one, keeps that branch over all poses together, refined by Newton. If the branch
-is discontinuous, and for an arm of no known kind, a coarse subset of the poses is solved sequentially by Newton; the
-poses in between are interpolated and refined. If this fails, all branches of the failed pose show whether it is out of
-reach or behind a singularity.
+The first pose is solved by damped Newton from the given posture. If this fails, the branch closest to the posture is
+used. An arm with a closed form, or close to one, keeps this branch for all poses, refined by Newton. If the branch is
+discontinuous, or the arm is of no known kind, a coarse subset of the poses is solved one after the other by Newton, and
+the poses in between are interpolated and refined. If this fails as well, the branches of the failed pose show whether
+it is out of reach or behind a singularity.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ Indices = NDArray[np.intp]
 
 _KNOT_TURN = np.radians(4.0)
 _JUMP = 10 * _KNOT_TURN
-"""Permitted deviation of a joint from linear interpolation between knots."""
+"""Largest deviation of a joint from linear interpolation between knots."""
 
 
 def follow(arm: Arm, poses: Array, posture: Array, where: str) -> Array:
-    """Return joint angles (n, 6) rad whose tool follows `poses` (n, 4, 4), starting closest to `posture` (6,).
+    """Return joint angles (n, 6) rad for which the tool follows `poses` (n, 4, 4), starting near `posture` (6,).
 
-    `where` names the path in errors. Raises PathError for an unreachable pose, a singularity that requires a jump, or a
-    violated joint limit.
+    `where` names the path in errors. Raises PathError if a pose is unreachable, if a singularity requires a jump, or if
+    a joint limit is violated.
     """
     solution, good = newton(arm, poses[:1], posture[None])
     start = solution[0] if good[0] else _nearest_branch(arm, poses[:1], posture)
@@ -54,9 +54,9 @@ def follow(arm: Arm, poses: Array, posture: Array, where: str) -> Array:
 
 
 def _knots(poses: Array) -> Indices:
-    """Return indices at which the tool turned or moved by a few degrees (of arm length) since the previous knot.
+    """Return indices between which the tool moved by a few degrees, or by the corresponding arc at arm length.
 
-    The temporary memory, twice that of the poses (n, 4, 4), is released before the path is computed.
+    The function releases the temporary memory, twice that of the poses (n, 4, 4), before the path is computed.
     """
     steps = [pose_error(poses[:-1][block], poses[1:][block]) for block in blocks(len(poses) - 1)]
     motion = np.abs(np.concatenate([np.zeros((1, 6)), *steps]) / ([LENGTH_MM] * 3 + [1.0] * 3)).sum(axis=1)
@@ -65,9 +65,9 @@ def _knots(poses: Array) -> Indices:
 
 
 def _on_one_branch(arm: Arm, poses: Array, knots: Indices, start: Array) -> Array | None:
-    """Return the closed-form branch (n, 6) rad starting at angles start (6,), refined for the true arm.
+    """Return the closed-form branch (n, 6) rad that starts at angles start (6,), refined for the true arm.
 
-    None if there is no such branch, or it is discontinuous.
+    None if there is no such branch or if it is discontinuous.
     """
     form = canonical(arm)
     if form is None:
@@ -80,14 +80,14 @@ def _on_one_branch(arm: Arm, poses: Array, knots: Indices, start: Array) -> Arra
     path, off_mm, _ = from_nearby(arm, poses, (path - arm.offset) @ np.linalg.inv(arm.coupling).T)
     if not (off_mm < REACHED_MM).all() or np.abs(path[0] - start).max() > SAME_RAD:
         return None
-    # A turn below a jump between knots deviates from linear interpolation by less.
+    # If the motion between knots is below the threshold, so is the deviation from linear interpolation.
     swing = np.maximum.reduceat(path, knots) - np.minimum.reduceat(path, knots)
     step = np.abs(np.diff(path, axis=0)).max(initial=0.0)
     return path if max(swing.max(), step) < _JUMP else None
 
 
 def _walked(arm: Arm, poses: Array, knots: Indices, start: Array, where: str) -> Array:
-    """Return angles (n, 6) rad by Newton from knot to knot, starting at start (6,) rad, and then in between."""
+    """Solve the knots one after the other by Newton, from start (6,) rad, then the poses in between: (n, 6) rad."""
     walked = np.empty((len(knots), 6))
     q = walked[0] = start
     for row, knot in enumerate(knots[1:].tolist(), start=1):

@@ -1,10 +1,10 @@
 """Inverse kinematics with all branches: every set of joint angles for a tool pose.
 
-Strategy: an arm of a kind with a closed form (`canonical`) has eight exact branches. Any other arm is searched
-(`searched`) by Newton's method on stacks of start values. Every solution is confirmed by forward kinematics.
+An arm with a closed form (`canonical`) has eight exact branches. For other arms, solutions are searched (`searched`) by
+Newton's method on stacks of start values. Every solution is confirmed by forward kinematics.
 
-For a calibrated arm close to a kind, the branches of the snapped arm are the start values. In doubtful cases, close to
-a singularity or the end of the reach, and for an arm of no known kind, more start values are used, including some on
+For a calibrated arm close to a kind, the start values are the branches of the snapped arm. More start values are used
+in doubtful cases: near a singularity, near the end of the reach, and for arms of no known kind. These include values on
 both sides of each solution near a singularity.
 """
 
@@ -21,31 +21,29 @@ from analysis.robot.kinematics.joint_limits import distinct, good, may_hold_twin
 from analysis.robot.kinematics.newton import TOLERANCE_MM, from_nearby, newton, null_motion
 
 _SEEDS, _MOST = 96, 16
-"""Start values of the search, and the maximum number of solutions of a general six-axis arm (Raghavan and Roth
-1993)."""
+"""Number of start values, and largest number of solutions of a general six-axis arm (Raghavan and Roth 1993)."""
 _ITERATIONS = 30
 _BEYOND = 1.5
-"""A branch missing by more than this multiple of the maximum snapping motion is out of reach. A factor of 1 would
-suffice: it
-misses by the missing reach."""
+"""Multiple of the largest snapping motion beyond which a branch is out of reach. A factor of 1 would suffice,
+because the difference is the missing reach.
+"""
 _REGULAR = 2e-3
-"""Regularity below which a branch of the snapped arm is doubtful: the true arm may have additional solutions."""
+"""Regularity of a doubtful branch of the snapped arm. The true arm may have additional solutions below it."""
 _SPREAD = 0.1
-"""Distance in rad between the two sides of a singularity of the snapped arm."""
+"""Angle in rad between start values on the two sides of a singularity of the snapped arm."""
 _SINGULAR = 0.01
 _ASIDE = np.array([-0.6, -0.15, -0.03, 0.03, 0.15, 0.6])
-"""Conditioning below which a solution counts as singular, and distances in rad to its sides."""
+"""Conditioning of a singular solution, and distances in rad of the start values on its sides."""
 
 
 def searched(arm: Arm, form: Canonical | None, poses: Array) -> tuple[Array, Mask]:
-    """Return q (n, 16, 6) rad and solved (n, 16) for poses (n, 4, 4), by Newton from the snapped arm's branches or a
-    spread.
+    """Solve poses (n, 4, 4) by Newton: q (n, 16, 6) rad, and solved (n, 16) with solved slots first.
 
-    Solved slots come first.
+    Start values are the branches of the snapped arm, or spread evenly if the arm is of no known kind.
     """
     q, solved = np.full((len(poses), _MOST, 6), np.nan), np.zeros((len(poses), _MOST), dtype=bool)
     if form is None:
-        # Start values (s, 6) rad filling the six turns evenly: the additive recurrence of M. Roberts (2018).
+        # Start values (s, 6) rad that fill the six turns evenly: the additive recurrence of M. Roberts (2018).
         root = 1.0
         for _ in range(50):
             root = (1 + root) ** (1 / 7)
@@ -57,7 +55,7 @@ def searched(arm: Arm, form: Canonical | None, poses: Array) -> tuple[Array, Mas
     q[:, :8], solved[:, :8], clear = _near_branches(arm, form, poses, theta)
     doubtful = np.flatnonzero(~clear)
     if len(doubtful):
-        # Unsuccessful branches, with the two sides of a singularity kept apart, if this gives new start values.
+        # Branches without success, and separated sides of a singularity if they differ from the branches.
         snapped, apart = theta[:, :, doubtful], branches(form, poses[doubtful], _SPREAD)
         has_moved = (np.abs(wrapped(apart - snapped)).max(axis=1) > 0).T
         seeds = _joints(arm, np.concatenate([snapped, apart]).transpose(2, 0, 1))
@@ -70,10 +68,9 @@ def searched(arm: Arm, form: Canonical | None, poses: Array) -> tuple[Array, Mas
 
 
 def _near_branches(arm: Arm, form: Canonical, poses: Array, theta: Array) -> tuple[Array, Mask, Mask]:
-    """Refine each branch theta (8, n) of the snapped arm by Newton: q (n, 8, 6), solved (n, 8), and clear poses (n,).
+    """Refine each branch theta (8, 6, n) rad of the snapped arm by Newton: q (n, 8, 6), solved (n, 8), clear (n,).
 
-    theta has shape (8, 6, n) in rad. A pose is clear if no branch is close to the end of its reach, to a second branch,
-    or to a singularity.
+    A pose is clear if all branches are far from the end of the reach, from each other, and from singularities.
     """
     seeds = _joints(arm, theta.transpose(2, 0, 1))
     flat = np.repeat(poses, 8, axis=0)
@@ -93,8 +90,8 @@ def _near_branches(arm: Arm, form: Canonical, poses: Array, theta: Array) -> tup
 def _beside(arm: Arm, poses: Array, q: Array, solved: Mask) -> tuple[Array, Mask]:
     """Add solutions on both sides of singular ones: q (n, 16, 6) rad, solved (n, 16).
 
-    Branches are close together there, along the joint motion that does not move the tool, and several start values may
-    have converged to one of them.
+    Near a singularity, branches are close together, along the joint motion that does not move the tool. Several start
+    values may have converged to the same branch.
     """
     row, slot = np.nonzero(solved)
     condition, still = null_motion(arm, q[row, slot])
@@ -110,14 +107,13 @@ def _beside(arm: Arm, poses: Array, q: Array, solved: Mask) -> tuple[Array, Mask
 
 
 def _together(arm: Arm, q: Array, solved: Mask, more: Array, solved_more: Mask) -> tuple[Array, Mask]:
-    """Merge solutions q (n, k, 6), solved (n, k) with additional ones, without repetition."""
+    """Merge solutions q (n, k, 6) rad, solved (n, k) with additional ones, and remove duplicates."""
     both = np.concatenate([q, more], axis=1), np.concatenate([solved, solved_more], axis=1)
     return _first(*distinct(arm, *_first(*both, most=None)))
 
 
 def _reached(arm: Arm, poses: Array, seeds: Array) -> tuple[Array, Mask]:
-    """Return the solutions reached by Newton from start values (n, k, 6), without repetition; nan start values give
-    none."""
+    """Return the solutions reached by Newton from start values (n, k, 6), which may be nan, without duplicates."""
     row, slot = np.nonzero(np.isfinite(seeds).all(axis=2))
     q_reached = newton(arm, poses[row], seeds[row, slot], _ITERATIONS)[0]
     q_reached = _joints(arm, q_reached @ arm.coupling.T + arm.offset)
@@ -127,31 +123,32 @@ def _reached(arm: Arm, poses: Array, seeds: Array) -> tuple[Array, Mask]:
 
 
 def _first(q: Array, solved: Mask, most: int | None = _MOST) -> tuple[Array, Mask]:
-    """Return at most `most` slots, solved ones first, in order; None keeps all solved ones."""
+    """Return at most `most` slots with solved ones first, in order. If `most` is None, all solved ones are returned."""
     most = most or max(_MOST, int(solved.sum(axis=1).max(initial=0)))
     order = np.argsort(~solved, axis=1, kind="stable")[:, :most]
     return np.take_along_axis(q, order[..., None], axis=1), np.take_along_axis(solved, order, axis=1)
 
 
 def _joints(arm: Arm, theta: Array) -> Array:
-    """Return q (…, 6) of theta (…, 6), with whole turns removed from coupling @ q."""
+    """Convert theta (…, 6) to q (…, 6), removing multiples of a turn from coupling @ q."""
     q: Array = wrapped(theta - arm.offset) @ np.linalg.inv(arm.coupling).T
     return q
 
 
 _POLISHED_MM = 1e-3
-"""A smaller error of a closed form is rounding, removed by a Newton step; a larger error is missing reach."""
+"""Largest rounding error of a closed form, which a Newton step removes. A larger error is missing reach."""
 _BLOCK = 1000
-"""Poses per block, to fit the processor's cache."""
+"""Poses per block, which fit into the processor's cache."""
 
 
 @dataclass(frozen=True)
 class Solutions:
-    """Solutions q (n, k, 6) rad, nan in empty slots; found (n, k): mask of solutions.
+    """Solutions q (n, k, 6) rad, nan in empty slots. found (n, k): mask of solutions.
 
-    complete: the arm has a closed form, so no branch is missing (at a singular pose, a choice of infinitely many), and
-    a slot identifies its branch, 4 · shoulder + 2 · elbow + wrist. Otherwise slots have no meaning, and a solution may
-    be missing: near a singularity of a calibrated arm, anywhere for an arm of no known kind.
+    complete: True if the arm has an exact closed form. All branches are then present; at a singular pose they are a
+    choice of infinitely many. A slot identifies the branch: 4 · shoulder + 2 · elbow + wrist. If False, slots have no
+    meaning, and solutions may be missing: near a singularity of a calibrated arm, and anywhere for an arm of no known
+    kind.
     """
 
     q: Array
@@ -162,14 +159,14 @@ class Solutions:
 def inverse(arm: Arm, poses: Array) -> Solutions:
     """Return all branches for tool poses (n, 4, 4) in the world: k = 8 with a closed form, otherwise 16.
 
-    Each solution reproduces its pose within 1e-8 mm and 1e-10 rad. Whole turns are removed: coupling @ q lies in
-    (-180°, 180°]. Joint limits are ignored; `within_limits` adds turns and filters. An unreachable or non-finite pose
-    has no solution, without an error. At a singular wrist theta4 is chosen by t4 = 0 (`closed_form.branches`), and
-    coinciding branches are returned once.
+    Each solution reproduces its pose within 1e-8 mm and 1e-10 rad. Full turns are removed: coupling @ q is in (-180°,
+    180°]. Joint limits are ignored; `within_limits` adds turns and filters. An unreachable or non-finite pose has no
+    solution, and no error is raised. At a singular wrist, theta4 corresponds to t4 = 0 (`closed_form.branches`).
+    Coinciding branches are returned once.
     """
     form = canonical(arm)
     solve = partial(_exact, arm, form) if form is not None and form.exact else partial(searched, arm, form)
-    finite = np.where(np.isfinite(poses), poses, np.nan)  # nan passes silently, infinity does not
+    finite = np.where(np.isfinite(poses), poses, np.nan)  # nan is processed silently, infinity is not
     parts = [solve(finite[block]) for block in blocks(max(1, len(poses)), _BLOCK)]
     q, solved = (np.concatenate(part) for part in zip(*parts, strict=True))
     return Solutions(q, solved, complete=form is not None and form.exact)

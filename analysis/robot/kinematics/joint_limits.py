@@ -1,6 +1,6 @@
-"""Validity of joint angles as solutions: accuracy, equality modulo a turn, and turns within the joint limits.
+"""Checks and variants of joint angles: accuracy of solutions, duplicates, and full turns within the joint limits.
 
-An arm with an endless wrist has postures whole turns apart.
+Postures of an arm with an endless wrist may differ by full turns.
 """
 
 from __future__ import annotations
@@ -11,22 +11,21 @@ from numpy.typing import NDArray
 from analysis.robot.kinematics.arm import Arm, Array, Mask, tool_columns
 
 _SLACK = 1e-9
-"""Tolerance in rad of a limit: rounding of a pose taught at the limit."""
+"""Tolerance of a limit in rad, for rounding of a pose taught at the limit."""
 
 
 def within_limits(arm: Arm, q: Array) -> tuple[Array, NDArray[np.intp]]:
-    """Return every posture within the joint limits that differs from q (m, 6) rad by whole turns of its axes.
+    """Return all postures within the joint limits that differ from q (m, 6) rad by full turns of the axes.
 
-    Returns the postures (k, 6) rad, and the row of q for each (k,). A turn is one of theta, so a coupling may
-    distribute it to
-    several joints: all combinations are tried. Non-finite rows of q have none.
+    The result contains the postures (k, 6) rad, and the row of q for each (k,). Turns are turns of theta, which a
+    coupling may distribute to several joints, so all combinations are tried. Non-finite rows of q have no postures.
     """
     finite = np.flatnonzero(np.isfinite(q).all(axis=1))
     turn = 2 * np.pi * np.linalg.inv(arm.coupling)
     rows, turns = finite, np.zeros((len(finite), 6))
     start = q @ arm.coupling.T
     for axis in range(6):
-        # Range of turns (m,) that may bring row `axis` of coupling @ q from start (m,) within the limits.
+        # Range of turns (m,) that may bring row `axis` of coupling @ q within the limits.
         begins = start[rows, axis]
         ends = arm.coupling[axis][:, None] * arm.limits
         slack = _SLACK * np.abs(arm.coupling[axis]).sum()
@@ -44,7 +43,7 @@ def within_limits(arm: Arm, q: Array) -> tuple[Array, NDArray[np.intp]]:
 _MOST_RAD = 4 * np.pi + 0.1
 """Limit of axes with internal cables: two turns in each direction."""
 _WIND = 2
-"""Endless axes: axis 6, and axis 4 of arms with a circle about it (UR e-series, wrist 3; ABB, independent axis)."""
+"""Number of endless axes: axis 6, and axis 4 if a circle is about it (UR e-series, wrist 3; ABB, independent axis)."""
 
 
 def wrapped(angle: Array) -> Array:
@@ -54,10 +53,10 @@ def wrapped(angle: Array) -> Array:
 
 
 def impossible_rad(q: Array) -> float:
-    """Return the largest impossible angle in rad among joints q (n, axes) rad, or 0 if all are possible.
+    """Return the largest impossible angle of joints q (n, axes) rad, or 0 if all are possible.
 
-    Angles are impossible if more joints have turned beyond the limit than any arm has endless axes: they have a
-    different unit.
+    Angles are impossible if more joints exceed the limit than an arm can have endless axes.
+    Their unit is probably wrong.
     """
     most = np.abs(q).max(axis=0, initial=0.0)
     return float(most.max(initial=0.0)) if np.count_nonzero(most > _MOST_RAD) > _WIND else 0.0
@@ -65,13 +64,13 @@ def impossible_rad(q: Array) -> float:
 
 _TOLERANCE_MM, _TOLERANCE_RAD = 1e-8, 1e-10
 SAME_RAD = 1e-6
-"""Smaller differences of joint angles or turns are rounding."""
+"""Largest difference of equal joint angles or turns, due to rounding."""
 _WEIGHTS = np.sqrt([2.0, 3.0, 5.0, 7.0, 11.0, 13.0])
-"""Weights for combining six angles into one number that identifies a solution."""
+"""Weights that combine six angles into a number identifying a solution."""
 
 
 def off_by(arm: Arm, poses: Array, q: Array) -> tuple[Array, Array]:
-    """Return the deviation of branches q (k, 6, n) from poses (n, 4, 4): mm (k, n), and rad (k, n) as a chord."""
+    """Return the deviation of branches q (k, 6, n) from poses (n, 4, 4): in mm (k, n), and as a chord in rad (k, n)."""
     target = np.ascontiguousarray(poses.transpose(2, 1, 0)[:, :3])
     mm, rad = np.empty((2, len(q), len(poses)))
     for slot, angles in enumerate(q):
@@ -83,12 +82,12 @@ def off_by(arm: Arm, poses: Array, q: Array) -> tuple[Array, Array]:
 
 
 def good(mm: Array, rad: Array) -> Mask:
-    """Return a mask of the branches with acceptable deviations in mm (k, n) and rad (k, n)."""
+    """Return a mask (k, n) of the branches with acceptable deviations in mm and rad."""
     return (mm < _TOLERANCE_MM) & (rad < _TOLERANCE_RAD)
 
 
 def distinct(arm: Arm, q: Array, solved: Mask) -> tuple[Array, Mask]:
-    """Return q (n, k, 6) rad and solved (n, k) without repeated solutions; empty slots are nan."""
+    """Remove duplicate solutions from q (n, k, 6) rad and solved (n, k). Empty slots become nan."""
     solved = solved.copy()
     turned = q @ arm.coupling.T
     for slot in range(1, q.shape[1]):
@@ -98,13 +97,12 @@ def distinct(arm: Arm, q: Array, solved: Mask) -> tuple[Array, Mask]:
 
 
 def may_hold_twins(turned: Array, solved: Mask) -> Mask:
-    """Return a mask of the poses (n,) with possibly repeated solutions in coupling @ q (k, 6, n), based on one number
-    each.
+    """Return a mask of the poses (n,) that may have duplicate solutions in coupling @ q (k, 6, n) rad.
 
-    The number is a sum of absolute angles, continuous at half a turn.
+    Solutions are compared by a weighted sum of absolute angles, which is continuous at half a turn.
     """
     number = np.einsum("i,kin->kn", _WEIGHTS, np.abs(turned))
     number = np.sort(np.where(solved, number, np.inf), axis=0)
-    with np.errstate(invalid="ignore"):  # inf - inf, if two are missing
+    with np.errstate(invalid="ignore"):  # inf - inf, if two solutions are missing
         twins: Mask = (np.diff(number, axis=0) <= 2 * SAME_RAD * _WEIGHTS.sum()).any(axis=0)
     return twins

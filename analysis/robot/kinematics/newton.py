@@ -1,14 +1,13 @@
 """Damped Newton for inverse kinematics on stacks: from start angles to the nearest solution of each pose.
 
-Works for any arm; with more than six axes, each step is the shortest possible. Converged rows leave the stack, so that
-a few hard poses do not slow down the rest. The Jacobian also shows the distance to a singularity and the axes involved.
+The method works for any arm. With more than six axes, each step is the shortest possible. Converged rows are removed
+from the stack, so that a few hard poses do not slow down the others. The Jacobian also shows the distance to a
+singularity, and the axes involved.
 
-With five axes a tool reaches any position and two rotations (`newton_in_part`). The position has priority, and the
-orientation is the closest one possible there: rotational steps use only motions that preserve the position (Y.
-Nakamura,
-H. Hanafusa, T. Yoshikawa, Task-Priority Based Redundancy Control of Robot Manipulators, 1987). No weighting of mm
-against
-radians is involved.
+With five axes a tool can reach any position, and two of the three rotations (`newton_in_part`). The position has
+priority, and the orientation is as close as possible: steps of the orientation use only joint motions that preserve the
+position (Y. Nakamura, H. Hanafusa, T. Yoshikawa, Task-Priority Based Redundancy Control of Robot Manipulators, 1987).
+No weighting of mm against radians is required.
 """
 
 from __future__ import annotations
@@ -32,30 +31,29 @@ from analysis.robot.kinematics.arm import (
 )
 
 LENGTH_MM = 500.0
-"""Weight of rotations relative to translations: the size of an arm."""
+"""Length that relates rotations to translations: the size of an arm."""
 TOLERANCE_MM = 1e-9
 REACHED_MM = 1e3 * TOLERANCE_MM
-"""Convergence limit; after the subsequent step the error is far smaller if the Jacobian is regular."""
+"""Largest error after which a last step is sufficient. If the Jacobian is regular, the error is then much smaller."""
 _LARGEST_STEP = 0.5
 _FEW = 6
 _BLOCK = 1000
-"""Poses per block: half as many take a fifth longer because of call overhead; many more exceed the processor's
-caches."""
+"""Poses per block. Half as many take 20 % longer because of call overhead; many more exceed the processor's caches."""
 
 
 def newton(arm: Arm, poses: Array, q: Array, iterations: int = 60) -> tuple[Array, Mask]:
     """Solve poses (n, 4, 4) from angles q (n, 6) rad: angles (n, 6) rad, and a mask (n,) of convergence.
 
-    Converged means within 1e-6 mm, a radian counted as 500 mm; with a regular Jacobian the steps continue to 1e-9 mm.
+    A row has converged if the error is below 1e-6 mm, with a radian counted as 500 mm. With a regular Jacobian the
+    final error is below 1e-9 mm.
     """
     q, off_mm = _all_converged(arm, poses, q, iterations)
     return q, off_mm < REACHED_MM
 
 
 def _all_converged(arm: Arm, poses: Array, q: Array, iterations: int) -> tuple[Array, Array]:
-    """Converge block by block."""
     q, off_mm, rows = q.copy(), np.full(len(q), np.inf), np.arange(len(q))
-    # Rows left after a few steps are processed together, to reduce call overhead.
+    # The rows that remain after a few steps are processed together, to reduce call overhead.
     for steps in (min(iterations, _FEW), iterations - _FEW):
         for block in blocks(len(rows) if steps > 0 else 0, _BLOCK):
             moving = rows[block]
@@ -65,8 +63,9 @@ def _all_converged(arm: Arm, poses: Array, q: Array, iterations: int) -> tuple[A
 
 
 def _converge(arm: Arm, poses: Array, q: Array, iterations: int) -> tuple[Array, Array]:
-    """Converge from angles q (n, 6) rad to poses (n, 4, 4): angles (n, 6) rad, and the error (n,) mm before the last
-    step."""
+    """Iterate from angles q (n, 6) rad to poses (n, 4, 4):
+    angles (n, 6) rad, and errors (n,) mm before the last step.
+    """
     q = q.copy()
     size = np.full(len(q), np.inf)
     active = np.flatnonzero(np.isfinite(q).all(axis=1) & np.isfinite(poses).all(axis=(1, 2)))
@@ -90,19 +89,13 @@ def _converge(arm: Arm, poses: Array, q: Array, iterations: int) -> tuple[Array,
             normal, pull = _damped(_normal(motions), size[active]), _applied(motions, error)
             step = _solved(normal, pull[:, None])[:, 0]
         at = at.copy()
-        at[: arm.axes] += _limited(step)  # the rail stays in place
+        at[: arm.axes] += _limited(step)  # the rail does not move
     q[active] = at.T
     return q, size
 
 
 def from_nearby(arm: Arm, poses: Array, q: Array, within_mm: float = np.inf) -> tuple[Array, Array, Array]:
-    """Solve each pose (n, 4, 4) from nearby angles q (n, 6) rad, in half the time of `newton`.
-
-    Returns angles (n, 6) rad, the final errors (n,) mm, and the initial regularity (n,). Simplified Newton: the initial
-    Jacobian serves all steps, followed by a few full Newton steps if necessary. Regularity is a lower bound of the
-    conditioning, at most ten times too low. Rows starting further off than within_mm are not solved, with infinite
-    error.
-    """
+    """Iterate from q (n, 6) rad to poses (n, 4, 4): angles (n, 6) rad, and errors (n,) mm before the last step."""
     at, off_mm, regularity, near = q.copy(), np.empty(len(q)), np.empty(len(q)), np.empty(len(q), dtype=bool)
     for block in blocks(len(q), _BLOCK):
         off_mm[block], regularity[block], near[block] = _simplified(arm, poses[block], at[block], within_mm)
@@ -112,8 +105,10 @@ def from_nearby(arm: Arm, poses: Array, q: Array, within_mm: float = np.inf) -> 
 
 
 def _simplified(arm: Arm, poses: Array, q: Array, within_mm: float) -> tuple[Array, Array, Mask]:
-    """Update q (n, 6) rad; return errors (n,) mm, initial regularity (n,), and a mask (n,) of rows that started
-    within within_mm."""
+    """Update q (n, 6) rad, and return errors (n,) mm, initial regularity (n,), and a mask (n,) of the rows solved.
+
+    Rows that start further away than within_mm are not solved.
+    """
     tool, motions = tool_and_motions(arm, q)
     targets = columns_of(poses)
     error = _error_mm(tool, targets)
@@ -141,7 +136,7 @@ def _simplified(arm: Arm, poses: Array, q: Array, within_mm: float) -> tuple[Arr
 
 
 def _error_mm(tool: Array, targets: Array) -> Array:
-    """Return the error (6, n) of frames given as columns (4, 3, n), a radian counted as 500 mm."""
+    """Return the error (6, n) mm of frames given as columns (4, 3, n), with a radian counted as 500 mm."""
     error = column_error(tool, targets)
     error[3:] *= LENGTH_MM
     return error
@@ -168,8 +163,8 @@ def _applied(matrices: Array, vectors: Array) -> Array:
 def _damped(normal: Array, size: Array) -> Array:
     """Add damping to normal equations (6, 6, n) in place, for errors of size (n,) mm.
 
-    The damping decreases with the error: safe far away, quadratic close by. The minimum exceeds the rounding of the
-    normal equations; otherwise a singular pose would have no step.
+    The damping decreases with the error: the steps are safe for large errors, and converge quadratically for small
+    ones. A minimum above the rounding error of the normal equations ensures that a singular pose has a step.
     """
     diagonal = np.einsum("iin->in", normal)
     diagonal += 1e-6 * size**2 + 1e-14 * diagonal.sum(axis=0)
@@ -179,7 +174,7 @@ def _damped(normal: Array, size: Array) -> Array:
 def _solved(normal: Array, right: Array) -> Array:
     """Solve normal equations (6, 6, n) for right sides (6, k, n).
 
-    Elimination with samples last takes a tenth of numpy's time; a positive definite matrix needs no pivots.
+    Elimination with samples last takes a tenth of numpy's time. A positive definite matrix requires no pivoting.
     """
     both = np.concatenate([normal, right], axis=1)
     for row in range(6):
@@ -192,26 +187,26 @@ def _solved(normal: Array, right: Array) -> Array:
 
 
 def _limited(step: Array) -> Array:
-    """Return steps (6, n) rad, shortened to at most half a radian per axis."""
+    """Limit steps (6, n) rad to half a radian per axis."""
     limited: Array = step * np.minimum(1.0, _LARGEST_STEP / np.maximum(np.abs(step).max(axis=0), 1e-300))
     return limited
 
 
 _TAKES_PART = 0.1
-"""Minimum share of an axis in the unit joint motion that preserves the tool, to count as part of a singularity."""
+"""Smallest component of the unit joint motion that preserves the tool for which an axis is part of a singularity."""
 
 
 def conditioning(arm: Arm, q: Array) -> Array:
-    """Return the ratio (n,) of smallest to largest singular value of the Jacobian at q (n, 6) rad: 0 singular, 1
-    isotropic.
+    """Return the ratio (n,) of smallest to largest singular value of the Jacobian at q (n, 6) rad.
 
-    A radian of tool rotation counts as 500 mm; the joints are those of the controller.
+    The ratio is 0 at a singularity and 1 for an isotropic arm. A radian of tool rotation counts as 500 mm. The joints
+    are those of the controller.
     """
     return null_motion(arm, q)[0]
 
 
 def null_motion(arm: Arm, q: Array) -> tuple[Array, Array]:
-    """Return the conditioning (n,) at q (n, 6) rad, and the unit joint motion (n, 6) with the smallest tool motion."""
+    """Return the conditioning (n,) at q (n, 6) rad, and the unit joint motion (n, 6) that moves the tool least."""
     J = forward_and_jacobian(arm, q)[1]
     J[:, 3:] *= LENGTH_MM
     _, values, motions = np.linalg.svd(J)
@@ -219,30 +214,31 @@ def null_motion(arm: Arm, q: Array) -> tuple[Array, Array]:
 
 
 def cancelling_axes(arm: Arm, q: Array) -> list[int]:
-    """Return the axes (1 … 6) involved in the joint motion with the smallest tool motion at q (6,) rad.
+    """Return the axes (1 … 6) involved in the joint motion that moves the tool least, at q (6,) rad.
 
-    4 and 6 is the wrist singularity; 2, 3 and 5 a stretched elbow arm.
+    Axes 4 and 6 are a wrist singularity. Axes 2, 3 and 5 are a stretched elbow.
     """
     _, still = null_motion(arm, q[None])
     return [int(axis) + 1 for axis in np.flatnonzero(np.abs(still[0]) > _TAKES_PART)]
 
 
 _STILL_RAD = 1e-10
-"""Steps below which the orientation is the closest possible."""
+"""Largest step in rad after which the orientation is the closest possible."""
 _LARGEST_STEP_IN_PART = 0.3
 _STEPS_IN_PART = 60
 _SINGULAR = 1e-6
-"""Singular values below this share of the largest count as zero: the tool cannot move in that direction."""
+"""Singular values below this fraction of the largest count as zero: the tool cannot move in that direction."""
 
 Poses = Callable[[Array], Array]
-"""Tool poses (n, 4, 4) at joint angles (n, axes) rad."""
+"""Function that returns tool poses (n, 4, 4) for joint angles (n, axes) rad."""
 
 
 def newton_in_part(arm: Arm, targets: Array, q: Array, tool: Poses | None = None) -> tuple[Array, Mask]:
-    """Solve `targets` (n, 4, 4) from angles q (n, axes) rad, position first.
+    """Solve `targets` (n, 4, 4) from angles q (n, axes) rad, giving priority to the position.
 
-    Returns angles (n, axes) rad, and a mask (n,) of reached positions, with the orientation as close as possible. tool:
-    true tool poses of an arm close to the nominal one, whose Jacobian is used.
+    The result is angles (n, axes) rad, and a mask (n,) of the positions reached, with the orientation as close as
+    possible. tool: function that returns the true tool poses of an arm close to the nominal one. The nominal Jacobian
+    is used.
     """
     at, reached = q.copy(), np.zeros(len(q), dtype=bool)
     moving = np.flatnonzero(np.isfinite(q).all(axis=1) & np.isfinite(targets).all(axis=(1, 2)))
@@ -251,7 +247,7 @@ def newton_in_part(arm: Arm, targets: Array, q: Array, tool: Poses | None = None
             break
         error = pose_error((tool or (lambda angles: forward(arm, angles)))(at[moving]), targets[moving])
         J_place, J_turn = np.split(forward_and_jacobian(arm, at[moving])[1][:, :, : arm.axes], 2, axis=1)
-        # First the position, then the orientation by motions that preserve the position.
+        # Solve the position first, then the orientation by motions that preserve the position.
         to_place = np.linalg.pinv(J_place, rcond=_SINGULAR)
         step = np.einsum("nij,nj->ni", to_place, error[:, :3])
         free = np.eye(arm.axes) - to_place @ J_place
