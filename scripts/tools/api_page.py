@@ -17,8 +17,8 @@ from typing import Any
 HEAD = """\
 # The Python API
 
-What `rig` does, in scripts and notebooks. Start with the [notebook](notebook/first-steps.ipynb), which
-`pip install . jupyterlab` and `jupyter lab docs/notebook/first-steps.ipynb` open in an environment of your own, or with
+The functions of `rig` for scripts and notebooks. Start with the [notebook](notebook/first-steps.ipynb), which
+`pip install . jupyterlab` and `jupyter lab docs/notebook/first-steps.ipynb` open in a separate environment, or with
 five lines:
 
 ```python
@@ -29,10 +29,10 @@ print(result.figures["band_deg"])  # value ± standard uncertainty
 result.curve.to_table()  # error over the circle angle, a pyarrow Table
 ```
 
-Angles are in degrees and lengths in mm where the name says so; arrays without a unit in their name are in radians and
-mm. `to_table()` returns a pyarrow Table, since the store needs pyarrow anyway and polars, DuckDB and pandas read it;
-`to_frame()` returns a pandas DataFrame where pandas is installed, which rig does not require. `to_dict()` holds what
-`--json` prints. No function prints, and every expected failure is a `RigError` with `where`, `what` and `remedy`.
+Names state the unit, in degrees and mm. Arrays without a unit in the name are in radians and mm. `to_table()` returns a
+pyarrow Table, which polars, DuckDB and pandas can read. `to_frame()` returns a pandas DataFrame if pandas is installed.
+`to_dict()` returns the content of `--json`. No function prints, and every expected failure is a `RigError` with
+`where`, `what` and `remedy`.
 
 This page is generated from the docstrings: `scripts/dev api_page > docs/api.md`.
 """
@@ -124,4 +124,6 @@ def _members(found: type) -> list[tuple[str, str]]:
 
 if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).parents[2]))
-    sys.stdout.write(page())
+    from tests.support.markdown import wrapped
+
+    sys.stdout.write(wrapped(page()))

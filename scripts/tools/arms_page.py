@@ -1,6 +1,6 @@
 """The page docs/arms.md from the arm library and its second sources: `scripts/dev arms_page > docs/arms.md`.
 
-Each arm is held against the numbers of others on 1000 random postures within its limits.
+Each arm is compared with independent sources on 1000 random postures within its limits.
 """
 
 from __future__ import annotations
@@ -19,51 +19,51 @@ EXACT = 1e-6
 HEAD = """\
 # The arm library
 
-The library has the constants of these arms, each with the sources of its numbers:
+The library has the constants of these arms with their sources:
 
 ```sh
-rig arms                                                  # the table of all
-rig arms kuka-kr-6-r900-2                                 # one as the robot section of a rig file
-rig arms ur10e --calibration calibration.conf -o arm.yaml # a UR with its own calibration
+rig arms                                                  # list all arms
+rig arms kuka-kr-6-r900-2                                 # one arm as the robot section of a rig file
+rig arms ur10e --calibration calibration.conf -o arm.yaml # a UR with its individual calibration
 ```
 
-Replace the `robot:` section of a rig file by what `rig arms NAME` shows, and add the `payload_kg` and the `tool` of
-your cell. The numbers are those that are published for the model. A real arm differs from them by tenths of a
-millimetre to some millimetres; `rig diagnose` and `rig calibrate` find by how much.
+Replace the `robot:` section of a rig file by the output of `rig arms NAME`, and add the `payload_kg` and the `tool` of
+your cell. The values are the published ones of the model. A real arm differs from them by tenths of a millimetre to
+some millimetres, which `rig diagnose` and `rig calibrate` determine.
 
-Joint angles are those that the controller shows, and `coupling` turns them into the angles of the axes. KUKA's A1 is
-positive clockwise, seen from above, so it has -1 there, as A4 and A6 have. FANUC's J3 is measured from the horizontal,
-so axis 3 turns by J2 + J3. The comments of a section say where its base and flange frames stand. Numbers without a
-source are left out: many arms have no masses, and some have no repeatability.
+Joint angles are those of the controller, and `coupling` converts them to the angles of the axes. KUKA's A1 is positive
+clockwise, seen from above, so its entry is -1, as for A4 and A6. FANUC's J3 is measured from the horizontal, so axis 3
+turns by J2 + J3. The comments of a section describe the base and flange frames. Values without a source are omitted:
+many arms have no masses, and some have no repeatability.
 
-## A UR's own calibration
+## The calibration of a UR
 
-The maker measures each UR. The result is in `~/.urcontrol/calibration.conf` on the controller, as differences from the
-classic Denavit-Hartenberg constants of the model. `--calibration` adds them to the section. Axes 2, 3 and 4 are nearly
-parallel: the file describes them by lengths of hundreds of metres that almost cancel, the section by Hayati's
-`beta_deg`. Both give the same poses: random postures are compared to 1e-9 mm and rad before anything is written.
-Centres of mass and limits stay as published.
+The maker measures each UR and stores the result in `~/.urcontrol/calibration.conf` on the controller, as differences
+from the classic Denavit-Hartenberg constants of the model. `--calibration` adds them to the section. Axes 2, 3 and 4
+are nearly parallel: the file describes them by lengths of hundreds of metres that almost cancel, the section by
+Hayati's `beta_deg`. Both give the same poses; random postures are compared to 1e-9 mm and rad before anything is
+written. Centres of mass and limits are the published ones.
 
 ## An arm from a URDF
 
 ```sh
-pipx install '.[urdf]'                # once, in the clone: with pytransform3d
+pipx install '.[urdf]'                # once, in the clone; installs pytransform3d
 rig import-urdf arm.urdf --build light -o arm.yaml
 ```
 
 The chain between two links must have four to seven revolute or continuous joints. They become modified
-Denavit-Hartenberg constants, with `beta_deg` where axes are parallel. A prismatic joint below all of them becomes
-`robot.rail`; any other is refused, as in a SCARA. A joint that turns without end gets limits of a turn to either side,
-and a line that says so. An end behind a joint that is called gripper, jaw, finger or claw is asked for with `--tip`: a
-jaw is no axis of the arm. Random postures are compared with the forward kinematics of pytransform3d, to
-1e-9 mm and rad, before anything is written. The base is the link `base`, or else the root; the flange is `tool0`, or
-else the only end; `--base` and `--tip` choose others. Meshes are not needed. Expand xacro first:
+Denavit-Hartenberg constants, with `beta_deg` for parallel axes. A prismatic joint below all of them becomes
+`robot.rail`; other prismatic joints are refused, as in a SCARA. A continuous joint gets limits of a turn in both
+directions, and a message says so. If the end is behind a joint called gripper, jaw, finger or claw, `--tip` is
+required, because a jaw is not an axis of the arm. Random postures are compared with the forward kinematics of
+pytransform3d, to 1e-9 mm and rad, before anything is written. The base is the link `base` or the root, the flange is
+`tool0` or the only end; `--base` and `--tip` select others. Meshes are not needed. Expand xacro first:
 `xacro FILE > arm.urdf`.
 
-Joint angles are those of the URDF. Where the controller counts otherwise, correct `coupling`, `offset_deg` and
+Joint angles are those of the URDF. If the controller counts differently, correct `coupling`, `offset_deg` and
 `limits_deg`; in many URDFs of a FANUC, the third joint is J2 + J3. `rig import-urdf` names axes that are nearly, but
-not exactly, parallel or at right angles, and leaves them as they are. They are often rounding: 1.571 instead of a right
-angle moves a point 1 m away by 0.2 mm.
+not exactly, parallel or perpendicular, and does not change them. The cause is often rounding: 1.571 instead of a right
+angle moves a point at 1 m by 0.2 mm.
 
 ## An arm as a URDF
 
@@ -71,52 +71,48 @@ angle moves a point 1 m away by 0.2 mm.
 rig export-urdf cell.yaml -o arm.urdf
 ```
 
-This is the way back: the arm of a rig file, with the joint zeros and link constants among its effects, as a URDF for
-ROS, simulators and offline programming. Joints turn by the angles that the controller reports, within the limits of
-the rig file. The links are `world`, `base_link` (the `base` of the rig file), `link_1` to `link_6`, `flange` and
-`tool`. The poses of `tool` are those of the model within 1e-9 mm; tests hold them against pytransform3d and against
-twenty lines that multiply matrices.
+This exports the arm of a rig file, with the joint zeros and link constants among its effects, for ROS, simulators and
+offline programming. Joints turn by the angles of the controller, within the limits of the rig file. The links are
+`world`, `base_link` (the `base` of the rig file), `link_1` to `link_6`, `flange` and `tool`. The poses of `tool` agree
+with the model within 1e-9 mm; tests compare them with pytransform3d and with an independent multiplication of matrices.
 
-- Only geometry fits into a URDF. Compliance, waves, plays and growth stay behind. The command and the head of the file
-  say how many micrometres the effects move the tool by over the tests of the rig, and how many of them are left out;
-  corrected targets of `rig correct` carry more.
-- A rig whose `coupling` is more than signs is refused, as for the J2 + J3 of a FANUC: a joint of a URDF turns one axis.
-  In a copy of the rig file, set `coupling` to the signs, and turn the controller's angles into those of the axes
-  before the URDF sees them.
-- A rail is the prismatic joint `rail` below `base_link`, in metres, in URDF, xacro and MJCF; files for a maker's driver
-  have none, and the command says so. Its speed is not known and written as 1 m/s. `rig import-urdf` reads it back.
-- Masses and their centres are written where the rig file has them. Moments of inertia and torques are not known and are
-  0; a simulator of dynamics needs the maker's. There are no meshes.
+- A URDF contains only geometry, no compliance, waves, backlash or thermal growth. The command and the head of the file
+  state by how many micrometres the effects move the tool over the tests of the rig, and how much of this is omitted.
+  Corrected targets of `rig correct` contain more.
+- A rig whose `coupling` has more than signs is refused, as for J2 + J3 of a FANUC, because a joint of a URDF turns one
+  axis. Set `coupling` to the signs in a copy of the rig file, and convert the angles of the controller.
+- A rail is the prismatic joint `rail` below `base_link`, in metres, in URDF, xacro and MJCF. Files for the driver of a
+  maker have no rail, and the command says so. The speed is unknown and written as 1 m/s. `rig import-urdf` reads it.
+- Masses and centres are written if the rig file has them. Moments of inertia and torques are unknown and written as 0;
+  a dynamics simulator needs the values of the maker. There are no meshes.
 
 ### For simulators and other descriptions
 
 ```sh
-rig export-urdf cell.yaml --for xacro -o arm.xacro         # include it, and call the macro with prefix and parent
+rig export-urdf cell.yaml --for xacro -o arm.xacro         # a macro with prefix and parent
 rig export-urdf cell.yaml --for mjcf -o arm.xml            # for MuJoCo
 rig export-urdf cell.yaml --for mjcf --friction-of runs/yaw --nm-per-a K1,K2,K3,K4,K5,K6 -o arm.xml
 rig export-urdf cell.yaml --for franka -o kinematics.yaml  # for franka_description; xarm for xarm_description
 ```
 
-- **MJCF** has what was measured of a joint in hinges of its own on the joint's axis: a *play* turns freely by half
-  its width to either side (`NAME_play`), a *compliance* is held by a spring (`NAME_compliance`, torque over angle).
-  The hinge with the joint's name turns by the angle that the controller reports, so that this is the one to
-  actuate. Friction is the `frictionloss` of that hinge: the motor current that a run shows where the joint turns
-  back, times the torque for an ampere (`--nm-per-a`) from the maker's data sheet. Plays that are less than twice
-  their u are left out. Moments of inertia are those of a ball of aluminium of each link's mass; a simulator of
-  dynamics needs the maker's.
-- **kinematics.yaml** of Franka and xArm has each joint's origin in the link frames that the maker's meshes stand
-  in. Doosan and Kinova have no such file; take the macro.
+- **MJCF** has additional hinges for measured effects on the axis of a joint: *backlash* turns freely by half its width
+  in both directions (`NAME_play`), *compliance* is a spring (`NAME_compliance`, torque over angle). Actuate the hinge
+  with the name of the joint, which turns by the angle of the controller. Friction is the `frictionloss` of that hinge:
+  the motor current at the reversals of a run, times the torque per ampere (`--nm-per-a`) in the data sheet. Backlash
+  below twice its u is omitted. Moments of inertia are those of an aluminium ball with the mass of the link.
+- **kinematics.yaml** of Franka and xArm has the origin of each joint in the link frames of the meshes of the maker.
+  Doosan and Kinova have no such file; use the macro.
 - MuJoCo 4.0.0, xacro 2.1.1 and yourdfpy 0.0.60 read the files (`scripts/dev outside_readers`, 26 November 2026), the
-  kinematics.yaml by the expressions of the makers' macros: poses of a UR10e, an FR3, an xArm 6 and an xArm 7 with 60
-  random errors, on a rail of any way and without, within 1.5e-12 mm of the model, a play of 0.04° as 0.04°.
+  kinematics.yaml with the expressions in the macros of the makers. Poses of a UR10e, an FR3, an xArm 6 and an xArm 7
+  with 60 random errors, with and without a rail, agree within 1.5e-12 mm, and backlash of 0.04° is 0.04°.
 
-In Python the same arm is a function, with every effect that depends on the posture alone, and u:
+In Python the same arm is an object, with all effects that depend only on the posture, and u:
 
 ```python
 from analysis import calibrated_arm
 
 arm = calibrated_arm("found/cell.yaml")
-seen = arm.forward([[0, -90, 90, 0, 90, 0]])  # seen.T in mm, seen.u_mm (NaN where not covered), seen.covered
+seen = arm.forward([[0, -90, 90, 0, 90, 0]])  # seen.T in mm, seen.u_mm (NaN if not covered), seen.covered
 asked = arm.inverse(seen.T, near_deg=[0, -90, 90, 0, 90, 0])  # asked.q_deg, asked.reached
 ```
 
@@ -126,17 +122,15 @@ asked = arm.inverse(seen.T, near_deg=[0, -90, 90, 0, 90, 0])  # asked.q_deg, ask
 rig export-urdf cell.yaml --for ur-driver --hash calib_12788084448423163542 -o calibration.yaml
 ```
 
-The ROS and ROS 2 drivers describe an arm by a file that their package `ur_calibration` extracts from the controller.
-`--for ur-driver` writes such a file with the arm as it was measured; pass it as `kinematics_params_file`. It goes
-from the frame `base`, which is the controller's and half a turn about z from the `base_link` of ROS, to `tool0`,
-within 1e-9 mm of the model. The `base` and `tool` of the rig file have no place in it: they belong into the URDF of
-your cell.
+The ROS and ROS 2 drivers describe an arm by a file that the package `ur_calibration` extracts from the controller.
+`--for ur-driver` writes such a file for the measured arm; pass it as `kinematics_params_file`. It describes the chain
+from the frame `base` of the controller (half a turn about z from the `base_link` of ROS) to `tool0`, within 1e-9 mm of
+the model. The `base` and `tool` of the rig file are not included: add them to the URDF of your cell.
 
-`hash` names a calibration inside the controller, and the driver compares it at each start. rig cannot know it.
-Extract the controller's own file first and give its `hash` with `--hash`; you say with this that the new file belongs
-to this robot. Without it the file has `rig_not_of_the_controller`, and the driver reports an error at each start,
-that the calibration does not match. This is true: the controller's own Cartesian moves still use its own calibration,
-while ROS plans with the file's.
+`hash` identifies a calibration in the controller, and the driver compares it at each start. Extract the file of the
+controller first and pass its `hash` with `--hash`; this states that the new file belongs to this robot. Without it the
+file has `rig_not_of_the_controller`, and the driver reports at each start that the calibration does not match. This is
+true: Cartesian moves of the controller still use the stored calibration, while ROS plans with the file.
 
 """
 
@@ -147,17 +141,17 @@ def page() -> str:
 
     arms = [load_arm(name) for name in arm_names()]
     lines = [
-        "## How far each is from its sources",
+        "## Agreement with the sources",
         "",
         f"Largest distance and angle of the flange over {POSTURES} random postures within the limits, between the",
-        "library and each source, which is computed as it is written (the joint chain of a URDF, or Denavit-Hartenberg",
-        "rows of another kind). “Exact” is below 1e-6 mm and rad.",
+        "library and each source in its original form (the joint chain of a URDF, or other Denavit-Hartenberg rows).",
+        "*Exact* is below 1e-6 mm and rad.",
         "",
         "| arm | source | second | third |",
         "| --- | --- | --- | --- |",
         *(f"| `{arm.name}` | " + " | ".join(_cells(arm)) + " |" for arm in arms),
         "",
-        "The Doosan's source has 1.571 for right angles; the library has right angles.",
+        "The source of the Doosan has 1.571 for right angles; the library has right angles.",
         "",
         "## Sources",
         "",
@@ -191,4 +185,6 @@ def _words(mm: float, rad: float) -> str:
 
 if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).parents[2]))
-    sys.stdout.write(page())
+    from tests.support.markdown import wrapped
+
+    sys.stdout.write(wrapped(page()))

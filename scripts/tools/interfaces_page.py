@@ -1,23 +1,25 @@
 """The page docs/interfaces.md from the schemas and the peers: `scripts/dev interfaces_page > docs/interfaces.md`.
 
-What an interface is known from is read off its class (`rigs.interfaces`), what it was held against off `PEERS` of
-tests/trials/wire_peers/__main__.py. The list of what is left out stands here.
+The source of an interface comes from its class (`rigs.interfaces`), the independent implementations from `PEERS` of
+tests/trials/wire_peers/__main__.py. The list of unsupported interfaces is in this file.
 """
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 HEAD = """\
-# Interfaces, and how sure we are of each
+# Interfaces to gauges and robots
 
-`rig interfaces` lists them on the screen, with line settings and times. *Standing*: confirmed means read in the
-maker's manual or in public code, or seen on a wire; weak means second-hand; unconfirmed means believed. *Held against*
-names the independent implementations that an end of ours was run against; they share no code with ours unless it says
-so. `scripts/dev wire_peers` runs them again. Where none is named, our host was held against replies as the source has
-them, and against our own emulator.
+`rig interfaces` lists the interfaces with line settings and times. The standing of a protocol is
+
+- *confirmed*: read in the manual of the maker or in public code, or recorded from an instrument;
+- *weak*: second-hand;
+- *unconfirmed*: assumed.
+
+*Tested against* lists independent implementations; unless stated, they share no code with rig. `scripts/dev wire_peers`
+repeats these tests. All interfaces are also tested with replies from their source and with the emulators of rig.
 
 This page is generated: `scripts/dev interfaces_page > docs/interfaces.md`.
 """
@@ -25,79 +27,76 @@ LEFT_OUT = (
     (
         "KUKA Ethernet KRL (EKI)",
         "`line_feed` with `listens: true`",
-        "the XML of each program is its own, so that there is no message to know; a line of text does the same",
+        "each program defines its own XML, so there is no common message",
     ),
     (
         "ROS 2 without rosbridge (DDS)",
         "`ros2_joint_states`",
-        "a DDS library brings settings of its own (domain, quality of service) and compiled parts; "
-        "rosbridge needs neither",
+        "a DDS library needs settings (domain, quality of service) and compiled parts; rosbridge needs neither",
     ),
-    (
-        "Doosan, Franka",
-        "`ros2_joint_states`",
-        "their ROS 2 drivers publish the same joints",
-    ),
-    (
-        "IO-Link masters (JSON over HTTP)",
-        "–",
-        "not built yet; each device has its own layout of process data",
-    ),
+    ("Doosan, Franka", "`ros2_joint_states`", "the ROS 2 drivers publish the same joints"),
+    ("IO-Link masters (JSON over HTTP)", "–", "not implemented; process data differ between devices"),
     (
         "Yaskawa High-Speed Ethernet Server",
         "`modbus_joints`, `line_feed`",
-        "not built yet; joints come in pulses (believed), whose number per degree would be needed for each arm",
+        "not implemented; joints are in pulses (assumed), with a different number per degree for each arm",
     ),
     (
         "Beckhoff ADS",
-        "`modbus_map` by the controller's Modbus TCP server",
-        "not built yet; it needs a route set in the controller and the names of its program",
+        "`modbus_map` with the Modbus TCP server of the controller",
+        "not implemented; it needs a route in the controller and the names in the program",
     ),
     (
         "Keyence DL-EN1",
         "`keyence_dl_rs1a` on RS-232C",
-        "not built yet; its EtherNet/IP assemblies were not looked into",
+        "not implemented; the EtherNet/IP assemblies were not examined",
     ),
     (
         "Mitutoyo U-WAVE, USB-ITN",
         "`mitutoyo_usb`",
-        "U-WAVE is not built yet; USB-ITN types as a keyboard does, which gives no time",
+        "U-WAVE is not implemented; USB-ITN acts as a keyboard and gives no time",
     ),
     (
         "Heidenhain EIB 741, Sylvac Bluetooth",
         "Heidenhain displays, Sylvac cables",
-        "not built yet; their sources were not looked into",
+        "not implemented; the sources were not examined",
     ),
 )
-"""Interface, what to use instead, why it is left out."""
+"""Interface, alternative, and reason why it is not supported."""
 
 
 def page() -> str:
     """The whole page as Markdown."""
-    left_out = ["## Left out, and why", "", *_table(("interface", "instead", "why"), LEFT_OUT)]
+    left_out = ["## Not supported", "", *(_left_out(*one) for one in LEFT_OUT)]
     return "\n".join([HEAD, *_section("Gauges", "gauge"), *_section("Robots", "robot"), *left_out, ""])
 
 
+def _left_out(name: str, instead: str, why: str) -> str:
+    """List item of an unsupported interface."""
+    alternative = "" if instead == "–" else f" Use {instead}."
+    return f"- **{name}**: {why}.{alternative}"
+
+
 def _section(title: str, kind: str) -> list[str]:
+    """A heading for each interface of a kind, with its instruments, source, doubts and peers."""
     from rigs.interfaces import known  # noqa: PLC0415
     from tests.trials.wire_peers.__main__ import PEERS  # noqa: PLC0415 - the script first puts the repository on the path
 
-    rows = []
+    lines = [f"## {title}", ""]
     for one in known():
-        if one.kind == kind:
-            peers = "; ".join(f"{peer.name} ({peer.what})" for peer in PEERS if one.name in peer.interfaces)
-            origin = one.origin
-            says = (origin.standing, origin.source, origin.doubts or "–", peers or "–")
-            rows.append((f"`{one.name}`", origin.instruments, *says))
-    head = ("interface", "instruments", "standing", "source", "in doubt", "held against")
-    return [f"## {title}", "", *_table(head, rows), ""]
-
-
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    cells = [[cell.replace("|", "\\|") for cell in row] for row in (head, ["---"] * len(head), *rows)]
-    return [f"| {' | '.join(row)} |" for row in cells]
+        if one.kind != kind:
+            continue
+        origin = one.origin
+        peers = "; ".join(f"{peer.name} ({peer.what})" for peer in PEERS if one.name in peer.interfaces)
+        lines += [f"### {one.name}", "", f"{origin.instruments} ({origin.standing}).", "", f"- Source: {origin.source}"]
+        lines += [f"- In doubt: {origin.doubts}"] if origin.doubts else []
+        lines += [f"- Tested against: {peers}"] if peers else []
+        lines.append("")
+    return lines
 
 
 if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).parents[2]))
-    sys.stdout.write(page())
+    from tests.support.markdown import wrapped
+
+    sys.stdout.write(wrapped(page()))

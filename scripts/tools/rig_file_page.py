@@ -1,7 +1,7 @@
 """The page docs/rig-file-reference.md from the schema: `scripts/dev rig_file_page > docs/rig-file-reference.md`.
 
-A section for each mapping of a rig file, named by the place of its first use, with a row for each key: what it may be,
-its default, and the docstring that stands below it in the schema. Keys that all members of a union have (every gauge,
+A section for each mapping of a rig file, named by the place of its first use, with an item for each key: its type, its
+default, and its docstring in the schema. Keys that all members of a union have (every gauge,
 every effect) are listed once.
 """
 
@@ -23,9 +23,9 @@ from pydantic_core import PydanticUndefined
 HEAD = """\
 # Every key of a rig file
 
-[The rig file](rig-file.md) explains them in their order, with examples. Lengths are in mm and angles in degrees, as the
-names say. A key that is not listed here is refused, and so is a value beyond its bounds. In a heading, the word after a
-colon is the `interface` or the `effect` that chooses this kind of mapping.
+[The rig file](rig-file.md) explains the keys with examples. Lengths are in mm and angles in degrees, as the names say.
+Unlisted keys and values beyond the bounds are refused. In a heading, the word after a colon is the value of `interface`
+or `effect` that selects this kind of mapping.
 
 This page is generated from the schema: `scripts/dev rig_file_page > docs/rig-file-reference.md`.
 """
@@ -35,7 +35,7 @@ _BOUNDS = {
     "maximum": "to {:.7g}",
     "exclusiveMaximum": "below {:.7g}",
 }
-_KINDS = {"number": "number", "integer": "whole number", "string": "text", "boolean": "`true` or `false`"}
+_KINDS = {"number": "number", "integer": "integer", "string": "text", "boolean": "`true` or `false`"}
 _WRITTEN = {"Line": "line settings, as `9600 8N1`", "Limit": "number, which is `fail`, or {}"}
 """Mappings that a person writes in another way, by their classes; {} is the mapping."""
 _CHOOSERS = ("interface", "effect")
@@ -121,17 +121,16 @@ def _subclasses(model: Model) -> Iterator[Model]:
 def _section(place: str, model: Model, schema: Schema, common: Shared | None, places: dict[str, str]) -> str:
     described = " ".join((inspect.getdoc(model) or "").split())
     docs = _docstrings(model)
-    rows = [
-        f"| `{key}` | {_kind(given, places)} | {_default(model.model_fields[key])} | {docs.get(key, '')} |"
+    items = [
+        f"- `{key}`: {_kind(given, places)}{_default(model.model_fields[key])}. {docs.get(key, '')}".rstrip()
         for key, given in schema["properties"].items()
         if key not in _CHOOSERS and not (common and key in common.keys)
     ]
-    table = ["| key | value | default | meaning |", "| --- | --- | --- | --- |", *rows] if rows else []
     first = places[common.first] if common else ""
     listed = [f"`{key}`" for key in schema["properties"] if common and key in common.keys]
     also = f"{', '.join(listed)}: as in [{first}](#{_anchor(first)})." if listed else ""
     title = f"### {place}" if "." in place else f"## {place}"
-    return "\n\n".join(part for part in (title, described, also, "\n".join(table)) if part) + "\n"
+    return "\n\n".join(part for part in (title, described, also, "\n".join(items)) if part) + "\n"
 
 
 def _docstrings(model: Model) -> dict[str, str]:
@@ -145,7 +144,7 @@ def _docstrings(model: Model) -> dict[str, str]:
         for one, after in zip(tree.body, tree.body[1:], strict=False):
             if isinstance(one, ast.AnnAssign) and isinstance(one.target, ast.Name) and isinstance(after, ast.Expr):
                 text = ast.literal_eval(after.value) if isinstance(after.value, ast.Constant) else ""
-                found[one.target.id] = " ".join(str(text).split()).replace("|", "\\|")
+                found[one.target.id] = " ".join(str(text).split())
     return found
 
 
@@ -190,7 +189,7 @@ def _anchor(title: str) -> str:
 
 def _default(field: FieldInfo) -> str:
     if field.is_required():
-        return "**required**"
+        return " (**required**)"
     value = field.get_default(call_default_factory=True)
     if value in (None, PydanticUndefined, "", (), {}):
         return ""
@@ -200,7 +199,7 @@ def _default(field: FieldInfo) -> str:
         written = f"[{', '.join(map(_plainly, value))}]"
     else:
         written = _plainly(value)
-    return f"`{written}`" if written and len(written) <= _LONGEST_DEFAULT else ""
+    return f", default `{written}`" if written and len(written) <= _LONGEST_DEFAULT else ""
 
 
 def _plainly(value: object) -> str:
@@ -212,4 +211,6 @@ def _plainly(value: object) -> str:
 
 if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).parents[2]))
-    sys.stdout.write(page())
+    from tests.support.markdown import wrapped
+
+    sys.stdout.write(wrapped(page()))

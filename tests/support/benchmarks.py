@@ -62,7 +62,7 @@ class Line:
         )
 
 
-HEAD = ("row", "what", "unit", "goal", "rig", "instead", "its figure", "rig/its", "goal is")
+HEAD = ("row", "case", "unit", "goal", "rig", "reference", "figure", "ratio", "outcome")
 
 
 def table(lines: list[Line]) -> str:

@@ -12,6 +12,7 @@ import os
 import platform
 import re
 import sys
+import textwrap
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -65,7 +66,8 @@ def main() -> int:
             lines.append(line)
             print(" | ".join(line.cells()), flush=True)
     if not names:
-        PAGE.write_text(page_with(PAGE.read_text(encoding="utf-8"), f"{machine()}\n\n{table(lines)}"), encoding="utf-8")
+        measured = f"{textwrap.fill(machine(), 120)}\n\n{table(lines)}"
+        PAGE.write_text(page_with(PAGE.read_text(encoding="utf-8"), measured), encoding="utf-8")
         print(f"written to {PAGE}")
     return 0 if all(line.reached for line in lines) else 1
 

@@ -25,7 +25,7 @@ POSES, TWICE, TARGETS = 400, 60, 200
 OUTSIDE, SINGULAR = 10, 2
 """Targets, of all, with axis 1 outside the driven range, and at the singularity of the wrist."""
 MARGIN_DEG = 3.0
-"""Beyond the driven range up to which a target counts as covered, as docs/plan-and-correct.md says."""
+"""Beyond the driven range up to which a target counts as covered, as docs/correct.md says."""
 JOINTS = tuple(f"q{k}_deg" for k in range(1, 7))
 
 
