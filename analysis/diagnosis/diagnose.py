@@ -109,8 +109,8 @@ def doubts_of_limits(names: Sequence[Named]) -> tuple[str, ...]:
     for named in names:
         if named.stands and ended_at_limit(named.effect):
             doubts.append(
-                f"{label_of(named.effect)} ended at the limit of its size, so it is not to be trusted: check the rig "
-                "file, the cables of the gauges and the placements, and diagnose again"
+                f"{label_of(named.effect)} ended at the limit of the size, so it is not to be trusted: check the rig "
+                "file, the cables of the gauges and the placements, and repeat the diagnosis"
             )
     return tuple(doubts)
 
@@ -127,7 +127,7 @@ def doubts_of_rig(rig: Rig, fitted: FittedRuns) -> tuple[str, ...]:
         if without < _BETTER * whole:
             doubts.append(
                 f"without {name_of(effect)} of the rig file the gap is {1e3 * without:.1f} instead of "
-                f"{1e3 * whole:.1f} µm: remove it and diagnose again"
+                f"{1e3 * whole:.1f} µm: remove it and repeat the diagnosis"
             )
     return tuple(doubts)
 

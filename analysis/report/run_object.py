@@ -61,7 +61,7 @@ def eccentricities_in_words(group: Sequence[Result]) -> list[str]:
     away = max(apart)
     return [
         f"the two estimates of the ball's place, by angle and by distance, differ by {1000 * away:.0f} µm: take "
-        "that as its uncertainty"
+        "that as the uncertainty"
     ]
 
 

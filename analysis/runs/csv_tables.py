@@ -84,7 +84,7 @@ def table_from(columns: pa.Table, test: TestName, direction: Direction | None, w
     rows, kind = Rows(columns), kind_named(test)
     missing = [name for name in kind.layout(rows.axes).required if name not in columns.column_names]
     if missing or not columns.num_rows:
-        problem = f"its table has no {', '.join(missing) or 'rows'}"
+        problem = f"the table has no {', '.join(missing) or 'rows'}"
         raise FileError(where, problem, "import the table again")
     table = kind.table_of(rows, direction, where)
     hold_table(table, where)
@@ -120,7 +120,7 @@ def joint_cells(
 
 LARGEST = 1e12
 """Limit of angles, lengths and times, in any unit chosen by mistake."""
-_REMEDY = "restore the run from a copy, or correct its table and import it again"
+_REMEDY = "restore the run from a copy, or correct the table and import it again"
 
 
 def hold_table(table: Table, where: str) -> None:

@@ -159,7 +159,7 @@ class Kind(ABC, Generic[T]):
 
     def simulated(self, rig: Rig, direction: Direction | None, run: Simulation) -> T:
         """Return a run as it would be measured. Raises FileError if the robot cannot do the test."""
-        raise FileError(f"{self.test} test", "is not simulated", "simulate another test")
+        raise FileError(f"{self.test} test", "is not simulated", "simulate a different test")
 
     # ------------------------------------------------------------------------------------------------------------------
     # Evidence against the labelled meaning of the columns.
@@ -266,7 +266,7 @@ def kind_named(test: TestName) -> Kind[Table]:
             return kind
     except Exception as reason:  # noqa: BLE001 - whatever a foreign module raises as it is imported
         why = str(reason)
-    remedy = "install another version of that package, or uninstall it"
+    remedy = "install a different version of that package, or uninstall it"
     raise FileError(f"test {test}", f"{offer.value}, which a package offers, cannot be used: {why}", remedy)
 
 

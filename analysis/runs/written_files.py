@@ -121,7 +121,7 @@ def _write_all(directory: Path, files: Mapping[str, Writer], *, over: bool) -> l
     paths = [directory / name for name in files]
     for path in () if over else paths:
         refuse_existing(path)
-    made, remedy = False, "give another --plot" if over else "choose a different --output"
+    made, remedy = False, "choose a different --plot" if over else "choose a different --output"
     try:
         with files_into(directory, over=over) as hidden:
             made = True

@@ -225,7 +225,7 @@ def _plain_types_and_a_table(found: Diagnosis) -> None:
 
 
 def test_a_run_given_twice_is_refused(laps: list[Measured]) -> None:
-    with pytest.raises(FileError, match="holds the same readings as"):
+    with pytest.raises(FileError, match="contains the same readings as"):
         diagnose(laps, hold_out=laps[:1])
 
 
@@ -286,7 +286,7 @@ def test_a_path_stands_for_its_run(laps: list[Measured], kept: Path) -> None:
         (lambda: evaluate_runs([None]), "run: a NoneType is no run"),  # type: ignore[list-item]
         (lambda: simulate("ur10e", "yaw", "left"), "'left' is not a direction; give acw or cw"),  # type: ignore[arg-type]
         (lambda: simulate("ur10e", "yow", "cw"), "'yow' is not a test; give one of yaw"),  # type: ignore[arg-type]
-        (lambda: analysis.calibrated_arm("ur10e").forward("here"), "is no array of numbers"),  # type: ignore[arg-type]
+        (lambda: analysis.calibrated_arm("ur10e").forward("here"), "is not an array of numbers"),  # type: ignore[arg-type]
         (lambda: analysis.calibrated_arm("ur55"), "no such rig file"),
     ],
 )

@@ -117,7 +117,7 @@ class McapBag:
 def words_of(error: Exception) -> str:
     """Return what is wrong with a bag that made its reader raise this."""
     if isinstance(error, CRCValidationError):
-        return "its content has changed since it was recorded (CRC-32)"
+        return "the content has changed since it was recorded (CRC-32)"
     return str(error)[:80] or type(error).__name__
 
 

@@ -204,7 +204,7 @@ def _in_mm(T: Array) -> Array:
     return T
 
 
-_SLIDES = "only a rail below all turning joints can slide: leave it out, with --base or --tip"
+_SLIDES = "only a rail below all turning joints can slide: remove it, with --base or --tip"
 _ENDLESS_RAD = 2 * np.pi
 """Limits of a continuous joint: one turn in each direction, the usual range of controllers."""
 _REMEDY = "choose the ends of the arm with --base and --tip"
@@ -430,7 +430,7 @@ def import_urdf(path: Path, base: str | None = None, tip: str | None = None) -> 
         )
     within = {joint.name for joint in chain.down}
     if others := [joint.name for joint in urdf.joints if joint.moves and joint.name not in within]:
-        doubts.append(f"further moving joints are left out, with the masses on them: {listed(others)}")
+        doubts.append(f"further moving joints are ignored, with the masses on them: {listed(others)}")
     if endless := [joint.name for joint in chain.turning if joint.type == "continuous"]:
         limits = "limits_deg are a turn to either side; correct them where the controller counts otherwise"
         doubts.append(f"joints turn without end: {listed(endless)}; {limits}")

@@ -107,7 +107,7 @@ def compensated_plans(plans: Sequence[Plan], path: Path, rig: Rig, rig_file: str
     if against and not anyway:
         raise FileError(str(path), f"was {ANYWAY}", "use the nominal targets, or add --anyway; the programs say so")
     made = compensated(plans, np.radians(joints.values), poses.poses(), joints.lines, str(path))
-    remarks = [Comment(f"{MARK}: never correct it again")]
+    remarks = [Comment(f"{MARK}: do not correct twice")]
     remarks += [Comment(ANYWAY)] if against or why_nothing(rig) else []
     return [replace(plan, steps=(*remarks, *plan.steps)) for plan in made]
 

@@ -51,7 +51,7 @@ def seen_below(directory: Path) -> list[Seen]:
     """Return the runs below a directory. Raises FileError if there are none, CellError if a store does not respond."""
     seen = list(seen_runs(directory))
     if not seen:
-        raise FileError(str(directory), "holds no runs", "give the directory that holds the plant's runs")
+        raise FileError(str(directory), "contains no runs", "give the directory that holds the plant's runs")
     return seen
 
 

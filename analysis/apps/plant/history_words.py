@@ -87,7 +87,7 @@ def remarks(history: History) -> list[str]:
         f"run {plain(name)} is a wild run: changes are looked for without it in {_listed(of)}" for name, of in named
     ]
     if len(wild) > _MOST_NAMED:
-        lines.append(f"{len(wild) - _MOST_NAMED} further wild runs are left out where changes are looked for")
+        lines.append(f"{len(wild) - _MOST_NAMED} further wild runs are ignored where changes are looked for")
     return lines
 
 

@@ -153,7 +153,7 @@ def status_lines(session: Session, following: Following, directory: Path) -> Ite
     yield f"session of {session.rig}, begun {began}, aim {session.aim}, {minutes} driven"
     for number, step in enumerate(session.steps, start=1):
         open_state = f"to be repeated: {step.tries[-1].why}" if step.tries else "to be driven"
-        state = step.run or (f"left out: {step.skipped}" if step.skipped else open_state)
+        state = step.run or (f"skipped: {step.skipped}" if step.skipped else open_state)
         yield f"{number:3} {step.program:{_WIDTH}} {state}"
     if session.answer:
         shown = "" if session.report else f" {session.answer.headline}"  # which the end says as well

@@ -165,7 +165,7 @@ def with_enough_readings(runs: Sequence[ObservedRun]) -> tuple[list[int], list[s
     if not kept:
         setup, why = next(iter(reasons.items()))
         raise FileError(f"set-up {setup}", why, "give more runs of it, or more readings in each")
-    return kept, [f"{setup} is left out: {why}" for setup, why in reasons.items()]
+    return kept, [f"{setup} is ignored: {why}" for setup, why in reasons.items()]
 
 
 def reach_mm(judged: Mapping[str, SetUp], used: Mapping[str, SetUp]) -> float:

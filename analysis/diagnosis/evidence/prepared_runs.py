@@ -68,7 +68,7 @@ def prepare_runs(rig: Rig, *uses: Sequence[Measured]) -> tuple[list[list[Observe
     of_pieces = [names[k] for k, _ in pieces]
     split_up, of_frames = split_by_frame([piece for _, piece in pieces], of_pieces)
     split_up, of_targets = split_by_target(split_up, of_pieces)
-    doubts += [f"{names[k]} is left out: {finding.words}" for k, finding in wrong.items()] + of_frames + of_targets
+    doubts += [f"{names[k]} is ignored: {finding.words}" for k, finding in wrong.items()] + of_frames + of_targets
     doubts += _doubts_of_gauges(findings, [(names[k], seen[k].wild, runs[k].table) for k in kept])
     parts = []
     for number in range(len(uses)):
@@ -87,7 +87,7 @@ def _with_joints(uses: Sequence[Sequence[Measured]]) -> tuple[tuple[Sequence[Mea
     if without and not kept[0]:
         why = without[0].table.kind.without_joints
         raise FileError(str(without[0].path), why, "give poses, touches or circles as well")
-    return kept, [f"{run.run.manifest.name} is left out: it {run.table.kind.without_joints}" for run in without]
+    return kept, [f"{run.run.manifest.name} is ignored: it {run.table.kind.without_joints}" for run in without]
 
 
 def _doubts_of_gauges(findings: Sequence[Finding], counted: Sequence[tuple[str, int, Table]]) -> list[str]:
@@ -198,7 +198,7 @@ def without_wild(
         elif wild.any():
             doubts.append(
                 f"{wild.sum()} of {len(run.rows)} readings of {run.setup} lie far from all others, up "
-                f"to {distance_mm.max():.1f} mm, and are not left out: so many, or all in one range of a joint, are no "
+                f"to {distance_mm.max():.1f} mm, and are not ignored: so many, or all in one range of a joint, are no "
                 "lost points; check the signs, order and zeros of the joints, and whether instrument or base moved"
             )
     for setup, most_mm in far_mm.items():

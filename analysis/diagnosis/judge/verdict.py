@@ -333,7 +333,7 @@ def doubts_of_phases(vibrations: Sequence[Named], left: FoundVibration) -> tuple
     return tuple(
         f"once the fitted vibration is taken off, the runs still show a {left.effect.plain('')} of "
         f"{left.amplitude_mm:.4f} ± {left.sd[size]:.4f} mm: a fit with one phase and one frequency for all runs does "
-        "not see what differs from run to run"
+        "not see the scatter between runs"
         for name in vibrations
         if left.gain >= np.log(ODDS) and left.amplitude_mm > CERTAIN_SIGMA * name.sd[size]
     )

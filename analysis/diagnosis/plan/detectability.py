@@ -99,7 +99,7 @@ def _other_circles(rig: Rig, circle: Circle, tests: Sequence[TestName]) -> list[
             )
         )
     elsewhere = tuple((f"circle {words}", with_circle(rig, circle, centre_mm=at)) for words, at in nearby)
-    further.append(FurtherTest(circles, "another posture changes the effect of each joint and link", elsewhere))
+    further.append(FurtherTest(circles, "a different posture changes the effect of each joint and link", elsewhere))
     speed = FASTER * circle.speed_mm_s
     faster = ((f"circle at {speed:g} mm/s", with_circle(rig, circle, speed_mm_s=speed)),)
     further.append(

@@ -109,9 +109,9 @@ class PlannedPoses:
             lines.append(f"{compared}; {as_good}")
         if left_out := self.asked - len(self.q):
             lines.append(
-                f"{left_out} of {self.asked} have no way from another, clear and within limits; they are left out"
+                f"{left_out} of {self.asked} have no way from another, clear and within limits; they are ignored"
             )
-        return [*lines, "covers, cables and the cell are not known: watch the first run, hand on the stop"]
+        return [*lines, "covers, cables and the cell are unknown: watch the first run, hand on the stop"]
 
     def csv(self) -> str:
         """Return the poses as a table, a row each: joint angles, previous joint angles, and nominal position.
@@ -144,7 +144,7 @@ def planned_poses(rig: Rig, count: int, sight: Sight | None = None, *, one_axis:
     Spread over the workspace, or one_axis at a time down, up and back. Raises FileError.
     """
     if rig.robot.rail:
-        problem = "stands on a rail, and poses are planned of an arm that stands"
+        problem = "is on a rail, and poses are planned of an arm that stands"
         raise FileError(
             RigPlace.of(rig.name), problem, "leave out robot.rail, and add e1_mm, spread over the rail, by hand"
         )

@@ -211,7 +211,9 @@ def _about_noise(curve: LapCurve) -> tuple[str, ...]:
         return (f"the angle steps by {sizes} between laps, {why}",)
     match curve.noise.source:
         case "borrowed":
-            return ("the run has one lap: its slow noise is taken from another run of this cell, at an unknown level",)
+            return (
+                "the run has one lap: the slow noise is taken from a different run of this cell, at an unknown level",
+            )
         case "assumed":
             why = "the noise of real cells is assumed; drive two laps"
             return (f"the run has one lap, which cannot show slow noise: {why}",)

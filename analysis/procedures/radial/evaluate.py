@@ -364,10 +364,10 @@ def _notes(
     for k in np.flatnonzero(far):
         worst = off_mm[k, np.nanargmax(np.abs(off_mm[k]))]
         reading = f"a reading {worst:+.3f} mm off the sphere, those of the others within {most:.3f} mm"
-        notes.append(f"target {cells.target[k]} left out: {reading}")
+        notes.append(f"target {cells.target[k]} ignored: {reading}")
     if free.unknown:
         why = "these targets, near one plane or place, do not determine them; measure at more polar angles"
-        notes.append(f"{', '.join(free.unknown)} left out: {why}")
+        notes.append(f"{', '.join(free.unknown)} ignored: {why}")
     return tuple(notes)
 
 
@@ -409,7 +409,7 @@ class Radial(TargetKind[RadialTable]):
         once = len(order) // hemisphere_of(rig).visits
         visits = visits_of(at, [order[row] for _, row in at], order, once, program, where)
         elsewhere, rows = len(stands) - len(at), visits.rows
-        doubts = [f"{elsewhere} stands are left out because they are not at a target"] if elsewhere else []
+        doubts = [f"{elsewhere} stands are ignored because they are not at a target"] if elsewhere else []
         table = RadialTable(
             program.target[rows], program.polar[rows], program.azimuth[rows], program.orientation[rows],
             visits.t_s, visits.q, visits.g_mm + link_excess_mm(rig),

@@ -100,7 +100,7 @@ def evaluate(table: RepeatabilityTable, u_mm: float, where: str = "the repeatabi
     spreads[np.isfinite(away)] = spreads_of(away[np.isfinite(away)], TARGET_MM.high)
     if wild := int((spreads > SPREADS).sum()):
         row, side, _ = np.unravel_index(int(np.argmax(spreads)), x.shape)
-        most = f"up to {np.nanmax(away):.3g} mm from the others of its target and side"
+        most = f"up to {np.nanmax(away):.3g} mm from the others of the target and side"
         where_most = f"target {targets[row]}, {SIDES[side]}"
         are = "1 reading is" if wild == 1 else f"{wild} readings are"
         remedy = "check that the plunger touched and that the robot stood"
@@ -148,7 +148,7 @@ def _sides(table: RepeatabilityTable, where: str) -> tuple[Integers, Array, tupl
         for column, side in enumerate(cells[target]):
             x[row, column, : len(side)] = side
     dropped = [target for target in cells if target not in kept]
-    notes = [f"target {listed(dropped)} left out: fewer than two readings from a side"] if dropped else []
+    notes = [f"target {listed(dropped)} ignored: fewer than two readings from a side"] if dropped else []
     without = int((table.approach == "none").sum())
     notes += [f"{without} readings do not state their approach and are not used"] if without else []
     return np.array(kept), x, tuple(notes)

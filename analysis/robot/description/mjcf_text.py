@@ -37,7 +37,7 @@ _ARMATURE = 1e-3
 gear has some tenths (MuJoCo Menagerie, universal_robots_ur10e: 0.1)."""
 _HEAD = (
     "Lengths are in metres and angles in radians. The hinge with a joint's name turns by the angle that the controller "
-    "reports. Moments of inertia are not known: each link is a ball of aluminium of its mass."
+    "reports. Moments of inertia are unknown: each link is a ball of aluminium of its mass."
 )
 
 

@@ -73,7 +73,7 @@ class CalibratedArm:
 def calibrated(arm: Arm, path: Path) -> CalibratedArm:
     """Return an arm of the library with the calibration of a file. Raises FileError."""
     if arm.maker != MAKER:
-        raise FileError(arm.name, "has no calibration.conf: only the arms of Universal Robots do", "leave it out")
+        raise FileError(arm.name, "has no calibration.conf: only the arms of Universal Robots do", "remove it")
     by, nominal = read_calibration(path), arm_of(arm.robot)
     # Classic constants are the modified ones of the link before each joint.
     a, alpha = np.append(nominal.a[1:], 0.0), np.append(nominal.alpha[1:], 0.0)

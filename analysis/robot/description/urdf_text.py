@@ -39,7 +39,7 @@ def joint_senses(arm: Arm, where: str, kind: str) -> list[int]:
         axis = int(np.flatnonzero(wrong)[0]) + 1
         problem = f"axis {axis} does not turn with joint {axis} alone and one to one, and {kind} has no way to say so"
         remedy = (
-            "in a copy, set coupling to its signs, and turn the controller's angles into those of the axes beforehand"
+            "in a copy, set coupling to the signs, and turn the controller's angles into those of the axes beforehand"
         )
         raise FileError(f"{where}, robot.coupling", problem, remedy)
     return [int(sense) for sense in senses]
@@ -76,9 +76,9 @@ _HYPHENS = re.compile("-(?=-)")
 """Two hyphens in a row end an XML comment."""
 _HEAD = (
     "Lengths are in metres and angles in radians. Joints turn by the angles that the controller reports. Moments of "
-    "inertia and torques are not known: they are written as 0."
+    "inertia and torques are unknown: they are written as 0."
 )
-_RAIL_HEAD = f"The joint {RAIL_JOINT} moves the arm in metres. Its speed is not known: it is written as 1 m/s."
+_RAIL_HEAD = f"The joint {RAIL_JOINT} moves the arm in metres. Its speed is unknown: it is written as 1 m/s."
 
 
 def urdf_text(robot: Robot, arm: Arm, where: str, remarks: Sequence[str] = ()) -> str:

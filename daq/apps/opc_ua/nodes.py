@@ -169,7 +169,7 @@ def _in_order(axes: Children, feedback: OPCUARobotics) -> Children:
         return {axis: axes[axis] for axis in feedback.axes}
     numbers = {int(match[1]): name for name in axes if (match := _NUMBERED.fullmatch(name))}
     if len(axes) != 6 or len(numbers) != 6:
-        raise Unfit(f"which axes are q1 to q6 is not known; the axes are {names}; name six of them as `axes`")
+        raise Unfit(f"which axes are q1 to q6 is unknown; the axes are {names}; name six of them as `axes`")
     return {numbers[number]: axes[numbers[number]] for number in sorted(numbers)}
 
 

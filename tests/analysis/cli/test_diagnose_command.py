@@ -173,7 +173,7 @@ def test_a_copy_is_no_repeat_and_judges_nothing(cell: Cell, tmp_path: Path) -> N
     copy = shutil.copytree(cell.runs[0], tmp_path / "copy")
     for words in ((cell.runs[0], copy), (cell.runs[0], cell.runs[1], "--hold-out", copy)):
         error = _rig("diagnose", *words).exception
-        assert isinstance(error, FileError) and f"{copy.name}: holds the same readings as" in str(error)
+        assert isinstance(error, FileError) and f"{copy.name}: contains the same readings as" in str(error)
 
 
 @pytest.mark.parametrize(

@@ -150,7 +150,7 @@ def test_an_arm_with_a_zero_far_wrong_is_imported_and_its_run_says_so(tmp_path: 
     assert [question.key for question in proposal.questions] == []
     assert "a zero or a length of this arm is far wrong" in proposal.table_map.assumed[0]
     farther = with_header(p, [*JOINTS, "x", "y", "z"], q_deg + 3 * off_deg, p.xyz_mm, tmp_path=tmp_path)
-    with pytest.raises(FileError, match="in no reading of its columns to 10 mm and 2 % of how far"):
+    with pytest.raises(FileError, match="in no reading of the columns to 10 mm and 2 % of how far"):
         propose_map([farther], "ur10e")
 
 

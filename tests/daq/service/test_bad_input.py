@@ -191,7 +191,7 @@ def test_a_full_disk_ends_the_recording_and_not_the_daemon(bench: Bench) -> None
     assert "File too large" in state["last_end"] and "rig recover" in state["last_end"]
     with Client(bench.socket) as client, pytest.raises(RigError) as told:  # soon, before another run follows
         client.ask("record_stop")
-    assert "nothing is being recorded" in told.value.what and "File too large" in told.value.what
+    assert "no recording is active" in told.value.what and "File too large" in told.value.what
     assert "is given up" in told.value.what
     bench.all_reading()
     # The writer lets go of its files after the state says that the recording has ended.
@@ -266,7 +266,7 @@ def test_a_robot_that_stood_still_is_no_lap(bench: Bench) -> None:
 @pytest.mark.parametrize(
     ("command", "code", "told"),
     [
-        (("record", "stop"), 4, "nothing is being recorded"),
+        (("record", "stop"), 4, "no recording is active"),
         (
             ("record", "start", "a/b", "--test", "yaw", "--direction", "cw"),
             2,
@@ -291,7 +291,7 @@ def test_a_second_recording_is_refused_and_the_first_goes_on(bench: Bench) -> No
 
 
 def test_no_daemon_is_told(bench: Bench) -> None:
-    assert "start it: rigd RIG" in bench.fails("rig", "status", code=4)
+    assert "start rigd: rigd RIG" in bench.fails("rig", "status", code=4)
 
 
 def test_live_into_a_pipe_tells_the_state_once_and_ends(bench: Bench) -> None:

@@ -23,7 +23,7 @@ def test_what_is_no_socket_is_left_where_it_is(tmp_path: Path) -> None:
     file.write_text("precious")
     folder.mkdir()
     for path in (file, folder):
-        with pytest.raises(CellError, match="is not a socket; give another --socket"):
+        with pytest.raises(CellError, match="is not a socket; choose a different --socket"):
             ControlServer(path, lambda _: {}).start()
     assert file.read_text() == "precious"
 

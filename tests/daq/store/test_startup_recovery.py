@@ -127,7 +127,7 @@ def test_a_small_real_disk_fills_up_and_is_cleared(bench: Bench) -> None:
     assert bench.daemon is not None
     inside = Path(f"/proc/{bench.daemon.pid}/root")
     if not os.access(inside / str(bench.folder)[1:], os.W_OK):
-        pytest.skip("the small disk of another process cannot be reached here")
+        pytest.skip("the small disk of a different process cannot be reached here")
     first = inside / str(bench.record())[1:]
     bench.recorded(20)
     ballast = first.parent / "ballast"

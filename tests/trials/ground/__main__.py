@@ -81,7 +81,7 @@ def main(words: Sequence[str] | None = None) -> int:
 def made(directory: Path, given: argparse.Namespace) -> None:
     """Make the tasks and say what was left out."""
     for line in make(directory, given.seed, TINY if given.tiny else WHOLE, given.data):
-        print(f"left out: {line}", flush=True)
+        print(f"ignored: {line}", flush=True)
     print(f"wrote {directory / 'tasks'} for entrants, and {directory / 'truth'} for the scorer", flush=True)
 
 

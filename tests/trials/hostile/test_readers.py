@@ -77,7 +77,7 @@ def test_no_command_waits_for_or_swallows_what_is_no_file(
 
 
 def test_a_lock_that_is_a_link_is_not_followed(tmp_path: Path, run: Path) -> None:
-    outside = tmp_path / "made by another user's run"
+    outside = tmp_path / "made by a different user's run"
     replaced(run / ".lock", lambda lock: lock.symlink_to(outside))
     with pytest.raises(CellError, match=r"cannot be recovered: .*\.lock'; remove that link; nothing was lost"):
         recover(run)

@@ -129,7 +129,7 @@ def test_two_sessions_in_one_directory(cell: Path, tmp_path: Path) -> None:
     begun(cell, tmp_path / "own")
     with Place(tmp_path / "own"):
         done = ran("session", cell, "-o", tmp_path / "own", "--for", "kuka")
-        assert done.returncode == 4 and "another rig session" in one_line(done.stderr)
+        assert done.returncode == 4 and "a different rig session" in one_line(done.stderr)
         assert ran("session", cell, "-o", tmp_path / "own", "--status").returncode == 0
 
 

@@ -132,7 +132,7 @@ def test_a_session_killed_at_each_step_has_the_same_end(whole: Whole, place: Pat
             continue
         break
     else:
-        pytest.fail("it never came to its end")
+        pytest.fail("it never came to the end")
     finished(session, place)
     assert mortal.driven == whole.driver.driven, "no program is driven twice: its run is found and taken"
     same = {"tries", "began"}

@@ -89,7 +89,7 @@ def test_a_placement_of_three_poses_takes_the_tool_of_the_others(
     found = calibrate(runs, "joint_offset", rig=RIG)
     assert found.train.calibrated_um < 500
     assert set(found.calibrated.setups) == {"pose at door", "pose at wall"}
-    words = "pose at floor is left out: its 6 readings are too few for the 6 terms of the set-up alone"
+    words = "pose at floor is ignored: its 6 readings are too few for the 6 terms of the set-up alone"
     assert words in found.doubts
     with pytest.raises(FileError, match="6 readings are too few"):
         calibrate(runs[2:], "joint_offset", rig=RIG)

@@ -93,4 +93,4 @@ def test_a_placement_that_takes_up_all_its_readings_is_left_out() -> None:
     two = replace(two, run=replace(two.run, manifest=placed))
     (used,), told = prepare_runs(RIG, [run, two])
     assert [run.setup for run in used] == ["pose"]
-    assert told == ["pose at wall is left out: its 6 readings are too few for the 6 terms of the set-up alone"]
+    assert told == ["pose at wall is ignored: its 6 readings are too few for the 6 terms of the set-up alone"]

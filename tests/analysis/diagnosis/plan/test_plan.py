@@ -216,7 +216,7 @@ def test_the_command_prints_words_or_one_object(monkeypatch: pytest.MonkeyPatch,
     assert "not possible here: a flight: no wings" in told.stdout
     assert "noise assumed" in told.stdout and "from stop to stop 24.5 µm" in " ".join(told.stdout.split())
     assert "all other errors have their usual size" in " ".join(told.stdout.split())
-    assert "87 names: " in told.stdout, "a gear is one name, whatever its orders"
+    assert "87 names: " in told.stdout, "a gear is one name, regardless of its orders"
     found = json.loads(CliRunner().invoke(app, ["plan", "paper-fanuc", "--tests", "yaw,roll", "--json"]).stdout)
     assert {"tests", "runs", "effects", "groups", "pairs", "further", "not_possible"} <= found.keys()
     by_name = {effect["name"]: effect for effect in found["effects"]}

@@ -104,5 +104,5 @@ def test_poses_that_are_no_measurement_are_left_out_beside_others() -> None:
         table=replace(other.table, q=other.table.q[:, [0, 2, 1, 3, 4, 5]]),
     )
     found = found_in([sound, wrong])
-    assert found.doubts[0].startswith("wrong is left out: only with J2 and J3 exchanged do these poses fit")
+    assert found.doubts[0].startswith("wrong is ignored: only with J2 and J3 exchanged do these poses fit")
     assert found.accuracy.now_um < 100

@@ -103,7 +103,7 @@ def test_targets_of_a_gauge_in_micrometres() -> None:
     rows = plain("radial")
     travel = float(np.ptp([float(cell) for cell in rows["g1_mm"]]))
     (doubt,) = check(rows | {"g1_mm": scaled(rows["g1_mm"], 100 / travel)}, "radial")
-    assert doubt.startswith("g1_mm travels 100 mm on a radius of 400 mm, more than any robot error; check its unit")
+    assert doubt.startswith("g1_mm travels 100 mm on a radius of 400 mm, more than any robot error; check the unit")
     with pytest.raises(
         FileError, match=r"g1_mm travels 500 mm on a radius of 400 mm, which is impossible for a link; check"
     ):

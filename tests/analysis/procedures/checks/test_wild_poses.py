@@ -103,4 +103,4 @@ def test_a_wild_row_is_said_beside_two_reflectors() -> None:
     xyz[11] += [400.0, 0.0, 0.0]
     lines = [one.words for one in findings_of([run_of(PoseTable(seen.q, xyz, None), "poses", RIG)])]
     assert ["elsewhere than the others" in line for line in lines] == [True, False]
-    assert "1 of 60 poses left out: row 12" in lines[1]
+    assert "1 of 60 poses ignored: row 12" in lines[1]
