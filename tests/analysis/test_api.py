@@ -318,7 +318,7 @@ def test_a_table_says_its_test_by_its_columns(tmp_path: Path) -> None:
     run = read_table(tmp_path / "poses.csv", "ur5")
     assert run.run.manifest.test == "pose" and evaluate(run).figures["rms_mm"].value < 0.2
     (tmp_path / "none.csv").write_text("a,b,c\n1,2,3\n4,5,6\n", encoding="utf-8")
-    with pytest.raises(RigError, match="columns of no test"):
+    with pytest.raises(RigError, match="match none of the tests"):
         read_table(tmp_path / "none.csv", "ur5")
 
 

@@ -73,7 +73,7 @@ def test_another_robot_is_refused(robot: tuple[Path, Path], tmp_path: Path) -> N
     before = now.read_bytes()
     done = ran("versions", now, "--back-to", march)
     assert done.returncode == 3
-    assert "another robot" in done.stderr
+    assert "a different robot" in done.stderr
     assert now.read_bytes() == before
     assert [one["path"] for one in json.loads(ran("versions", now, "--json").stdout)["versions"]] == [str(now)]
     assert ran("versions", now, "--back-to", now).returncode == 3

@@ -90,7 +90,9 @@ CLOSED = ["sh", "-c", 'exec "$0" "$@" <&-', BIN / "rig"]
 
 def test_nobody_types_where_standard_input_is_closed(tmp_path: Path) -> None:
     done = subprocess.run([*CLOSED, "init", tmp_path / "cell.yaml"], capture_output=True, text=True, check=False)
-    assert done.returncode == 2 and done.stderr.startswith("error: --robot: is not given, and without a terminal")
+    assert done.returncode == 2 and done.stderr.startswith(
+        "error: --robot: is missing, and rig cannot ask without a terminal"
+    )
 
 
 @pytest.mark.nightly  # 3 s; another command without a keyboard stands above

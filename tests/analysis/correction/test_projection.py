@@ -195,7 +195,9 @@ def test_a_path_and_entries_are_said_to_be_for_one_controller_each(tmp_path: Pat
     zero = _known(JointOffset(axis=3, offset_deg=0.05), 0.002)
     cell.write_text(extended(load("ur10e")[1], [zero], "cell"), encoding="utf-8")
     path.write_text(",".join(JOINTS) + "\n0,-80,100,-20,80,0\n")
-    for k, (option, told) in enumerate({"": "without these values", "--entered": "that has these values"}.items()):
+    for k, (option, told) in enumerate(
+        {"": "without these values", "--entered": "with these values already entered"}.items()
+    ):
         options = [str(cell), "--path", str(path), "-o", f"{tmp_path}/{k}", *([option] if option else [])]
         done = CliRunner().invoke(app, ["correct", *options])
         assert f"corrected-path.csv is for a controller {told}" in (said := " ".join(done.stdout.split()))

@@ -24,11 +24,11 @@ NOTHING = [
     ({"handed_um": 95.0}, "on runs that it did not use it leaves 95 of 90 µm rms, not less than the nominal arm"),
     (
         {"condition": "outside_library", "handed_um": 85.0},
-        "a cause that is in no library remains, 20 µm; it leaves 85 of 90 µm rms on runs that it did not use",
+        "an unknown cause remains, 20 µm; it leaves 85 of 90 µm rms on runs that it did not use",
     ),
     (
         {"condition": "outside_library", "place": "used"},
-        "a cause that is in no library remains, 20 µm; it leaves 30 of 90 µm rms on the runs used, and none judged it",
+        "an unknown cause remains, 20 µm; it leaves 30 of 90 µm rms on the runs used, without validation",
     ),
 ]
 
@@ -51,7 +51,7 @@ def test_what_is_to_correct_nothing_is_refused_with_the_reason(
     done = ran("correct", cell, "-o", out)
     assert done.returncode == 3 and not out.exists()
     assert f"{cell}: do not correct by this model: {why}" in done.stderr
-    assert "--anyway writes it, and the files say so" in done.stderr
+    assert "--anyway writes the files with a remark" in done.stderr
 
 
 def test_anyway_it_is_written_and_each_file_says_so(tmp_path: Path) -> None:
@@ -78,7 +78,7 @@ def test_anyway_it_is_written_and_each_file_says_so(tmp_path: Path) -> None:
     words = ("--for", "ur", "--test", "radial", "--path", table, "-o", tmp_path / "programs")
     for rig in (cell, "paper-fanuc"):  # the table says it too
         refused = ran("program", rig, *words)
-        assert refused.returncode == 3 and "correct nothing by this model" in refused.stderr
+        assert refused.returncode == 3 and "do not correct by this model" in refused.stderr
     done = ran("program", "paper-fanuc", *words, "--anyway")
     assert done.returncode == 0, done.stderr
     (program,) = (tmp_path / "programs").glob("*.script")

@@ -60,10 +60,10 @@ def test_one_direction_only_is_reported() -> None:
 def test_runs_of_different_robots_are_refused_in_one_line() -> None:
     other = RIG.model_copy(update={"robot": RIG.robot.model_copy(update={"payload_kg": 9.0})})
     run, *more = circles(seed=24)
-    with pytest.raises(FileError, match="another robot") as told:
+    with pytest.raises(FileError, match="a different robot") as told:
         found_in([run, replace(more[0], rig=other)])
     assert len(told.value.lines()) == 1 and str(more[0].path) in str(told.value) and "payload_kg" in str(told.value)
-    with pytest.raises(FileError, match="another robot"):
+    with pytest.raises(FileError, match="a different robot"):
         found_in([run], held_out=[replace(more[0], rig=other)])
 
 

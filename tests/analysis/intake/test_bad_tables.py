@@ -145,7 +145,10 @@ def test_the_direction_of_the_command() -> None:
     ]
     rows = plain("yaw")
     del rows["direction"]
-    assert "line 1, direction: this column is missing; add it, or give --direction" in refusal(csv_text(rows), "yaw")[0]
+    assert (
+        "line 1, direction: this column is missing; add the column, or give --direction"
+        in refusal(csv_text(rows), "yaw")[0]
+    )
 
 
 def test_joints_that_jump() -> None:

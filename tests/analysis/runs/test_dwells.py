@@ -92,7 +92,7 @@ def test_another_order_is_used_and_told() -> None:
     program = radial_program(rig)
     table, doubts = table_of(program.q[::-1], rig)
     assert table.target.tolist() == program.target[::-1].tolist()
-    assert any("another order" in said for said in doubts)
+    assert any("a different order" in said for said in doubts)
 
 
 def test_wild_readings_of_a_stand_are_counted_and_not_averaged() -> None:

@@ -178,7 +178,7 @@ def test_a_robot_that_hangs_up_is_reconnected_and_the_gap_told(bench: Bench) -> 
 
 def test_a_second_daemon_on_the_same_rig_is_refused(running: Bench) -> None:
     told = running.fails("rigd", running.rig, code=4)
-    assert "another rigd" in told and str(running.daemon.pid if running.daemon else "") in told
+    assert "a different rigd" in told and str(running.daemon.pid if running.daemon else "") in told
     running.all_reading()
 
 
@@ -273,7 +273,7 @@ def test_a_robot_that_stood_still_is_no_lap(bench: Bench) -> None:
             "name 'a/b' is not valid; use up to 64 letters",
         ),
         (("record", "start", "x", "--test", "yaw"), 2, "needs its direction"),
-        (("record", "start", "x", "--test", "radial", "--direction", "cw"), 2, "has no direction"),
+        (("record", "start", "x", "--test", "radial", "--direction", "cw"), 2, "does not have a direction"),
         (("status", "--rig", "other"), 4, "no daemon runs for other"),
     ],
 )
@@ -416,7 +416,7 @@ def test_a_second_daemon_with_another_socket_is_refused(bench: Bench, alike: str
         other.write_text(bench.rig.read_text())
     runs = "other-runs" if alike == "rig file" else "runs"
     done = bench.run("rigd", other, "--runs", runs, "--socket", bench.folder / "other" / "second.sock")
-    assert done.returncode == 4 and "another rigd" in done.stderr and "Traceback" not in done.stderr
+    assert done.returncode == 4 and "a different rigd" in done.stderr and "Traceback" not in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
     bench.signalled(signal.SIGKILL)
     bench.start().all_reading()

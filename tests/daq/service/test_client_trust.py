@@ -97,7 +97,9 @@ def test_an_answer_that_is_not_rigds_is_one_line(tmp_path: Path, line: bytes) ->
             done = ran(*command, XDG_RUNTIME_DIR=str(tmp_path))
             assert done.returncode == 4 and done.stdout == "", done.stdout
             told = done.stderr.splitlines()
-            assert len(told) == 1 and "does not answer as rigd does" in told[0] and told[0].isprintable(), told
+            assert len(told) == 1 and "a program other than rigd answers here" in told[0] and told[0].isprintable(), (
+                told
+            )
 
 
 @pytest.mark.parametrize(

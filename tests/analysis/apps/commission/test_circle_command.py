@@ -113,7 +113,7 @@ def test_the_ball_of_a_circle_and_of_stands(run: Path, cell: Path, tmp_path: Pat
         (("RUN", "--live"), 2, "both runs and --live"),
         (("RUN", "--write"), 2, "give it with --rig FILE"),
         (("RUN", "--rig", "ur10e", "--write"), 3, "shipped rig"),
-        (("RUN", "--rig", "paper-fanuc"), 3, "another robot"),
+        (("RUN", "--rig", "paper-fanuc"), 3, "a different robot"),
         (("nothing",), 3, "nothing"),
         (("RUN", "--rig", "nothing.yaml"), 3, "no such rig file"),
     ],
@@ -171,7 +171,7 @@ def test_points_that_a_daemon_reads_are_fitted_when_ctrl_c_ends_it(tmp_path: Pat
             text=True,
             env=bench.env,
         ) as watch:
-            assert watch.stderr is not None and "jog or lead" in watch.stderr.readline()
+            assert watch.stderr is not None and "jog or guide" in watch.stderr.readline()
             for number, point in enumerate(points, start=1):
                 bench.motion.deg = point
                 wanted = "stood still" if number == 1 else f"{number} points"

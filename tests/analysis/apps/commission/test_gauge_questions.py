@@ -90,5 +90,5 @@ def test_a_question_of_several_lines_is_said_line_by_line(monkeypatch: pytest.Mo
             ask_gauges(Answers(), options(), dialogue)
     finally:
         os.close(master)
-    assert "leads to another kind of machine: it may take a request for a command." in given
+    assert "other machines: a machine may execute the request as a command." in given
     assert [line for line in given if "\n" in line] == []

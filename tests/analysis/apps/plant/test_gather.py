@@ -178,7 +178,7 @@ def test_a_catalogue_of_another_version_is_made_again(plant: Path, file: Path, m
         first = gathered(plant, file)
     again = gathered(plant, file)
     assert (again.robots, again.examined) == (first.robots, 3 * VISITS)
-    assert any("another version" in note for note in again.notes)
+    assert any("a different version" in note for note in again.notes)
 
 
 def test_a_file_of_somebody_else_is_left_alone(tmp_path: Path, plant: Path, file: Path) -> None:

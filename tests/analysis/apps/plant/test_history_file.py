@@ -102,7 +102,7 @@ def test_the_database_of_another_program_is_left_alone(tmp_path: Path) -> None:
     path = tmp_path / FILE
     change(path, "create table theirs (x)")
     before = path.read_bytes()
-    with pytest.raises(Unusable, match="another program"):
+    with pytest.raises(Unusable, match="a different program"):
         read_records(path)
     assert path.read_bytes() == before
 

@@ -139,7 +139,7 @@ def test_two_sessions_in_one_directory(cell: Path, tmp_path: Path) -> None:
         (("--for", "kuka", "--minutes", "3"), 2, "the shortest session of this cell takes"),
         (("--for", "kuka", "--effects", "x.yaml"), 2, "only with --emulated"),
         (("--for", "kuka", "--fast"), 2, "only with --emulated"),
-        (("--for", "kuka", "--minutes", "60", "--entered"), 2, "has no values to be entered"),
+        (("--for", "kuka", "--minutes", "60", "--entered"), 2, "does not have values to enter"),
     ],
 )
 def test_options_that_cannot_be(options: tuple[str, ...], code: int, said: str, cell: Path, tmp_path: Path) -> None:

@@ -52,7 +52,7 @@ def test_rig_check_says_what_was_checked_and_found(tmp_path: Path) -> None:
     assert done.returncode == 3
     lines = done.stdout.splitlines()
     assert any(line.startswith("joints:") and "only with J3 + J2" in line for line in lines)
-    assert any(line.startswith("units:") and "nothing against it" in line for line in lines)
+    assert any(line.startswith("units:") and "no objection" in line for line in lines)
     assert any(line.startswith("gauge sign:") and "not shown: " in line for line in lines)
     found = json.loads(ran("check", run, "--json").stdout)
     (joints,) = (one for one in found["conventions"] if one["name"] == "joints")

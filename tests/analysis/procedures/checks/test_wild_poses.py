@@ -57,7 +57,7 @@ def test_wild_rows_are_named_when_they_are_imported_and_left_out_of_every_fit(sp
     found = far_poses(run.table, without_setup(arm_of(RIG.robot)))  # type: ignore[arg-type]
     assert (np.flatnonzero(found.wild) + 1).tolist() == rows
     (line,) = [one.words for one in findings_of([run]) if one.convention == WILDNESS]
-    assert all(str(row) in line for row in (rows[0], rows[-1])) and f"{len(rows)} of 60 poses left out" in line
+    assert all(str(row) in line for row in (rows[0], rows[-1])) and f"{len(rows)} of 60 poses ignored" in line
     (kept,), said = prepare_runs(RIG, [run])
     assert (np.setdiff1d(np.arange(60), kept[0].rows) + 1).tolist() == rows and line.split(";")[0] in said[0]
     clean, _ = _run(seed, "none")

@@ -143,7 +143,7 @@ def test_the_command_writes_the_program_beside_what_it_says(tmp_path: Path, cell
     assert path.read_bytes() == given != (out / "a.script").read_bytes()
     assert "1 target corrected, 2 places unchanged" in done.stdout
     assert "line 2: movel is in a tool that is unknown: give --tool" in done.stdout
-    assert "nothing was sent to a robot" in done.stderr and "reduced speed" in done.stderr
+    assert "rig did not send anything to a robot" in done.stderr and "reduced speed" in done.stderr
     (held,) = yaml.safe_load((out / "corrections.yaml").read_text())["programs"]
     assert held["corrected"] == 1 and [one["line"] for one in held["left"]] == [2, 3]
     again = ran("correct", cell, "--program", path, "-o", out)
@@ -151,7 +151,11 @@ def test_the_command_writes_the_program_beside_what_it_says(tmp_path: Path, cell
     beside = ran("correct", cell, "--program", path, "-o", tmp_path)
     assert beside.returncode == 3 and "exists already" in beside.stderr and path.read_bytes() == given
     whole = ran("correct", cell, "--program", path, "-o", f"{out}2", "--json", "--all-or-nothing")
-    assert whole.returncode == 3 and "a.script: is not written: places" in whole.stderr and "next:" not in whole.stderr
+    assert (
+        whole.returncode == 3
+        and "a.script: is not written: some places" in whole.stderr
+        and "next:" not in whole.stderr
+    )
     found_json = json.loads(whole.stdout)
     assert found_json["programs"][0]["targets"][0]["line"] == 1
 
@@ -225,7 +229,7 @@ def test_where_nothing_is_gained_no_program_is_written(effect: Effect, tmp_path:
     path, out = tmp_path / "a.script", tmp_path / "out"
     path.write_text("movej([0,-1.4,1.7,-0.3,1.4,0])\n")
     done = ran("correct", cell, "--program", path, "-o", out)
-    assert done.returncode == 3 and "take away no error there, so none are written" in done.stderr
+    assert done.returncode == 3 and "do not reduce the error there, so none are written" in done.stderr
     assert "next:" not in done.stderr and [file.name for file in out.iterdir()] == ["corrections.yaml"]
     assert yaml.safe_load((out / "corrections.yaml").read_text())["verdict"] == "nothing"
     assert ran("correct", cell, "--program", path, "-o", tmp_path / "anyway", "--anyway").returncode == 0
