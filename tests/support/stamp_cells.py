@@ -38,7 +38,7 @@ GAUGES: dict[str, Gauge] = {
     "Keyence, 115200 8N1": KeyenceDLRS1A.model_validate(
         {"interface": "keyence_dl_rs1a", "line": "115200 8N1", "timing": {"latch": "on_request"}, **_PLACE}
     ),
-    "Baumer with the clock, 57600 8E1": ModbusMap.model_validate(
+    "Baumer with its clock, 57600 8E1": ModbusMap.model_validate(
         {"interface": "modbus_map", "line": "57600 8E1", **_PLACE, **_BAUMER}
     ),
 }

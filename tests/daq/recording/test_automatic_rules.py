@@ -70,7 +70,7 @@ retention: {}"""
     words = ["did you mean signal?", "has a direction", "no direction", "either signal, or", "both from_deg and to_deg"]
     words += [
         "give a posture further on",
-        "'pose' is unknown",
+        "'pose' is not known",
         "greater than or equal to 0.2",
         "days, gigabytes or both",
     ]

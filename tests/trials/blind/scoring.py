@@ -152,7 +152,7 @@ def _gaps(cases: Sequence[Case]) -> list[Row]:
     held = [1 - case.answer.left["held_out"] for case in cases if "held_out" in case.answer.left]
     unseen = [case.answer.left["unseen_place"] for case in cases if "unseen_place" in case.answer.left]
     return [
-        quantile("gap removed, run ignored: median", 0.995, held, 50),
+        quantile("gap removed, run left out: median", 0.995, held, 50),
         quantile("  p10", 0.97, held, 10),
         quantile("left at an unseen place: p90", 0.08, unseen, 90, most=True),
     ]

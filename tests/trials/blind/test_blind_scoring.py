@@ -115,7 +115,7 @@ def test_healthy_arms_and_foreign_effects() -> None:
 
 def test_gap_size_cover_and_time() -> None:
     one = [case("one", said("named", SAID), BACKLASH)]
-    assert value_of(one, "gap removed, run ignored: median") == ("99.60 % of 1", True)
+    assert value_of(one, "gap removed, run left out: median") == ("99.60 % of 1", True)
     assert value_of(one, "left at an unseen place: p90") == ("2.00 % of 1", True)
     assert value_of(one, "size: median error") == ("1.00 % of 1", False)
     assert value_of(one, "2-sigma cover")[0].endswith("1 of 1")

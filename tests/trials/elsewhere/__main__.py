@@ -49,7 +49,7 @@ robot:
        mass_kg: 0.6}
 """
 HEAD = """\
-| judged | error, µm | u is known | error over u | within 2 u | where u is unknown |
+| judged | error, µm | u is known | error over u | within 2 u | where u is not known |
 | --- | --- | --- | --- | --- | --- |"""
 
 

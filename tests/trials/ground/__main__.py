@@ -81,7 +81,7 @@ def main(words: Sequence[str] | None = None) -> int:
 def made(directory: Path, given: argparse.Namespace) -> None:
     """Make the tasks and say what was left out."""
     for line in make(directory, given.seed, TINY if given.tiny else WHOLE, given.data):
-        print(f"ignored: {line}", flush=True)
+        print(f"left out: {line}", flush=True)
     print(f"wrote {directory / 'tasks'} for entrants, and {directory / 'truth'} for the scorer", flush=True)
 
 
@@ -103,7 +103,7 @@ def run(given: argparse.Namespace) -> None:
             command = [*ENTRIES[entry], str(directory / "tasks"), str(answers)]
             ended = subprocess.run(command, check=False, env=os.environ | {"PATH": path_outside()})
             if ended.returncode:
-                raise SystemExit(f"error: {entry} ended with {ended.returncode}, then repeat the command")
+                raise SystemExit(f"error: {entry} ended with {ended.returncode}; the same command goes on")
             (answers / "done").write_text(f"{children_s() - before:.0f}\n", encoding="utf-8")
         seconds[entry] = int((answers / "done").read_text(encoding="utf-8"))
         found[entry] = scored(directory, answers)

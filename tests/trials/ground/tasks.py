@@ -107,12 +107,12 @@ def make(directory: Path, seed: int, size: Size, data: Path | None) -> list[str]
 README = """The tasks of a proving ground for programs that find and correct the errors of robot arms.
 
 tasks.csv   every task: name (its directory), kind, row (of the table), split
-parts.csv   what can be wrong: part, axis, unit of the size, and the size that a sound arm shows anyway
+parts.csv   what can be wrong: part, axis, unit of its size, and the size that a sound arm shows anyway
 NAME/       the files of one task
 
 Lengths are in mm and angles in degrees. Arms are modified Denavit-Hartenberg,
   T(i-1,i) = RotX(alpha) TransX(a) RotZ(q + offset) TransZ(d),
-an axis a row in arm.csv, with mass and centre of mass of each link in the frame (0 where the maker does not tell).
+an axis a row in arm.csv, with mass and centre of mass of each link in its frame (0 where the maker does not tell).
 
 kind poses   arm.csv, train.csv (pose, placement, q1_deg ..., x_mm, y_mm, z_mm: where an instrument saw its target),
              test.csv (pose, placement, q1_deg ...). Poses of one placement share the instrument's frame and the

@@ -228,7 +228,7 @@ def test_the_commands_make_score_and_draw(tmp_path: Path, capsys: pytest.Capture
     main = runpy.run_path(str(ROOT / "tests" / "trials" / "ground" / "__main__.py"))["main"]
     directory = tmp_path / "tiny"
     assert main(["make", str(directory), "--seed", "3", "--tiny"]) == 0
-    assert "ignored: the UR10" in capsys.readouterr().out
+    assert "left out: the UR10" in capsys.readouterr().out
     truths(directory, tmp_path / "answers")
     assert main(["score", str(directory), str(tmp_path / "answers")]) == 0
     said = capsys.readouterr().out

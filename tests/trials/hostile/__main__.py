@@ -165,7 +165,7 @@ def main(count: Annotated[int, typer.Option(help="Connections of each round.")] 
         wrong += [f"{name}: {faults}" for name, faults in counters.items() if faults.keys() - {"samples"}]
     for line in wrong:
         print(f"wrong: {line}")
-    print(f"{len(wrong)} things are wrong" if wrong else "no client kept another from the answer, none the recorder")
+    print(f"{len(wrong)} things are wrong" if wrong else "no client kept another from its answer, none the recorder")
     tests = [sys.executable, "-m", "pytest", "-q", "tests/trials/hostile", "tests/rigs/test_text.py"]
     walked = subprocess.run(tests, cwd=Path(__file__).parents[3], check=False).returncode
     raise typer.Exit(1 if wrong or walked else 0)

@@ -219,7 +219,7 @@ def _compare(draft: Draft, corrected: Corrected, pairs: list[tuple[Reached, Reac
         verdict.before_mm, verdict.after_mm = max(verdict.before_mm, before), max(verdict.after_mm, after)
         kind = ""
         if moved and step > _TURNED_RAD:
-            kind = "a different posture, listed" if said else "another posture"
+            kind = "another posture, listed" if said else "another posture"
         elif moved and after > before + slack:
             kind = "farther off, listed" if said else "farther off"
         elif moved and after > slack + max(

@@ -89,7 +89,7 @@ def judged(rig: Rig, table: PoseTable, series: str, folds: int, only: int) -> No
         own = faults(look, used)
         names.update(name for name, _ in own)
         print(
-            f"  fold {k + 1}, {rows[-1][0]} poses ignored: nominal {rows[-1][1]:.3f}, 24 DH parameters "
+            f"  fold {k + 1}, {rows[-1][0]} poses left out: nominal {rows[-1][1]:.3f}, 24 DH parameters "
             f"{rows[-1][2]:.3f}, diagnosed {rows[-1][3]:.3f} mm rms; level {look.state.level:.2f}; "
             f"faults: {told(own)}; {time.perf_counter() - begin:.0f} s",
             flush=True,

@@ -231,7 +231,7 @@ def node_opcua() -> str:
     for sample in samples:  # each axis moves 1 deg/s, 10 deg ahead of the one before
         since_s = sample.device_time_s - begun_s
         _hold("angles", sample.values[:6], [since_s + 10 * axis for axis in range(6)], 1e-6)
-    return f"{len(samples)} positions, each at the stamp to 1e-6 deg"
+    return f"{len(samples)} positions, each at its stamp to 1e-6 deg"
 
 
 @contextmanager
