@@ -306,7 +306,7 @@ def _doubts_of(name: str, seen: Seen) -> list[str]:
 
 
 def _left_out(name: str, count: int) -> str:
-    return f"{name}: {counted(count, 'row is', 'rows are')} left out"
+    return f"{name}: {counted(count, 'row is', 'rows are')} ignored"
 
 
 def robot_alone(path: Path, run: Run) -> tuple[Array, Array, tuple[str, ...]]:

@@ -101,7 +101,7 @@ def without_figures(runs: Sequence[tuple[str, str]]) -> list[str]:
     """Return the runs left out for missing figures, by name, with the reason; empty if none."""
     if not runs:
         return []
-    lines = [f"{counted(len(runs), 'run has no figures and is', 'runs have no figures and are')} left out:"]
+    lines = [f"{counted(len(runs), 'run has no figures and is', 'runs have no figures and are')} ignored:"]
     lines += [plain(f"  {name}: {why}") for name, why in runs[:_MOST_NAMED]]
     if len(runs) > _MOST_NAMED:
         lines.append(f"  and {len(runs) - _MOST_NAMED} more, which --json names")
