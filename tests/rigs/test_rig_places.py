@@ -33,4 +33,4 @@ def test_what_only_reads_like_it_is_left_as_it_is(where: str) -> None:
 def test_what_is_wrong_with_an_operator_does_not_depend_on_the_name(name: str) -> None:
     with pytest.raises(UseError) as found:
         hold_operator(name)
-    assert found.value.remedy in ("write it in one line", "write at most 200") and found.value.what
+    assert found.value.remedy in ("write one line", "write at most 200") and found.value.what
