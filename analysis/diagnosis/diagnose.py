@@ -75,8 +75,8 @@ def doubts_of_runs(blocks: Sequence[Block]) -> tuple[str, ...]:
     doubts = []
     circles = [block for block in blocks if block.sampling]
     if circles and not circles[0].measured:
-        slow = "" if shows_time(blocks) else ", and one lap shows nothing that changes slowly, as warming"
-        doubts.append(f"no circle was repeated: the noise of real cells is assumed{slow}; repeat each circle")
+        slow = "" if shows_time(blocks) else ", and one lap cannot show slow changes such as warming"
+        doubts.append(f"every circle was driven once: the noise of real cells is assumed{slow}; repeat each circle")
     if driven_once := ", ".join(block.name for block in circles if block.measured and block.count < 2):
         doubts.append(f"{driven_once} was driven once: its noise is assumed equal to that of the other circles")
     unrepeated = [block for block in blocks if not block.sampling and not block.measured]
@@ -93,7 +93,9 @@ def doubts_of_runs(blocks: Sequence[Block]) -> tuple[str, ...]:
             ways.setdefault(table.test, set()).add(direction)
     rails = [rail_mm(block.model.arm, block.table.q) for block in blocks if block.model.arm.rail is not None]
     if rails and np.ptp(stands := np.concatenate(rails)) == 0:
-        doubts.append(f"the rail stood at {stands[0]:g} mm all along: nothing of it shows; measure along it")
+        doubts.append(
+            f"the rail stood at {stands[0]:g} mm throughout, so the rail is not tested; measure along the rail"
+        )
     for test, way in [(test, next(iter(seen))) for test, seen in ways.items() if len(seen) == 1]:
         doubts.append(f"{test} was driven {way} only: effects that change with the direction cannot be detected")
     if not circles:
@@ -405,14 +407,14 @@ def _next_test(named: Sequence[Named], further: FurtherTests) -> tuple[NextTest 
     try:
         possible, impossible = further()
     except FileError as error:
-        return None, [f"no further test is possible with this rig file: {error}"]
+        return None, [f"further tests are not possible with this rig file: {error}"]
     if not possible:
         reasons = "; ".join(f"{test}: {why}" for test, why in impossible[:_FEW_TESTS])
-        return None, [f"no further test is possible with this rig file ({reasons or 'it declares no other'})"]
+        return None, [f"further tests are not possible with this rig file ({reasons or 'it declares only these'})"]
     best = shortest(possible, sigma_between(name.effect, rivals[0].effect), is_separable)
     if best is None:
         return None, [
-            f"no other test separates {name_of(name.effect)} from its rivals: their corrections have the same effect"
+            f"other tests do not separate {name_of(name.effect)} from the rivals: the corrections have the same effect"
         ]
     test, sigma = best
     return NextTest(test.test, test.why, float(sigma)), []

@@ -132,7 +132,7 @@ def _of_one_setup(runs: list[Result]) -> tuple[list[Result], list[tuple[Result, 
     if len(single) == 2:
         if 2 * away.max() <= _TWO_MM:
             return single, copies
-        why = f"the balls of the two runs lie {2 * away.max():.2f} mm apart: two set-ups have no common mean"
+        why = f"the balls of the two runs lie {2 * away.max():.2f} mm apart: different set-ups do not share a mean"
         return [], [*copies, *((run, why) for run in single)]
     limit = max(BALL_ELSEWHERE_MM, _SPREADS * float(np.median(away)))
     near = [run for run, far in zip(single, away, strict=True) if far <= limit]

@@ -81,7 +81,7 @@ def lag_in_words(both: Pairs | None, group: Sequence[Result]) -> list[str]:
     if not isinstance(group[0].found, CircleResult):
         return []
     if both is None:
-        return ["one direction cannot show a lag between gauges and robot: analyse acw and cw together"]
+        return ["a single direction cannot show a lag between gauges and robot: analyse acw and cw together"]
     lag, lines = both.lag, list(both.refused)
     if lag is None:
         return lines

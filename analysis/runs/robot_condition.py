@@ -192,7 +192,7 @@ def _doubts(robot: Mapping[str, np.ndarray[Any, Any]], t_s: Array, moving: Mask,
         if (program[moving] == ProgramState.RUNNING).any():
             yield f"robot: the program did not run {when}, while the robot moved; record a motion of the program"
         else:
-            yield f"robot: no program ran while it moved, {when}: it was jogged, or guided by hand; {_BY_PROGRAM}"
+            yield f"robot: moved without a program, {when}: jogged, or guided by hand; {_BY_PROGRAM}"
     if when := _when(t_s, moving & (motors == 0)):
         yield f"robot: the motors were off {when}; find the cause, and repeat the recording"
     driving = moving & ~np.isin(program, [ProgramState.PAUSED, ProgramState.STOPPED])

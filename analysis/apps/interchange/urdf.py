@@ -113,7 +113,7 @@ def read_urdf(path: Path) -> Urdf:
         raise FileError(where, f"not readable as URDF: {str(error).rstrip('.')}", "correct it") from None
     for kind, names in (("link", [link.name for link in links]), ("joint", [joint.joint_name for joint in joints])):
         if twice := _twice(names):
-            raise FileError(where, f"has two {kind}s named {twice}", "rename one of them")
+            raise FileError(where, f"has two {kind}s named {twice}", "rename an existing effect")
     if twice := _twice([joint.child for joint in joints]):
         raise FileError(where, f"link {twice} is the child of two joints", "remove one of them: a URDF is a tree")
     masses = {str(link.name): Mass(link.mass, _in_mm(link.inertial_frame)[:3, 3]) for link in links}

@@ -128,7 +128,7 @@ def _about_one_rig(rig: Rig, runs: Sequence[Measured]) -> list[ObservedRun]:
             theirs, ours = vars(run.rig.robot), vars(rig.robot)
             fields = [name for name in type(rig.robot).model_fields if theirs[name] != ours[name]]
             differing = f"its {', '.join(fields)} differ{'s' * (len(fields) == 1)}"
-            remedy = "diagnose the runs of one robot at a time, or give the --rig that they were made with"
+            remedy = "diagnose runs of a single robot, or give the original rig file with --rig"
             raise FileError(str(run.path), f"belongs to a different robot than {rig.name} ({differing})", remedy)
         cell = run.rig.model_copy(update={"name": rig.name, "description": ""}).modelled_as(rig)
         if cell not in cells:
@@ -208,7 +208,9 @@ def without_wild(
         kind, check = f"poses of {setup}", "check that the robot stood and that the tracker had the target"
         if not runs[members[0]].table.kind.of_places:
             kind = f"readings at the targets of {setup}"
-            check = "check that the robot stands while it is read, that the clocks agree, and that the plunger touches"
+            check = (
+                "check that the robot is at rest during a reading, that the clocks agree, and that the plunger touches"
+            )
         are = "is wild" if wild_count == 1 else "are wild"
         doubts.append(
             f"{wild_count} of {count} {kind} {are}, up to {most_mm:.1f} mm off, and not counted in the rms of {use}: "

@@ -258,7 +258,7 @@ def _named(result: SearchResult, k: int, gain: float | None, change: EffectChang
     # A wave over fewer than two driven periods does not identify a gear: the cause was not shown.
     turned = max(float(np.ptp(block.table.q[:, axis - 1])) for block in result.linear.blocks) / (2 * np.pi)
     shown = not is_wave(effect) or effect.STAGE != "joint" or order_of(effect) * turned >= DRIVEN_WAVES
-    model = f"use the calibrated model, which holds the angle error of axis {axis} over its angle"
+    model = f"use the calibrated model, which includes the angle error of axis {axis} over its angle"
     sizes = sizes_by_setup(result, k, result.scatter_limits_um)
     ratio = sizes.birge_ratio()
     sd = {field: ratio * sigma for field, sigma in result.fit.sd(k).items()}
@@ -361,7 +361,7 @@ def remainder_of(result: SearchResult, named: Sequence[Named], limits: Array, tr
     if single_um > max(um, LEAST_MATERIAL_UM):
         um, share, is_material = single_um, (single_um / train.before_um) ** 2, True
     words = (
-        _in_words(result, imitating) if is_material else "no more than the noise, the scatter and a healthy arm explain"
+        _in_words(result, imitating) if is_material else "within the noise, the scatter and the errors of a healthy arm"
     )
     return Remainder(um, share, words, healthy.whole_um), is_material
 
@@ -370,15 +370,15 @@ def _in_words(result: SearchResult, imitating: Sequence[Named]) -> str:
     first = bands_above_noise(result.linear.blocks, result.posterior.residual)[:1]
     where = [f"{band.test}{f' {band.direction}' * bool(band.direction)}, {band.part}: {band.words}" for band in first]
     forms = [*result.state.free_forms, best_free_form(tuple(free_forms_of(result.linear)), result.calibrated_posterior)]
-    seen = [f"it looks like {form.words}" for form in forms if form.gain > 0]
+    seen = [f"similar to {form.words}" for form in forms if form.gain > 0]
     alike = []
     for named in imitating:
         if not named.is_term:
             shown = " and ".join(f"{share.value:.2f} ± {share.sd:.2f} of it in {share.setup}" for share in named.shares)
-            alike.append(f"{label_of(named.effect)} resembles it, but the readings show {shown}")
+            alike.append(f"{label_of(named.effect)} is similar, but the readings show {shown}")
     series = Counter(name_of(named.effect) for named in imitating if named.is_term)
     alike += [f"{count} waves of {name} together resemble it, as they do any error" for name, count in series.items()]
-    return "; ".join([*where, seen[0] if seen else "it has no simple form", *alike])
+    return "; ".join([*where, seen[0] if seen else "of no simple form", *alike])
 
 
 def condition_of(
@@ -414,7 +414,7 @@ def as_scatter(diagnosis: Diagnosis) -> Diagnosis:
     um = float(np.sqrt(sum(part.um**2 for part in merged)))
     scatter = BudgetPart("scatter", um, 0.0, sum(part.share for part in merged))
     parts = [*(part for part in diagnosis.budget if part not in merged), scatter]
-    remainder = replace(diagnosis.remainder, um=0.0, share=0.0, words="it follows nothing, as scatter does")
+    remainder = replace(diagnosis.remainder, um=0.0, share=0.0, words="without a pattern, like scatter")
     budget = tuple(sorted(parts, key=lambda part: -part.share))
     return replace(diagnosis, condition="nothing_unusual", budget=budget, remainder=remainder)
 

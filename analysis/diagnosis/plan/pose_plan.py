@@ -98,7 +98,7 @@ class PlannedPoses:
             f"{len(self.q)} poses: the place of the tool is then known to {1e3 * self.u_mm:.0f} µm over the workspace "
             "(expected rms, for an arm with the errors of a real one, frame and tool fitted)"
         ]
-        as_good = f"{self.as_good} random ones are as good" if self.as_good else "no number tried is as good"
+        as_good = f"{self.as_good} random ones are as good" if self.as_good else "the tried numbers of poses are worse"
         compared = f"as many random poses leave {1e3 * self.random_u_mm:.0f} µm"
         if self.one_axis:
             lines.append(

@@ -72,7 +72,7 @@ def circle_candidates(rig: Rig, tests: Sequence[TestName], runs: int) -> CircleC
     Raises FileError for a rig without a circle.
     """
     if rig.tests.circle is None:
-        raise FileError(RigPlace.of(rig.name), "has no tests.circle to begin from", "add one: centre, posture, radius")
+        raise FileError(RigPlace.of(rig.name), "needs tests.circle as a start", "add a circle: centre, posture, radius")
     circles, refused = [], Counter[str]()
     for words, other_rig in _circles(rig, rig.tests.circle):
         try:

@@ -81,7 +81,7 @@ def too_far(name: str, reading: Array, radius_mm: float) -> Iterator[tuple[str, 
     travel = float(np.ptp(reading))
     if travel > radius_mm:
         fact = f"{name} travels {travel:.4g} mm on a radius of {radius_mm:g} mm, which is impossible for a link"
-        yield fact, "convert it to mm: it looks like µm" if travel > 3 * radius_mm else "check the unit"
+        yield fact, "convert it to mm: the values are probably µm" if travel > 3 * radius_mm else "check the unit"
 
 
 _OF_TRACKERS = {"m": 1e-3, "cm": 0.1}

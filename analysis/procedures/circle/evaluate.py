@@ -216,7 +216,7 @@ def _about_noise(curve: LapCurve) -> tuple[str, ...]:
             )
         case "assumed":
             why = "the noise of real cells is assumed; drive two laps"
-            return (f"the run has one lap, which cannot show slow noise: {why}",)
+            return (f"a single lap cannot show slow noise: {why}",)
     return ()
 
 
@@ -260,7 +260,7 @@ def _hold(laps: Laps, baseline_mm: float, where: str) -> None:
     if laps.g_mm.ndim != 2 or laps.g_mm.shape[1] != 2:
         raise FileError(where, "does not have two gauges, and an angle needs two", "give g1_mm and g2_mm")
     if baseline_mm == 0:
-        problem = "the two gauges have the same offset_mm, which measures no angle"
+        problem = "the gauges have the same offset_mm, which cannot measure an angle"
         raise FileError(where, problem, "correct offset_mm of g1 and g2 in the rig file")
     hold_radius(where, laps.frame.radius)
     hold_numbers(where, t_s=laps.t_s, q=laps.q, g1_mm=laps.g_mm[:, 0], g2_mm=laps.g_mm[:, 1])
@@ -299,7 +299,9 @@ class CircleKind(Kind[CircleTable]):
 
     def table_of(self, rows: Rows, direction: Direction | None, where: str) -> CircleTable:
         if direction is None:
-            raise FileError(where, "lacks a direction, which a circle needs", "import it with --direction cw or acw")
+            raise FileError(
+                where, "lacks a direction, which a circle needs", "import the table with --direction cw or acw"
+            )
         u_t_s = rows.floats("u_t_s") if rows.has(("u_t_s",)) else None
         return CircleTable(self._test, direction, rows.floats("t_s"), rows.q, rows.stack(("g1_mm", "g2_mm")), u_t_s)
 
@@ -315,7 +317,7 @@ class CircleKind(Kind[CircleTable]):
         self, data: Aligned, rig: Rig, direction: Direction | None, where: str
     ) -> tuple[CircleTable, list[str]]:
         if direction is None:
-            remedy = "give it one: rig relabel RUN --direction acw or cw"
+            remedy = "add the direction: rig relabel RUN --direction acw or cw"
             raise FileError(where, "lacks a direction, which a circle needs", remedy)
         return CircleTable(self._test, direction, data.t_s, data.q, data.g_mm, data.u_t_s), []
 
@@ -371,7 +373,7 @@ class CircleKind(Kind[CircleTable]):
     def evaluate(self, table: CircleTable, rig: Rig, where: str, instruments: Instruments) -> CircleResult:
         gauges = rig.gauges
         if gauges.g2 is None:
-            raise FileError(where, "has one gauge, and an angle needs two", "add gauges.g2 to the rig file")
+            raise FileError(where, "has a single gauge, but an angle needs two", "add gauges.g2 to the rig file")
         laps = laps_of(table, rig, where)
         lag_and_noise = (instruments.u_lag_s, where, instruments.like, instruments.reduced)
         return self._angle.evaluate(laps, gauges.baseline_mm, gauges.baseline_u_mm, *lag_and_noise)

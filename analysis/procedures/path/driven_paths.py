@@ -152,13 +152,13 @@ def driven_paths(table: PathTable, cube: Cube, T_world_instrument: Array | None,
         elif name != "back":
             paths[name] = driven
     if not paths:
-        problem = "the tracker wrote too few places along each path to judge it"
+        problem = "the tracker wrote too few places along each path"
         raise FileError(where, problem, "record more places a second")
     far_mm = max(float(np.median(np.linalg.norm(driven.off_mm, axis=2))) for driven in paths.values())
     if far_mm > _FAR * cube.side_mm:
         problem = f"the paths lie {far_mm:.3g} mm from those of the cube in the rig file"
         or_else = "" if T_world_instrument is None else ", tests.iso9283.instrument and the tool"
-        raise FileError(where, problem, f"give the rig file of the program; check the cube{or_else}")
+        raise FileError(where, problem, f"give the rig file of the program, and check the cube{or_else}")
     torn = sum(not move.whole for cycles in every.values() for move in cycles)
     notes = [f"{torn} paths are ignored, where the tracker wrote nothing for a while"] if torn else []
     if coarse:

@@ -224,7 +224,7 @@ class Paths(Kind[PathTable]):
 
     in_order_of_time = True
     example = ("line_at_mm", 0.5, 1.0)
-    without_joints = "is a path, without the joints at each place, so it shows nothing of single joints"
+    without_joints = "is a path without joint angles, which cannot show single joints"
     finders = ((WILDNESS, wild_places), (DUPLICATES, repeated_places))
 
     def layout(self, axes: int = 6, *, rail: bool = False) -> Layout:

@@ -167,7 +167,7 @@ def evaluate(
     if place is None:
         figures = {name: replace(figure, noise="assumed") for name, figure in figures.items()}
     if rotation is not None and not np.isfinite(figures["rms_deg"].u):
-        notes.append("how well the instrument measures a rotation is unknown: figures of the orientation have no u")
+        notes.append("the uncertainty of the instrument in rotation is unknown: figures of the orientation lack u")
     axes, of_axes = ((), {}) if sides is None else axis_curves(table.q, sides, table.xyz_mm, arm.axes)
     figures |= of_axes
     notes = [*kept.notes, *_doubts(figures["rms_mm"], setup), *notes]
@@ -392,7 +392,9 @@ def _hold(table: PoseTable, where: str) -> None:
         hold_numbers(where, rpy=table.rpy)
     hold_joints(where, table.q, "give poses from the whole working space")
     if np.ptp(table.xyz_mm, axis=0).max() == 0:
-        raise FileError(where, "the instrument reported the same place in all rows", "check that it follows the target")
+        raise FileError(
+            where, "the instrument reported the same place in all rows", "check that the instrument follows the target"
+        )
 
 
 class Pose(PlaceKind[PoseTable]):
@@ -407,7 +409,7 @@ class Pose(PlaceKind[PoseTable]):
     wild_spreads = FITTED_SPREADS
     joints_fit = "poses fit"
     rows_called, away_from = "poses", "from where the arm was"
-    when_far = "check that the tracker had its target and that the robot stood"
+    when_far = "check that the tracker saw the target and that the robot was at rest"
 
     def layout(self, axes: int = 6, *, rail: bool = False) -> Layout:
         came_from = came_from_columns(axes)

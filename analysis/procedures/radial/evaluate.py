@@ -322,7 +322,7 @@ def _cells(table: RadialTable, radius_mm: float, where: str) -> Cells:
     if moved.any():
         target = int(table.target[np.argmax(moved)])
         problem = f"target {target} has two directions"
-        raise FileError(where, problem, "give each target one polar angle and one azimuth")
+        raise FileError(where, problem, "give each target a single polar angle and azimuth")
     visits: dict[tuple[int, int], list[int]] = {}
     for k, place in enumerate(zip(row.tolist(), column.tolist(), strict=True)):
         visits.setdefault(place, []).append(k)
@@ -366,7 +366,7 @@ def _notes(
         reading = f"a reading {worst:+.3f} mm off the sphere, those of the others within {most:.3f} mm"
         notes.append(f"target {cells.target[k]} ignored: {reading}")
     if free.unknown:
-        why = "these targets, near one plane or place, do not determine them; measure at more polar angles"
+        why = "the targets are too close to a plane or place to determine them; measure at more polar angles"
         notes.append(f"{', '.join(free.unknown)} ignored: {why}")
     return tuple(notes)
 
@@ -409,7 +409,7 @@ class Radial(TargetKind[RadialTable]):
         once = len(order) // hemisphere_of(rig).visits
         visits = visits_of(at, [order[row] for _, row in at], order, once, program, where)
         elsewhere, rows = len(stands) - len(at), visits.rows
-        doubts = [f"{elsewhere} stands are ignored because they are not at a target"] if elsewhere else []
+        doubts = [f"{elsewhere} stops are ignored because they are not at a target"] if elsewhere else []
         table = RadialTable(
             program.target[rows], program.polar[rows], program.azimuth[rows], program.orientation[rows],
             visits.t_s, visits.q, visits.g_mm + link_excess_mm(rig),

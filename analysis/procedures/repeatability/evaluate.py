@@ -89,7 +89,7 @@ def evaluate(table: RepeatabilityTable, u_mm: float, where: str = "the repeatabi
     hold_numbers(where, g1_mm=table.g_mm)
     hold_alive(where, g1_mm=table.g_mm)
     if unknown := sorted({str(name) for name in table.approach} - {"none", *SIDES}):
-        remedy = "write out, in or none, the side that the tool came from"
+        remedy = "write out, in or none for the side of approach"
         raise FileError(where, f"approach {unknown[0]!r} is not a side", remedy)
     targets, x, notes = _sides(table, where)
     scatter = scatter_of(x, u_mm, step_mm=step_of_stops(table.g_mm)) if u_mm > 0 else None
@@ -141,7 +141,7 @@ def _sides(table: RepeatabilityTable, where: str) -> tuple[Integers, Array, tupl
     kept = [target for target, sides in cells.items() if min(len(side) for side in sides) >= 2]
     if not kept:
         remedy = "approach each target three times from outside and from inside"
-        raise FileError(where, "no target was read twice from each side", remedy)
+        raise FileError(where, "the targets were not read twice from each side", remedy)
     width = max(len(side) for target in kept for side in cells[target])
     x = np.full((len(kept), 2, width), np.nan)
     for row, target in enumerate(kept):

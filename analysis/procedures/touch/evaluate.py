@@ -115,11 +115,11 @@ def evaluate(table: TouchTable, model: Model, where: str = "the touch table") ->
         figures["socket_distance_mm"] = distances[0].distance
     singular = np.linalg.svd(design / np.linalg.norm(design, axis=0), compute_uv=False)
     if singular[-1] <= _BLIND * singular[0]:
-        words = "the tool turned too little to distinguish the ball's place on it from the sockets: turn the wrist more"
+        words = "the tool turned too little to separate the ball from the sockets: turn the wrist more"
         notes = (*notes, words)
     notes = (*notes, *known_otherwise(distances), *unknown_distance(distances))
     if once := ", ".join(names[np.bincount(socket.ravel()) < 2].tolist()):
-        notes = (*notes, f"{once} touched once only, which shows nothing: touch each in many postures")
+        notes = (*notes, f"{once} touched only once, which is not evaluable: touch each socket in many postures")
     shown = np.argsort(rows)
     return TouchResult(off[shown], terms[:3], sockets, distances, figures, len(off), notes, rows[shown])
 
@@ -175,7 +175,8 @@ def unknown_distance(distances: Sequence[SocketDistance]) -> tuple[str, ...]:
         return ()
     first, second = distances[0].between
     return (
-        "no distance of two sockets is known, so these touches hardly show how large the arm is: measure that of "
+        "the distances of the sockets are unknown, so these touches hardly show the scale of the arm: measure the "
+        "distance of "
         f"{first} and {second} and write it into tests.touch.distances; the error falls to about a sixth elsewhere",
     )
 
@@ -217,7 +218,7 @@ class Touch(PlaceKind[TouchTable]):
         return setup
 
     def cannot_tell(self, table: TouchTable, rig: Rig) -> str:
-        return "a touch has no place of its own"
+        return "a touch does not have a measured place"
 
     def off_path(self, table: TouchTable, rig: Rig, T_tool: Array) -> Off | None:
         return off_sockets(T_tool, table.socket)

@@ -78,7 +78,9 @@ def of_daemon(status: dict[str, Any], streams: Sequence[Stream]) -> Iterator[Fin
         yield doubtful("rigd", "is older than this rig", "restart it between two recordings")
     elif served != {stream.name: stream.port for stream in streams}:
         ports = ", ".join(f"{name} on {port}" for name, port in served.items())
-        yield wrong("rigd", f"reads {ports}: not what the rig file says", "restart rigd, or give the matching rig file")
+        yield wrong(
+            "rigd", f"reads {ports}: different from the rig file", "restart rigd, or give the matching rig file"
+        )
     for name, stream in status["streams"].items():
         yield _stream(name, stream)
         if stream["connected"]:

@@ -155,7 +155,7 @@ def _system_and_robot(feedback: OPCUARobotics) -> Talk[tuple[Children, Children]
         raise Unfit("the server shows no MotionDeviceSystem in its DeviceSet; name `axes` by node ids, or another port")
     if len(chosen) != 1:
         names = ", ".join(name for name, _, _ in robots)[:300]
-        raise Unfit(f"the server shows the robots {names}; name one of them as `device`")
+        raise Unfit(f"the server shows the robots {names}; name an existing effect as `device`")
     (_, node, system) = chosen[0]
     return system, (yield from _below(node))
 

@@ -104,7 +104,7 @@ def test_five_postures_tell_nothing_of_the_arm_however_often_they_are_visited(ce
 
 def test_a_path_is_no_evidence_and_says_so(cell: Path) -> None:
     alone = ran("diagnose", cell / "sim" / "path-000", "-o", cell / "found")
-    assert alone.returncode != 0 and "is a path, without the joints" in alone.stderr
+    assert alone.returncode != 0 and "is a path without joint angles" in alone.stderr
 
 
 @pytest.mark.parametrize(

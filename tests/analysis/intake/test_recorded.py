@@ -161,7 +161,7 @@ def test_targets_of_a_repeatability_run_at_which_nothing_was_read_are_told(tmp_p
     measured = measured_of(read_run(stopped(tmp_path, share=0.5)))
     assert isinstance(measured.table, RepeatabilityTable)
     assert set(measured.table.target.tolist()) == {1, 14}
-    assert measured.doubts == ("the run has no stand at target 29, 35",)
+    assert measured.doubts == ("the run lacks a stop at target 29, 35",)
 
 
 def test_an_import_that_never_held_its_table(tmp_path: Path) -> None:

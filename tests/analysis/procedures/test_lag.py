@@ -63,7 +63,7 @@ def test_the_lag_is_told_of_two_directions_and_one_alone_says_that_it_cannot(tmp
     words = [str(part) for part in as_tables(results).renderables]  # type: ignore[attr-defined]
     assert any(line.startswith(("the gauges lag the robot by ", "a lag of the gauges behind")) for line in words)
     alone = [str(part) for part in as_tables(results[:1]).renderables]  # type: ignore[attr-defined]
-    assert "one direction cannot show a lag between gauges and robot: analyse acw and cw together" in alone
+    assert "a single direction cannot show a lag between gauges and robot: analyse acw and cw together" in alone
     assert as_object(results[:1])["acw_against_cw"] == []
 
 

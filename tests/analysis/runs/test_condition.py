@@ -42,7 +42,7 @@ def test_a_robot_that_drives_undisturbed_gives_no_doubt() -> None:
         ({"safety_state": (40, 43, SafetyState.PROTECTIVE_STOP)}, "protective stop from 40.0 s on for 3.0 s"),
         ({"safety_state": (90, 100, SafetyState.EMERGENCY_STOP)}, "emergency stop from 90.0 s on for"),
         ({"program_state": (50, 58.5, ProgramState.PAUSED)}, "paused from 50.0 s on for 8.5 s"),
-        ({"program_state": (0, 100, ProgramState.STOPPED)}, "no program ran while it moved, from 20"),
+        ({"program_state": (0, 100, ProgramState.STOPPED)}, "moved without a program, from 20"),
         ({"program_state": (50, 60, ProgramState.STOPPED)}, "the program did not run from 50.0 s on for 10.0 s"),
         ({"motors_on": (79, 90, 0)}, "motors were off from 79.0 s on for 1."),
         ({"program_state": (90, 100, ProgramState.PAUSED)}, "after the last motion; check"),

@@ -105,7 +105,7 @@ def test_wild_readings_of_a_stand_are_counted_and_not_averaged() -> None:
     plain, _ = radial.KIND.recorded(dataclasses.replace(data, g_mm=g_mm), rig, None, "run")
     table, doubts = radial.KIND.recorded(dataclasses.replace(data, g_mm=wild), rig, None, "run")
     assert np.abs(table.g_mm - plain.g_mm).max() < 1e-4
-    assert "1 readings lie far from the others of their stand and are not used" in doubts
+    assert "1 readings are outliers of their stop and are not used" in doubts
 
 
 def test_a_repeatability_program_with_a_stand_before_it() -> None:

@@ -176,7 +176,10 @@ def test_a_full_disk_keeps_the_state_that_was_there(
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(durable, "create", full)
-    with Place(tmp_path / "own") as place, pytest.raises(CellError, match=r"No space left on device.*repeat the command"):
+    with (
+        Place(tmp_path / "own") as place,
+        pytest.raises(CellError, match=r"No space left on device.*repeat the command"),
+    ):
         place.write(session.model_copy(update={"minutes": 9.0}))
     assert Place(tmp_path / "own").read() == session
 

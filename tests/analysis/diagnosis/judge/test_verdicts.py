@@ -290,7 +290,7 @@ def test_a_program_out_of_reach_costs_the_next_test_only() -> None:
     )
     found = diagnose(RIG.model_copy(update={"tests": far}), _ambiguous_runs(), [], [], lambda doing: None)
     assert found.condition == "ambiguous" and found.next_test is None
-    assert any(doubt.startswith("no further test is possible with this rig file") for doubt in found.doubts)
+    assert any(doubt.startswith("further tests are not possible with this rig file") for doubt in found.doubts)
 
 
 def test_no_name_stands_with_which_the_model_explains_no_more() -> None:

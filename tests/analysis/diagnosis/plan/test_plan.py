@@ -115,7 +115,7 @@ def test_a_fit_agrees_that_the_one_stands_in_for_the_other_on_one_circle_and_not
 
 def test_what_the_set_up_takes_up_and_what_does_nothing_is_listed_with_the_reason(circle_alone: Plan) -> None:
     hidden = {one.name: one for one in circle_alone.hidden}
-    assert "set-up absorbs it" in hidden["joint_offset 1"].hidden
+    assert "absorbed by the set-up" in hidden["joint_offset 1"].hidden
     assert hidden["compliance 1"].hidden == "gravity does not load axis 1"
     assert "healthy arm" in hidden["time_lag"].hidden
     assert "axis 6" in hidden["compliance 6"].hidden
@@ -238,4 +238,4 @@ def test_an_unknown_test_is_refused_in_one_line() -> None:
     done = CliRunner().invoke(app, ["plan", "paper-fanuc", "--tests", "yaw,jaw"])
     assert isinstance(done.exception, UseError)
     known = "yaw,roll,radial,repeatability,touch"
-    assert done.exception.lines() == [f"--tests: 'jaw' is not a test; give one or more of {known}"]
+    assert done.exception.lines() == [f"--tests: 'jaw' is not a test; give some of {known}"]

@@ -268,7 +268,7 @@ def test_repeatability_leaves_out_what_has_one_side_and_refuses_what_has_none() 
     assert list(result.targets) == [1, 3]
     assert "target 2 left out" in result.notes[0]
     for said, changes in (
-        ("no target was read twice from each side", {"approach": np.full(18, "out")}),
+        ("the targets were not read twice from each side", {"approach": np.full(18, "out")}),
         ("is not a side", {"approach": np.full(18, "left")}),
         ("reads 1 mm in all 18 rows", {"g_mm": np.ones(18)}),
     ):
