@@ -56,8 +56,8 @@ WHY: dict[Reason, str] = {
     "external_tcp": "is, or may be, reached with a tool that stands outside of the robot",
     "coordinated": "is, or may be, coordinated with a different axis or robot there",
     "switched": "may have a different meaning there, after a switch of the language",
-    "selected": "is of a frame or a tool that is not certain to be the selected one there: a controller that does not "
-    "check the numbers may drive it in another; select them before it (UFRAME_NUM=, UTOOL_NUM=)",
+    "selected": "belongs to a frame or a tool that may not be selected there, which some controllers do not check: "
+    "select both before the move (UFRAME_NUM=, UTOOL_NUM=)",
     "not_understood": "is reached after something that is not understood, which may move or change anything",
     "unused": "is not the target of any move that was understood",
     "external_axes": "has external axes or a second group, or such an axis may not be at zero there",

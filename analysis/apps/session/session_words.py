@@ -93,7 +93,7 @@ def end_lines(session: Session, directory: Path) -> Iterator[str]:
             yield f"accuracy: {(judged or answer).accuracy}"
         elif judged.before_there_um:
             at_other_place = (
-                f"{judged.before_there_um:.0f} µm rms with the nominal arm, {judged.calibrated_um:.1f} with it"
+                f"{judged.before_there_um:.0f} µm rms with the nominal arm, {judged.calibrated_um:.1f} with the model"
             )
             yield f"validation at the second place: {at_other_place}"
         if answer.joined:

@@ -251,7 +251,7 @@ def test_a_stand_at_home_before_and_after_is_not_used(count: int) -> None:
 
 def test_three_points_and_a_fourth_elsewhere_are_refused() -> None:
     q = np.concatenate([around(np.arange(3) * 120.0), at_home()])
-    assert "off one circle" in refused(sampled(*stops(q, dwell_s=1.5))).what
+    assert "mm from a circle" in refused(sampled(*stops(q, dwell_s=1.5))).what
 
 
 def test_a_motion_without_a_circle_is_refused() -> None:

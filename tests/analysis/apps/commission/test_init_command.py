@@ -246,7 +246,7 @@ def test_wrong_answers_are_asked_again(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("given", "code", "says"),
     [
-        ([], 2, "--robot: is not given"),
+        ([], 2, "--robot: is missing"),
         (["--robot", "tcp://127.0.0.1:1"], 4, "connection refused"),
         (["--g2", "/dev/none"], 2, "--g1"),
         (["--key", "nonsense"], 2, "SECTION.KEY=VALUE"),

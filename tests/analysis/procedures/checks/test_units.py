@@ -155,7 +155,8 @@ def test_both_gauges_in_another_unit(test: TestName) -> None:
     with pytest.raises(FileError, match="g1_mm and g2_mm are in inches"):
         check(changed(test, {"g1_mm": 1 / 25.4, "g2_mm": 1 / 25.4}), test)
     with pytest.raises(
-        FileError, match=r"g1_mm travels .* which is impossible for a link; convert it to mm: the values are probably µm"
+        FileError,
+        match=r"g1_mm travels .* which is impossible for a link; convert it to mm: the values are probably µm",
     ):
         check(changed(test, {"g1_mm": 1000.0, "g2_mm": 1000.0}), test, unknown_ball())
 
