@@ -210,7 +210,7 @@ def _text(path: Path) -> str:
 
 
 def _unreadable(path: Path, error: OSError) -> FileError:
-    return FileError(str(path), error.strerror or str(error), "check the path and the permissions")
+    return FileError(str(path), error.strerror or str(error), "check the path and its permissions")
 
 
 @contextmanager

@@ -64,7 +64,7 @@ def set_up(gauges: str, robot: str, cell: Cell, hand: Pushed, path: Path) -> int
         person.answers("Arm: ", "ur10e")
         person.answers("The ball on the flange", "0,0,150,0,90,0")
         person.answers("Allowed error in mm", "")
-        person.answers("Does the robot stand", "y")
+        person.answers("Is the robot at the start", "y")
         assert terminal.ended() == 0, terminal.text()
     return person.keys
 

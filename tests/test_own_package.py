@@ -130,7 +130,9 @@ def test_a_maker_of_another_package_has_programs_written(site: Path, tmp_path: P
     assert names == "('acme', 'bare', 'half_made') acme half_made" and places == "analysis.apps.makers.kuka acme"
     assert broken.startswith("half_made: nowhere.at_all.writer cannot be used: No module named 'nowhere'; ")
     assert bare == (
-        "bare: no programs are written for it; give another maker, or add cell_bow.writer.WRITER to its package"
+        "bare: rig does not write programs for this maker; choose a different maker, or add cell_bow.writer.WRITER to "
+        "the "
+        "package"
     )
     assert (tmp_path / "made" / "yaw_acw_ur10e.acm").read_bytes().count(b"\r\nARC ") == 15
 

@@ -128,8 +128,8 @@ def _hold_options(test: TestName, direction: Direction | None, topic: str, socke
     from analysis.intake.table_map import MAPPED
 
     if direction and test not in CIRCLES:
-        raise UseError("--direction", f"a {test} test does not have a direction", "leave it out")
+        raise UseError("--direction", f"a {test} test does not have a direction", "remove it")
     if socket and SOCKET not in format_of(test).layout().required:
-        raise UseError("--socket", f"is of touches, and the test is {test}", "leave it out")
+        raise UseError("--socket", f"is of touches, and the test is {test}", "remove it")
     if topic and test != MAPPED:
-        raise UseError("--topic", f"is of poses, and the test is {test}", "leave it out")
+        raise UseError("--topic", f"is of poses, and the test is {test}", "remove it")

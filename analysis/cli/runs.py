@@ -130,7 +130,7 @@ def verify(
         for line in verdict.lines:
             say(line, err=True)
         if seal and verdict.seal != seal.lower():
-            has = f"its seal is {verdict.seal}, different from the given seal" if verdict.seal else "it has no seal"
+            has = f"the seal is {verdict.seal}, different from the given seal" if verdict.seal else "it has no seal"
             say(f"{verdict.path}: {has}: the run is a different run, or was interrupted and resealed", err=True)
             not_whole.append(verdict.path)
         say(verdict.summary)

@@ -102,17 +102,17 @@ def arms_apart(rig: Rig, second: Rig) -> ArmsApart:
     nominal = [CalibratedArm(arm.rig.model_copy(update={"effects": (), "calibrated": None})) for arm in arms]
     places = [arm.forward(q_deg).T[:, :3, 3] for arm in nominal]
     if rms(np.linalg.norm(places[1] - places[0], axis=1)) > _OTHER_MODEL_MM:
-        problem = f"its arm is built otherwise than that of {rig.name}: {second.robot.name}, not {rig.robot.name}"
-        raise FileError(second.name, problem, "compare arms of one model, or add RUN… to see which of both fits runs")
+        problem = f"the arm has a different build than that of {rig.name}: {second.robot.name}, not {rig.robot.name}"
+        raise FileError(second.name, problem, "compare arms of the same model, or add RUN… to compare both with runs")
     stands = [arm.forward(q_deg) for arm in arms]
     difference, u_mm = pose_error(stands[0].T, stands[1].T), np.hypot(stands[0].u_mm, stands[1].u_mm)
     doubts = [
-        f"{arm.rig.name} has no effects and no calibration: it is compared as its data sheet has it"
+        f"{arm.rig.name} has neither effects nor calibration: rig compares the nominal arm"
         for arm in arms
         if not model_of(arm.rig).effects
     ]
     if not doubts and (unknown := int(np.isnan(u_mm).sum())):
-        doubts.append(f"no u: at {unknown} of {len(u_mm)} postures no run says how well both arms are known")
+        doubts.append(f"no u: at {unknown} of {len(u_mm)} postures the uncertainty of both arms is unknown")
     return ArmsApart(
         (rig.name, second.name),
         q_deg,
@@ -130,14 +130,14 @@ def _postures(*arms: CalibratedArm) -> Array:
     """Return postures (n, axes) in degrees possible for all arms. Raises FileError if none exist."""
     robots = [arm.rig.robot for arm in arms]
     if len({len(robot.axes) for robot in robots}) > 1:
-        problem = f"its arm has {len(robots[1].axes)} axes, that of {arms[0].rig.name} has {len(robots[0].axes)}"
-        raise FileError(arms[1].rig.name, problem, "compare arms of one model")
+        problem = f"the arm has {len(robots[1].axes)} axes, that of {arms[0].rig.name} has {len(robots[0].axes)}"
+        raise FileError(arms[1].rig.name, problem, "compare arms of the same model")
     ranges = [[axis.limits_deg for axis in robot.axes] for robot in robots]
     ranges += [list(arm.rig.calibrated.joints_deg) for arm in arms if arm.rig.calibrated]
     low, high = np.array(ranges)[:, :, 0].max(axis=0), np.array(ranges)[:, :, 1].min(axis=0)
     if (low > high).any():
         axis = int(np.flatnonzero(low > high)[0]) + 1
-        problem = f"the two have no angle of axis {axis} in common, by their limits and the runs behind them"
+        problem = f"the two arms share no angle of axis {axis}, according to the limits and the calibration runs"
         raise FileError(arms[1].rig.name, problem, "calibrate both over the same angles")
     return np.asarray(np.random.default_rng(0).uniform(low, high, (_POSTURES, len(low))))
 

@@ -111,12 +111,14 @@ class CalibratedArm:
         off = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(initial=0.0)
         last_row_off = np.abs(poses[:, 3] - [0, 0, 0, 1]).max(initial=0.0)
         if off > _ORTHONORMAL or (np.linalg.det(R) < 0).any() or last_row_off > 0:
-            problem = "holds a frame whose columns are not at right angles, right-handed and of length 1"
+            problem = "contains a frame that is not orthonormal and right-handed"
             raise FileError("T", problem, "give T[:, :3, :3] as rotations, T[:, :3, 3] in mm and T[:, 3] as 0 0 0 1")
         middle = arm_of(self.rig.robot).limits.mean(axis=1)
         start = middle if near_deg is None else np.radians(_numbers(near_deg, "near_deg"))
         if start.shape != middle.shape:
-            raise FileError("near_deg", f"shape {start.shape} is not that of one posture", f"give {self._axes} angles")
+            raise FileError(
+                "near_deg", f"shape {start.shape} does not match a single posture", f"give {self._axes} angles"
+            )
         q, reached = np.full((len(poses), self._axes), np.nan), np.zeros(len(poses), dtype=bool)
         solved = self._solved if self._axes >= DRIVEN_AXES else self._solved_in_part
         for row, pose in enumerate(poses):
@@ -200,4 +202,4 @@ def _numbers(values: Array, name: str) -> Array:
     try:
         return np.array(values, dtype=float)
     except (TypeError, ValueError):
-        raise FileError(name, "is no array of numbers", "give numbers, as numpy takes them") from None
+        raise FileError(name, "is not an array of numbers", "give numbers or a numpy array") from None

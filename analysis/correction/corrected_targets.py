@@ -205,7 +205,7 @@ def corrected_angles(
         (low, high), mm = rig.robot.rail.limits_mm, rail_mm(arm_of(rig.robot), q)
         beyond += [
             NotCorrected(
-                k, "beyond_limits", f"the rail would stand at {mm[k]:g} mm, its limits are {low:g} and {high:g} mm"
+                k, "beyond_limits", f"the rail would be at {mm[k]:g} mm, the limits are {low:g} and {high:g} mm"
             )
             for k in np.flatnonzero((mm < low) | (mm > high)).tolist()
         ]
@@ -271,10 +271,10 @@ def _doubts(rig: Rig, uncertainty: PoseUncertainty, q: Array) -> list[str]:
     inside = covered(uncertainty, q)
     if inside is None or uncertainty.joints_rad is None or inside.all():
         return []
-    counted = f"{int((~inside).sum())} of {len(q)} targets stand where no run says how well they are reached"
+    counted = f"{int((~inside).sum())} of {len(q)} targets are at places without a known uncertainty"
     axes = len(rig.robot.axes)
     ranges = [(low, high) for low, high in np.degrees(uncertainty.joints_rad[:axes]).tolist()]
-    first = f"{counted}: the column covered says no of them, and they have no u; measure there to know it"
+    first = f"{counted}: the column covered is no and u is empty; measure there for an uncertainty"
     rail = RAIL_MM * uncertainty.joints_rad[axes:]
     stands = [
         f"the model: the rail stands at {mm.min():.0f} to {mm.max():.0f} mm, in the runs at {low:.0f} to {high:.0f} mm"
@@ -283,7 +283,7 @@ def _doubts(rig: Rig, uncertainty: PoseUncertainty, q: Array) -> list[str]:
     ]
     far, reach_mm = int((~uncertainty.is_within_reach(q)).sum()), rig.calibrated.reach_mm if rig.calibrated else None
     if far and reach_mm is not None and not why_nothing(rig):
-        beyond = f"farther than {reach_mm:.0f} mm from every socket touched, where no placement judged it"
+        beyond = f"farther than {reach_mm:.0f} mm from every touched socket, without validation there"
         stands.append(f"the model: {far} of {len(q)} targets are {beyond}")
     return [first, *outside_coverage(ranges, q, "the model"), *stands]
 
@@ -308,6 +308,6 @@ def _beyond_limits(arm: Arm, q: Array) -> list[NotCorrected]:
     beyond: dict[int, NotCorrected] = {}
     for k, axis in np.argwhere(outside).tolist():
         low, high = np.degrees(arm.limits[axis])
-        stands = f"axis {axis + 1} would stand at {np.degrees(q[k, axis]):.3f}°, its limits are {low:g}° and {high:g}°"
+        stands = f"axis {axis + 1} would be at {np.degrees(q[k, axis]):.3f}°, the limits are {low:g}° and {high:g}°"
         beyond.setdefault(k, NotCorrected(k, "beyond_limits", stands))
     return list(beyond.values())

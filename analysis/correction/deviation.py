@@ -40,7 +40,7 @@ class Expected(Part):
     def text(self) -> str:
         """Return `1.9 ± 7.7 µm rms`, or the reason for a missing ±."""
         if self.u_um is None:
-            return f"{self.um:.1f} µm rms, without u: the runs behind the model do not say how well it holds there"
+            return f"{self.um:.1f} µm rms, uncertainty unknown: the calibration runs do not cover this place"
         return f"{self.um:.1f} ± {self.u_um:.1f} µm rms"
 
 

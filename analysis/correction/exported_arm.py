@@ -52,7 +52,7 @@ def friction_nm(friction: Mapping[int, Friction], nm_per_a: Sequence[float]) -> 
     """
     if friction and max(friction) > len(nm_per_a):
         problem = f"has {len(nm_per_a)} numbers, and the run shows the friction of axis {max(friction)}"
-        raise UseError(_OPTION, problem, "give one number for each axis, from the maker's data sheet")
+        raise UseError(_OPTION, problem, "give a number for each axis, from the data sheet of the maker")
     return {axis: joint.current_a * nm_per_a[axis - 1] for axis, joint in sorted(friction.items())}
 
 
@@ -63,7 +63,9 @@ def torques_of(text: str) -> tuple[float, ...]:
     except ValueError:
         values = ()
     if not values or not all(math.isfinite(value) and value > 0 for value in values):
-        raise UseError(_OPTION, f"{text!r} is not a list of torques above zero", "give one an axis, with commas")
+        raise UseError(
+            _OPTION, f"{text!r} is not a list of torques above zero", "give a number per axis, separated by commas"
+        )
     return values
 
 
@@ -90,14 +92,14 @@ class GeometricShare:
     def words(self) -> str:
         """Describe the content of a geometry file."""
         if self.all_um == 0:
-            return "The rig file has no effect that moves the tool: this is the arm as its constants say."
-        moved = f"in the robot's base its effects move the tool by {self.all_um:.1f} µm rms over the work"
+            return "The rig file has no effect that moves the tool: this is the nominal arm."
+        moved = f"in the base frame the effects move the tool by {self.all_um:.1f} µm rms over the work"
         if not self.left_out:
             return f"All of the model is geometry and is in this file: {moved}."
         names = [f"{effect.effect} {effect.seat}".strip() for effect in self.left_out]
         ending = f" and {len(names) - _MOST_LISTED} more" if len(names) > _MOST_LISTED else ""
         listed = ", ".join(names[:_MOST_LISTED]) + ending
-        return f"Only the geometry is in this file: {moved}; {self.left_um:.1f} µm rms of it are left out ({listed})."
+        return f"Only the geometry is in this file: {moved}; {self.left_um:.1f} µm rms of it are ignored ({listed})."
 
 
 def geometric_share(model: Model) -> GeometricShare:
@@ -126,6 +128,6 @@ def simulated_arm(rig: Rig, arm: Arm, where: str, carried: str, friction: Mappin
         )
         if axes
     ]
-    hinges = f"In hinges beside the joints' own: {'; '.join(parts)}."
+    hinges = f"In additional hinges: {'; '.join(parts)}."
     of_joints = hinges if parts else "Neither play nor deflection under load was found."
     return mjcf_text(rig.robot, arm, traits, where, [carried, of_joints]), f"{carried} {of_joints}"

@@ -288,7 +288,7 @@ def why_unknown(rig: Rig, uncertainty: PoseUncertainty, q: Array) -> list[str]:
             f"{rig.robot.axis_words(k + 1)} at {at_deg[k]:z.1f}°, in the runs {low[k]:z.1f}° to {high[k]:z.1f}°"
             for k in np.flatnonzero((at_deg < low - BEYOND_DEG) | (at_deg > high + BEYOND_DEG)).tolist()
         ]
-        reasons.append("" if is_inside else ", ".join(beyond) or "the model was not judged there")
+        reasons.append("" if is_inside else ", ".join(beyond) or "the model was not validated there")
     return reasons
 
 

@@ -26,7 +26,7 @@ from rigs.text import as_argument
 _HOW: dict[Use, str] = {
     "joint zero": "is the same in every posture: re-master the axis",
     "link constant": "is a constant of the arm",
-    "targets only": "depends on the posture: no zero or constant holds it, corrected targets do",
+    "targets only": "depends on the posture: use corrected targets, not a zero or constant",
 }
 
 
@@ -73,15 +73,15 @@ def _support(effect: Effect, u: float, *, from_calibration: bool = False) -> Sup
     if use == "none":
         return Support(effect, value, u, use, effect.compensation().why_not)
     if effect.found is None and not from_calibration:
-        why = "stands in the rig file without where it came from: diagnose or calibrate it"
+        why = "is in the rig file without provenance: diagnose or calibrate the arm"
         return Support(effect, value, u, "none", why)
     if not u > 0:
-        return Support(effect, value, u, "none", "was found without an uncertainty: calibrate it")
+        return Support(effect, value, u, "none", "was found without an uncertainty: calibrate the arm")
     if u >= abs(value):
         alike = " and ".join(effect.found.together if effect.found else ())
         if not alike:
-            return Support(effect, value, u, "none", "is no larger than its uncertainty: it may as well be zero")
-        return Support(effect, value, u, use, f"is known only together with {alike}: correct all or none of them")
+            return Support(effect, value, u, "none", "is not larger than the uncertainty: the true value may be zero")
+        return Support(effect, value, u, use, f"is known only together with {alike}: correct all of them or none")
     rivals = " or ".join(effect.found.rivals if effect.found else ())
     doubt = f"; the same runs show {rivals} as well: measure which it is first" * bool(rivals)
     return Support(effect, value, u, use, _HOW[use] + doubt)
@@ -146,7 +146,7 @@ def _summed(supported: Sequence[Support], use: Use, nominal: dict[int, dict[str,
     return made
 
 
-ANYWAY = "written although rig says: correct nothing by this model"
+ANYWAY = "written although rig advises against a correction by this model"
 """Mark in every file written against the verdict."""
 
 
@@ -156,20 +156,20 @@ def why_nothing(rig: Rig) -> str:
         return ""
     judged = rig.calibrated.judged
     assert judged is not None  # noqa: S101 - without it the verdict is to correct
-    why = "correct nothing by this model:"
+    why = "do not correct by this model:"
     if ground_of(rig.calibrated) == "not_shown":
-        return f"{why} its runs cannot show what is wrong, and what it leaves elsewhere is not known"
+        return f"{why} the runs cannot show the cause, and the remaining error elsewhere is unknown"
     remainder = f"it leaves {judged.handed_um:.0f} of {judged.before_um:.0f} µm rms"
     if ground_of(rig.calibrated) == "no_gain_elsewhere":
-        return f"{why} where it had no part {remainder}, no less than without it"
-    where = "on the runs used, and none judged it elsewhere" if judged.place == "used" else "where it had no part"
-    return f"{why} a cause that is in no library remains, {judged.unexplained_um:.0f} µm; {remainder} {where}"
+        return f"{why} on runs that it did not use {remainder}, not less than the nominal arm"
+    where = (
+        "on the runs used, without validation elsewhere" if judged.place == "used" else "on runs that it did not use"
+    )
+    return f"{why} an unknown cause remains, {judged.unexplained_um:.0f} µm; {remainder} {where}"
 
 
 def hold_verdict(rig: Rig, rig_file: str, *, anyway: bool) -> None:
     """Raise FileError if a rig's model must not be used for correction, unless `anyway`."""
     if (why := why_nothing(rig)) and not anyway:
-        remedy = (
-            f"see what to measure next with rig plan {as_argument(rig_file)}; --anyway writes it, and the files say so"
-        )
+        remedy = f"plan the next measurement: rig plan {as_argument(rig_file)}; --anyway writes the files with a remark"
         raise FileError(rig_file, why, remedy)

@@ -42,7 +42,7 @@ def versions(rig_file: Path, folder: Path) -> list[Version]:
     rig, _ = load(rig_file)
     files = list(islice(folder.rglob("*.y*ml"), _MOST + 1))
     if len(files) > _MOST:
-        problem = f"holds more than {_MOST} YAML files"
+        problem = f"contains more than {_MOST} YAML files"
         raise FileError(str(folder), problem, "give the folder of this robot: --in FOLDER")
     versions = []
     for path in files:
@@ -87,7 +87,7 @@ def roll_back(rig_file: Path, version: Path, now: dt.datetime) -> RolledBack:
     if former.calibration is None or former.calibrated is None:
         raise FileError(str(version), "has no calibration", "name a version that rig versions lists")
     if _identity(former) != _identity(rig):
-        problem = f"is of another robot: {former.robot.name} {former.robot.serial}".rstrip()
+        problem = f"belongs to a different robot: {former.robot.name} {former.robot.serial}".rstrip()
         raise FileError(str(version), problem, "name a version of this robot")
     content = former.calibrated.content
     digest = hashlib.sha256(content).hexdigest()

@@ -126,7 +126,7 @@ def _stands_in(data: bytes, where: str, rig: Rig, topic: str) -> tuple[bytes, st
         stands = reader.stands_of(data, where, rig, topic)
         return stands.text, stands.topic, stands.doubts
     if topic:
-        raise UseError("--topic", f"is of a bag, and {where} is none", "leave it out")
+        raise UseError("--topic", f"is of a bag, and {where} is none", "remove it")
     return data, "", ()
 
 

@@ -341,7 +341,7 @@ def _hold_faulty(judge: _Judge, best: Reading, readings: Sequence[Reading]) -> N
         raise FileError(judge.raw.where, problem, remedy)
     judge.assumed.append(
         f"{best.line()}; the nominal constants of an arm leave at most {nominal}; no reading "
-        "fits clearly better: a zero or a length of this arm is far wrong, or the rig file is that of another arm"
+        "fits clearly better: a zero or a length of this arm is far wrong, or the rig file is that of a different arm"
     )
 
 

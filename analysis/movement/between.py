@@ -40,7 +40,7 @@ def without_moved(rig: Rig, runs: Sequence[Measured]) -> tuple[list[Measured], l
         for k, mask in zip(numbers, masks, strict=True):
             if not mask.all():
                 name = runs[k].run.manifest.name
-                rows = f"{np.count_nonzero(~mask)} of {len(mask)} rows of {name} are left out"
+                rows = f"{np.count_nonzero(~mask)} of {len(mask)} rows of {name} are ignored"
                 doubts.append(f"{rows}: they lie on the other side of the movement")
                 kept[k] = replace(runs[k], table=_shortened(runs[k].table, mask))
                 dropped |= {k} if not mask.any() else set()

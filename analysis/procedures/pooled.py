@@ -25,9 +25,8 @@ from analysis.runs.tables import PlaceTable
 from rigs.errors import FileError
 
 ONE_RUN = (
-    "one run only: what differs between runs is not in u; expect the ball "
-    f"{1e3 * BALL_MM.low:g} to {1e3 * BALL_MM.high:g} µm and each joint {JOINT_DEG.low:g} to {JOINT_DEG.high:g}° "
-    "elsewhere in the next, and repeat it to see"
+    "single run, so u lacks the scatter between runs: repeat the run. Between runs the ball moves by "
+    f"{1e3 * BALL_MM.low:g} to {1e3 * BALL_MM.high:g} µm and each joint by {JOINT_DEG.low:g} to {JOINT_DEG.high:g}°"
 )
 _SPREADS = 5.0
 """A ball further from the others than `BALL_ELSEWHERE_MM`, and than this multiple of the usual distance in these runs,
@@ -119,10 +118,10 @@ def _of_one_setup(runs: list[Result]) -> tuple[list[Result], list[tuple[Result, 
     for run in runs:
         first = by_digest.setdefault(run.measured.run.readings_sha256, run)
         if first is not run:
-            copies.append((run, f"holds the same readings as {first.measured.path}: left out of the mean"))
+            copies.append((run, f"contains the same readings as {first.measured.path}: excluded from the mean"))
     single = list(by_digest.values())
     together = max(([run for run in single if _are_same_poses(first, run)] for first in single), key=len)
-    why = f"its poses are not those of {together[0].measured.path}: left out of the mean"
+    why = f"the poses are not those of {together[0].measured.path}: excluded from the mean"
     copies += [(run, why) for run in single if not any(run is kept for kept in together)]
     single = together
     balls = [run.found.distance.ball_mm for run in single if isinstance(run.found, CircleResult)]
@@ -133,12 +132,12 @@ def _of_one_setup(runs: list[Result]) -> tuple[list[Result], list[tuple[Result, 
     if len(single) == 2:
         if 2 * away.max() <= _TWO_MM:
             return single, copies
-        why = f"the balls of the two runs lie {2 * away.max():.2f} mm apart: two set-ups have no common mean"
+        why = f"the balls of the two runs lie {2 * away.max():.2f} mm apart: different set-ups do not share a mean"
         return [], [*copies, *((run, why) for run in single)]
     limit = max(BALL_ELSEWHERE_MM, _SPREADS * float(np.median(away)))
     near = [run for run, far in zip(single, away, strict=True) if far <= limit]
     others = [
-        (run, f"its ball lies {far:.2f} mm from that of the other runs: another set-up, left out of the mean")
+        (run, f"the ball lies {far:.2f} mm from that of the other runs: another set-up, excluded from the mean")
         for run, far in zip(single, away, strict=True)
         if far > limit
     ]

@@ -34,7 +34,7 @@ def in_calibration(model: CalibratedModel) -> list[str]:
         accuracy += f" and {model.held_out_um:.0f} µm on runs that the model did not use"
     if model.widened > 1:
         accuracy += (
-            f"; its uncertainty is {model.widened:.2g} times what the readings used state, as these poses showed"
+            f"; the uncertainty is {model.widened:.2g} times what the readings used state, as these poses showed"
         )
     joints = ", ".join(f"{axis}: {low:.0f}° to {high:.0f}°" for axis, (low, high) in enumerate(model.joints_deg, 1))
     return [

@@ -63,7 +63,7 @@ def eccentricities_in_words(group: Sequence[Result]) -> list[str]:
     away = max(apart)
     return [
         f"the two estimates of the ball's place, by angle and by distance, differ by {1000 * away:.0f} µm: take "
-        "that as its uncertainty"
+        "that as the uncertainty"
     ]
 
 
@@ -83,7 +83,7 @@ def lag_in_words(both: Pairs | None, group: Sequence[Result]) -> list[str]:
     if not isinstance(group[0].found, CircleResult):
         return []
     if both is None:
-        return ["one direction cannot show a lag between gauges and robot: analyse acw and cw together"]
+        return ["a single direction cannot show a lag between gauges and robot: analyse acw and cw together"]
     lag, lines = both.lag, list(both.refused)
     if lag is None:
         return lines

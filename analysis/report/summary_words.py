@@ -73,8 +73,8 @@ class _SummaryWords:
         """Cause, size and certainty of the largest cause; the condition if no cause is certain."""
         if self.diagnosis.condition not in ("out_of_range", "outside_library") and (leading := self._leading()):
             first, others = leading[0], len(leading) - 1
-            more = f", {self.texts('and_more', count=others)}" if others else ""
-            return f"{first}{more}."
+            ending = f", {self.texts('and_more', count=others)}" if others else ""
+            return f"{first}{ending}."
         return self.answer.condition_sentence
 
     def _leading(self) -> list[str]:
@@ -116,7 +116,9 @@ class _SummaryWords:
 
     def _beyond_basis(self, act: Act) -> Act:
         """Return an action without the objection that the basis of the error states."""
-        return replace(act, against=tuple(one for one in act.against if one.why != "not_judged_elsewhere"))
+        return replace(
+            act, against=tuple(objection for objection in act.against if objection.why != "not_judged_elsewhere")
+        )
 
     @property
     def error(self) -> ErrorChange:

@@ -42,7 +42,7 @@ def require_sound(path: Path, instrument: str, columns: Mapping[str, np.ndarray[
     rules = {
         "an impossible stamp": (first < 0) | (last > _LATEST_NS),
         "a first byte later than the last": first > last,
-        "a request later than its answer": requested > last,
+        "a request later than the answer": requested > last,
         "a stamp earlier than that of the row before": np.append(False, last[1:] < last[:-1]),
         "an impossible message size": (columns["size"] < 0) | (columns["size"] > _LONGEST_MESSAGE),
     }
@@ -276,8 +276,8 @@ def _read(
                 _robot(path, streams, part) if name == "robot" else _gauge(path, streams, test, rig, name, part)
             )
             if len(track.ns) < 2:
-                problem = f"holds fewer than two readings of {name} at known times"
-                raise NotTogether(str(path), problem, "record again, and check the rates with rig status")
+                problem = f"contains fewer than two readings of {name} at known times"
+                raise NotTogether(str(path), problem, "repeat the recording, and check the rates with rig status")
             tracks[name] = track
         except NotTogether:
             if part is None:
@@ -303,7 +303,7 @@ def _doubts_of(name: str, seen: Seen) -> list[str]:
     if seen.doubtful:
         doubts.append(f"{name}: the gauge itself marks {counted(seen.doubtful, 'reading')} as doubtful")
     if seen.odd:
-        doubts.append(f"{_left_out(name, seen.odd)} for want of a valid reading; check it and its connection")
+        doubts.append(f"{_left_out(name, seen.odd)} for want of a valid reading; check it and the connection")
     if seen.stalled:
         doubts.append(
             f"{_left_out(name, seen.stalled)} because the time is too uncertain: "
@@ -315,7 +315,7 @@ def _doubts_of(name: str, seen: Seen) -> list[str]:
 
 
 def _left_out(name: str, count: int) -> str:
-    return f"{name}: {counted(count, 'row is', 'rows are')} left out"
+    return f"{name}: {counted(count, 'row is', 'rows are')} ignored"
 
 
 def robot_alone(path: Path, run: Run) -> tuple[Array, Array, tuple[str, ...]]:
@@ -325,8 +325,8 @@ def robot_alone(path: Path, run: Run) -> tuple[Array, Array, tuple[str, ...]]:
     """
     track, seen = _robot(path, run.streams, None)
     if len(track.ns) < 2:
-        problem = "holds fewer than two readings of robot at known times"
-        raise FileError(str(path), problem, "record again, and check the rates with rig status")
+        problem = "contains fewer than two readings of robot at known times"
+        raise FileError(str(path), problem, "repeat the recording, and check the rates with rig status")
     return (track.ns - track.ns[0]) / 1e9, track.values, tuple(_doubts_of("robot", seen))
 
 
@@ -418,18 +418,19 @@ def timing_doubts(name: str, instants: Instants | Seen) -> list[str]:
     """Return doubts about the times of an instrument, as text."""
     doubts = []
     if instants.restarts:
-        doubts.append(f"{name}: its clock restarted {instants.restarts} times and is fitted in pieces")
+        doubts.append(f"{name}: the clock restarted {instants.restarts} times and is fitted in pieces")
     if instants.wrong:
         doubts.append(
-            f"{name}: {instants.wrong} stamps of its clock are impossible; these rows take the time of their arrival"
+            f"{name}: {instants.wrong} stamps of the clock are impossible; these rows take the time of their arrival"
         )
     if instants.wanders_s > WANDERS_S:
         doubts.append(
             f"{name}: its messages deviate from their steady pace by {1e3 * instants.wanders_s:.1f} ms: it waited, or "
-            "they came later for good; the uncertainty covers both; record again on a computer that is less busy"
+            "they came later for good; the uncertainty covers both; repeat the recording on a computer that is less "
+            "busy"
         )
     if instants.held:
-        doubts.append(f"{name}: its adapter holds bytes back, which adds uncertainty; set its latency_timer to 1 ms")
+        doubts.append(f"{name}: the adapter holds bytes back, which adds uncertainty; set its latency_timer to 1 ms")
     return [*doubts, *(f"{name}: {words}" for words in instants.doubts)]
 
 
@@ -476,8 +477,8 @@ def _stream(path: Path, streams: Streams, columns: Sequence[str], instrument: st
         if all(column in stream and is_reading(stream[column][:, None], largest).sum() > 1 for column in columns):
             require_sound(path, instrument, stream)
             return stream
-    remedy = "connect it, check it with rig status, and record again"
-    raise NotTogether(str(path), f"holds no readings of {instrument}", remedy)
+    remedy = "connect it, check it with rig status, and repeat the recording"
+    raise NotTogether(str(path), f"contains no readings of {instrument}", remedy)
 
 
 def gaps_ns(rows: Array, times: Array, short_ns: float) -> Array:

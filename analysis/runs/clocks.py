@@ -54,20 +54,20 @@ _SPARSE_NS = 50e6
 milliseconds at a reversal; this is five times longer.
 """
 _SPARSE = (
-    "its readings are {:.0f} ms apart, too far to follow a joint that turns back: a band may be too large by what the "
+    "the readings are {:.0f} ms apart, too far to follow a joint that turns back: a band may be too large by what the "
     "other gauge shows earlier; drive the circle slower"
 )
-_STANDS = "its own clock does not advance and is not used; check the instrument"
+_STANDS = "the instrument clock does not advance and is not used; check the instrument"
 _FOUND = (
-    "its readings repeat with a cycle of its own of {:.2f} ms; each takes the time of its tick; "
+    "the readings repeat with a separate cycle of {:.2f} ms; each takes the time of its tick; "
     "state the cycle as timing.cycle_ms in the rig file"
 )
 _UNEVEN = (
-    "its readings repeat while it moves, in an uneven cycle of some {:.0f} ms; each takes the time of its first copy, "
+    "the readings repeat while it moves, in an uneven cycle of some {:.0f} ms; each takes the time of its first copy, "
     "which adds uncertainty; see timing in the rig file and the instrument's manual"
 )
 _NOT_SEEN = (
-    "its readings repeat while it moves, so they may be up to {:.0f} ms old, which is in u; state the cycle as "
+    "the readings repeat while it moves, so they may be up to {:.0f} ms old, which is in u; state the cycle as "
     "timing.cycle_ms in the rig file, or read the gauge more often"
 )
 

@@ -21,7 +21,7 @@ def table_from(columns: pa.Table, test: TestName, direction: Direction | None, w
     rows, table_format = Rows(columns), format_of(test)
     missing = [name for name in table_format.layout(rows.axes).required if name not in columns.column_names]
     if missing or not columns.num_rows:
-        problem = f"its table has no {', '.join(missing) or 'rows'}"
+        problem = f"the table has no {', '.join(missing) or 'rows'}"
         raise FileError(where, problem, "import the table again")
     table = table_format.table_of(rows, direction, where)
     hold_table(table, where)
@@ -50,7 +50,7 @@ def columns_of(table: Table) -> pa.Table:
 
 LARGEST = 1e12
 """Largest plausible angle, length or time, in any unit that may have been chosen by mistake."""
-_REMEDY = "restore the run from a copy, or correct its table and import it again"
+_REMEDY = "restore the run from a copy, or correct the table and import it again"
 
 
 def hold_table(table: Table, where: str) -> None:

@@ -83,8 +83,8 @@ def beyond_limits(table: Table, rig: Rig) -> tuple[str, ...]:
         if outside.any():
             farthest = np.degrees(angle[np.argmax(np.abs(angle - (low + high) / 2))])
             doubts.append(
-                f"axis {axis} is outside its limits of {np.degrees(low):.6g}° to {np.degrees(high):.6g}°: it stands at "
-                f"{farthest:.1f}° {_row_words(table, outside)}; check the column, its zero, and limits_deg of the rig "
+                f"axis {axis} is outside the limits of {np.degrees(low):.6g}° to {np.degrees(high):.6g}°: it stands at "
+                f"{farthest:.1f}° {_row_words(table, outside)}; check the column, the zero, and limits_deg of the rig "
                 "file"
             )
     return tuple(doubts)

@@ -110,7 +110,7 @@ def refuse_copies(runs: Iterable[tuple[Path, str]]) -> None:
     by_digest: dict[str, Path] = {}
     for path, readings in runs:
         if first := by_digest.get(readings):
-            raise FileError(str(path), f"holds the same readings as {first}", "give each recording once")
+            raise FileError(str(path), f"contains the same readings as {first}", "give each recording once")
         by_digest[readings] = path
 
 
@@ -137,9 +137,9 @@ def measured_of(run: Run, rig: Rig | None = None) -> Measured:
     table = table_from(run.table, run.manifest.test, run.manifest.direction, str(path))
     if RAIL in format_of(table.test).layout(rail=True).known and table.rail != (rig.robot.rail is not None):
         if table.rail:
-            problem = f"has {RAIL}, and the arm of the rig file stands on no rail"
+            problem = f"has {RAIL}, and the arm of the rig file has no rail"
             raise FileError(str(path), problem, "add robot.rail to it")
-        problem = f"has no {RAIL}, and the arm of the rig file stands on a rail"
+        problem = f"has no {RAIL}, and the arm of the rig file is on a rail"
         raise FileError(str(path), problem, f"add {RAIL}, where the rail stood in each row")
     table, counted_further = without_whole_turns(one_row_a_stand(table), rig)
     doubts += [*counted_further, *beyond_limits(table, rig)]
@@ -159,13 +159,13 @@ def known_doubts(run: Run, rig: Rig) -> list[str]:
     certified, started = format_of(run.manifest.test).certified, run.manifest.started
     for missing in missing_gauges(rig, run.manifest.test):
         remedy = f"{missing.remedy}, and import it again"
-        raise FileError(str(run.path), f"is a {run.manifest.test} run, and its rig file {missing.problem}", remedy)
+        raise FileError(str(run.path), f"is a {run.manifest.test} run, and the rig file {missing.problem}", remedy)
     if not certified:
         return _doubts(run)
     try:
         return [*_doubts(run), *certificate_doubts(rig, certified, dt.date.fromisoformat(started[:10]))]
     except ValueError:
-        return [*_doubts(run), f"the start time in its manifest is not a date: {started[:30]!r}"]
+        return [*_doubts(run), f"the start time in the manifest is not a date: {started[:30]!r}"]
 
 
 def measured_as(
@@ -228,7 +228,7 @@ def _doubts(run: Run) -> list[str]:
     if manifest.table:
         doubts += [*manifest.table.assumed, *([ONLY_COMMANDED] if manifest.table.only_commanded else [])]
     if sha256(manifest.rig_text.encode()).hexdigest() != manifest.rig_sha256:
-        doubts.append("the rig file in its manifest has been changed since (SHA-256)")
+        doubts.append("the rig file in the manifest has been changed since (SHA-256)")
     return doubts
 
 

@@ -21,7 +21,7 @@ Module = Literal["format", "predict", "evaluate", "checks", "observe"]
 """Modules of a test's package, each with the part for one ring."""
 TESTS: tuple[TestName, ...] = get_args(TestName)
 """All tests, in the order in which they are listed everywhere."""
-_REMEDY = "install another version of that package, or uninstall it"
+_REMEDY = "install a different version of that package, or uninstall it"
 
 
 class TestPart(Protocol):

@@ -34,7 +34,7 @@ def rule_of(run: Run) -> Rule:
         raise FileError(where, "holds a table and no robot stream", "give a run that rigd recorded")
     if manifest.test in OF_ISO9283:
         problem = f"is a {manifest.test} test, which rigd cannot record"
-        raise FileError(where, problem, "give a recorded run of another test")
+        raise FileError(where, problem, "give a recorded run of a different test")
     robot = run.streams["robot"]
     # the value that lasted longest after a change of the signal, if any
     signal = robot[SIGNAL][np.isfinite(robot[SIGNAL])] if SIGNAL in robot else np.empty(0)
@@ -66,7 +66,7 @@ def _departure(robot: Mapping[str, np.ndarray[Any, Any]], where: str) -> tuple[d
         raise FileError(where, "the robot stood still", "record its program from before it starts")
     begins = _leaves(q_deg, STILL_DEG)
     if t_s[begins - 1] < STOOD_S:
-        raise FileError(where, "the robot moves already where the run begins", "record from before its program starts")
+        raise FileError(where, "the robot moves already where the run begins", "record from before the program starts")
     start, onwards = np.median(q_deg[:begins], axis=0), q_deg[_leaves(q_deg, _ON_THE_WAY_DEG)]
     begin, longest_s = begins, 0.0
     while begin < len(t_s):

@@ -186,30 +186,30 @@ def _doubts(robot: Mapping[str, np.ndarray[Any, Any]], t_s: Array, moving: Mask,
     counts = begun & ~np.maximum.accumulate(begun & ~moving & by_itself)
     for state in sorted(STOPPED):
         if when := _when(t_s, counts & (safety == state)):
-            yield f"robot: {words_of(state)} {when}; find out why, and record again"
+            yield f"robot: {words_of(state)} {when}; find the cause, and repeat the recording"
     paused = counts & (program == ProgramState.PAUSED)
     if (paused & moving).any():
-        yield f"robot: its program was paused {_when(t_s, paused)}; the lap was not driven in one go: record again"
+        yield f"robot: the program was paused {_when(t_s, paused)}; the lap was interrupted: repeat the recording"
     elif paused.any():
-        yield f"robot: its program was paused {_when(t_s, paused)}, after the last motion; check that it had driven all"
+        yield f"robot: the program was paused {_when(t_s, paused)}, after the last motion; check that it had driven all"
     if when := _when(t_s, moving & (program == ProgramState.STOPPED)):
         if (program[moving] == ProgramState.RUNNING).any():
-            yield f"robot: its program did not run {when}, while the robot moved; record a motion of the program"
+            yield f"robot: the program did not run {when}, while the robot moved; record a motion of the program"
         else:
-            yield f"robot: no program ran while it moved, {when}: it was jogged, or guided by hand; {_BY_PROGRAM}"
+            yield f"robot: moved without a program, {when}: jogged, or guided by hand; {_BY_PROGRAM}"
     if when := _when(t_s, moving & (motors == 0)):
-        yield f"robot: its motors were off {when}; find out why, and record again"
+        yield f"robot: the motors were off {when}; find the cause, and repeat the recording"
     driving = moving & ~np.isin(program, [ProgramState.PAUSED, ProgramState.STOPPED])
     slowed = driving & (speed < FULL_PERCENT)
     if slowed.any():
         # A constant reduced speed is intended. A changing speed is a disturbance.
         low, high = speed[slowed].min(), speed[slowed].max()
         if np.nanmax(speed[driving]) - low < _SAME_PERCENT:
-            yield f"robot: its speed was {low:.0f} % throughout; compare only with runs at this speed"
+            yield f"robot: the speed was {low:.0f} % throughout; compare only with runs at this speed"
         else:
             shown = f"{low:.0f} %" if high - low < _SAME_PERCENT else f"{low:.0f} to {high:.0f} %"
             changed = f"{shown} {_when(t_s, slowed)}, and not the same throughout"
-            yield f"robot: its speed was {changed}; record again at one speed"
+            yield f"robot: the speed was {changed}; repeat the recording at a constant speed"
 
 
 def _when(t_s: Array, lasts: Mask) -> str:

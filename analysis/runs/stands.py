@@ -127,21 +127,21 @@ def visits_of(
     fits, doubts = [k for k, _ in pairs], list[str]()
     if len(fits) < _FOLLOWED * len(places):
         fits = list(range(len(places)))
-        doubts.append("targets were visited in another order than in the rig file: all stands are used")
+        doubts.append("targets were visited in a different order than in the rig file: all stands are used")
     elif others := len(places) - len(fits):
         outside = "outside the order of the program (before it, after it, or once too often) are not used"
         doubts.append(f"{others} stands {outside}")
     stands = [at[k][0] for k in fits]
     if not stands:
         remedy = "correct tests.hemisphere, or record its program"
-        raise FileError(where, "the robot did not stand at any target", remedy)
+        raise FileError(where, "the robot did not rest at any target", remedy)
     rows = np.array([at[k][1] for k in fits], dtype=np.int64)
     missing = sorted(set(program.target.tolist()) - set(program.target[rows].tolist()))
     if missing:
         ending = " …" if len(missing) > 8 else ""
-        doubts.append(f"the run has no stand at target {', '.join(map(str, missing[:8]))}{ending}")
+        doubts.append(f"the run lacks a stop at target {', '.join(map(str, missing[:8]))}{ending}")
     if outliers := sum(stand.outliers for stand in stands):
-        doubts.append(f"{outliers} readings lie far from the others of their stand and are not used")
+        doubts.append(f"{outliers} readings are outliers of their stop and are not used")
     t_s, q, g_mm = zip(*((stand.t_s, stand.q, stand.g_mm[0]) for stand in stands), strict=True)
     return Visits(fits, rows, np.array(t_s), np.array(q), np.array(g_mm), doubts)
 

@@ -48,7 +48,7 @@ def refuse_existing(path: Path, option: str = "--output") -> None:
     option: command-line option for a different name, shown in the error.
     """
     if os.path.lexists(path):
-        raise FileError(str(path), "exists already", f"give another {option}, or remove it first")
+        raise FileError(str(path), "exists already", f"choose a different {option}, or remove it first")
 
 
 def refuse_foreign(path: Path, option: str = "--output") -> None:
@@ -59,15 +59,15 @@ def refuse_foreign(path: Path, option: str = "--output") -> None:
     except FileNotFoundError:
         return
     except FileError as error:  # not a regular file
-        raise FileError(error.where, error.what, f"give another {option}") from None
+        raise FileError(error.where, error.what, f"choose a different {option}") from None
     except OSError as error:
-        raise FileError(str(path), error.strerror or str(error), f"give another {option}") from None
+        raise FileError(str(path), error.strerror or str(error), f"choose a different {option}") from None
     suffix = {".htm": ".html"}.get(path.suffix.lower(), path.suffix.lower())
     first, marks = _MARKS.get(suffix, _MARKS[".parquet"])  # a table may have any name
     is_of_rig = begin.lstrip().startswith(first) and all(mark in begin or mark in end for mark in marks)
     if size and not is_of_rig:
         problem = "exists already, and rig did not make it"
-        raise FileError(str(path), problem, f"give another {option}, or remove it first")
+        raise FileError(str(path), problem, f"choose a different {option}, or remove it first")
 
 
 _FORMULA = re.compile(r"'*[=+\-@\t\r]")
@@ -125,7 +125,7 @@ def _write_all(directory: Path, files: Mapping[str, Writer], *, over: bool) -> l
     paths = [directory / name for name in files]
     for path in () if over else paths:
         refuse_existing(path)
-    made, remedy = False, "give another --plot" if over else "choose a different --output"
+    made, remedy = False, "choose a different --plot" if over else "choose a different --output"
     try:
         with files_into(directory, over=over) as hidden:
             made = True

@@ -54,7 +54,7 @@ class CaptureWriter(clock.Thread):
         try:
             self._file = self._path.open("x", encoding="utf-8")
         except OSError as error:
-            raise FileError(str(self._path), error.strerror or str(error), "give --capture another file") from None
+            raise FileError(str(self._path), error.strerror or str(error), "give --capture a different file") from None
         lines = [HEAD]
         for stream in self._streams:
             settings = f", {stream.line}" if stream.port.startswith("/") else ""
@@ -80,7 +80,7 @@ class CaptureWriter(clock.Thread):
         self._stop_asked.set()
         self.join(within_s)
         if self.is_alive():
-            log.error("capture %s ends early: its disk does not accept the rest", self._path)
+            log.error("capture %s ends early: the disk does not accept the rest", self._path)
 
     def run(self) -> None:
         """Write pieces until `stop` is called."""
@@ -104,7 +104,7 @@ class CaptureWriter(clock.Thread):
         except OSError as error:
             self._end(f"{error.strerror or error}")
         if self._size >= LARGEST:
-            self._end(f"it has grown to {LARGEST / 1e9:g} GB; start rigd again with another file to go on")
+            self._end(f"it has grown to {LARGEST / 1e9:g} GB; restart rigd with a different file to go on")
 
     def _end(self, why: str) -> None:
         with self._lock:

@@ -116,7 +116,9 @@ class StallWatch(clock.Thread):
         """Record a fault if the time between two timestamps is too long."""
         if now_ns - before_ns > self._longest_ns:
             detail = f"rigd or the computer stood still for {(now_ns - before_ns) / 1e9:.1f} s"
-            self._faults.append(Fault(FaultKind.STALLED, now_ns, f"{detail}; what came meanwhile is stamped late"))
+            self._faults.append(
+                Fault(FaultKind.STALLED, now_ns, f"{detail}; messages in the meantime have late timestamps")
+            )
 
     def take(self) -> list[Fault]:
         """Return the faults since the last call, including a stall that has just ended."""

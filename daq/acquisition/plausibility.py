@@ -172,7 +172,7 @@ class PlausibilityCheck:
                 if len(times_ns) == TIMES_IN_ERROR and span_s <= IN_ERROR_S:
                     times_ns.clear()
                     often = f"{name} went in and out of error {TIMES_IN_ERROR} times in {span_s:.0f} s ({item.detail})"
-                    doubts.append(_doubtful(item.at_ns, f"{often}: does the whole motion lie within its range?"))
+                    doubts.append(_doubtful(item.at_ns, f"{often}: does the whole motion lie within the range?"))
         return doubts
 
 
@@ -192,7 +192,9 @@ def _rescaled(column: str, gauge: _GaugeState, samples: Samples, place: int) -> 
     for k in likely:
         if _goes_on_rescaled(readings_mm[k : k + BEFORE], readings_mm[k + BEFORE : k + BEFORE + AFTER]):
             change = f"from {before_mm[k]:.4f} to {after_mm[k]:.4f} mm, a factor of 25.4, and stays there"
-            detail = f"{_name(column)} went {change}: did somebody press in/mm? Switch it back, and record again"
+            detail = (
+                f"{_name(column)} went {change}: did somebody press in/mm? Switch it back, and repeat the recording"
+            )
             faults.append(Fault(FaultKind.UNIT_CHANGED, int(window.last_byte_ns[k + BEFORE]), detail))
     return faults
 

@@ -103,7 +103,7 @@ class Reader(clock.Thread):
         self._buffer.deliver(conversation.lost(clock.now_ns()))
         if not self._stop_asked.is_set():
             self._lost_ns = self._lost_ns or clock.now_ns()
-            self._report(f"{self._stream.port} lost: {reason}; opening it again", 1)
+            self._report(f"{self._stream.port} lost: {reason}; reopening", 1)
             self._back_off()
 
     def _give_way(self) -> None:

@@ -115,7 +115,7 @@ class StreamBuffer:
         items, now_ns = packed(taken), clock.now_ns()
         for kind, count in lost.items():
             items_lost = "samples" if kind is FaultKind.DROPPED else "faults"
-            items.append(Fault(kind, now_ns, f"{count} {items_lost} found no room while the disk was behind", count))
+            items.append(Fault(kind, now_ns, f"{count} {items_lost} were dropped while the disk was slow", count))
         return items
 
     def beat(self) -> None:
@@ -124,7 +124,8 @@ class StreamBuffer:
         self.heartbeat_ns = now_ns
         if before_ns and now_ns - before_ns > STALL_NS and not self._opening:
             detail = (
-                f"its reader stood still for {(now_ns - before_ns) / 1e9:.1f} s; what came meanwhile is stamped late"
+                f"its reader stood still for {(now_ns - before_ns) / 1e9:.1f} s; messages in the meantime have late "
+                "timestamps"
             )
             self.deliver([Fault(FaultKind.STALLED, now_ns, detail)])
 

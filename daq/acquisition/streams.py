@@ -55,8 +55,8 @@ def gauge_groups(rig: Rig) -> list[tuple[str, ...]]:
 def streams_of(rig: Rig) -> list[Stream]:
     """Return all streams of a rig, with the robot last. Raises CellError if the rig has no instruments."""
     if isinstance(rig.feedback, NoFeedback):
-        problem = "has no gauges and no feedback, so there is nothing to read"
-        remedy = "add feedback to its rig file, and gauges for circles; poses of a tracker are imported: rig import"
+        problem = "has no gauges and no feedback, so nothing can be read"
+        remedy = "add feedback to the rig file, and gauges for circles; poses of a tracker are imported: rig import"
         raise CellError(rig.name, problem, remedy)
     members = rig.gauges.recorded
     streams = []

@@ -93,7 +93,7 @@ class _LineFeedDialect:
         if not are_angles(sample.values[:6]):
             return _garbled(message, "has an impossible angle")
         if self._may_be_late and 0 < self._last_clock_s - sample.device_time_s < _BEHIND_S:
-            detail = f"line with clock {sample.device_time_s:g} s came after a later one; left out; check the network"
+            detail = f"line with clock {sample.device_time_s:g} s came after a later one; ignored; check the network"
             return Reaction((Fault(FaultKind.LATE, message.last_byte_ns, detail),))
         self._last_clock_s = sample.device_time_s
         return Reaction((sample,))

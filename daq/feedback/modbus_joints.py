@@ -31,7 +31,7 @@ def host(feedback: ModbusJoints) -> Host:
         read = [unpack(registers, joint, feedback) * joint.scale + joint.offset for joint in feedback.joints]
         angles_deg = tuple(value * _DEG_PER_UNIT[feedback.units] for value in read)
         if not are_angles(angles_deg):
-            detail = f"angles {angles_deg}; left out; check `joints`, `word_order` and `byte_order`"
+            detail = f"angles {angles_deg}; ignored; check `joints`, `word_order` and `byte_order`"
             return Fault(FaultKind.GARBLED, at_ns, detail)
         return Sample(angles_deg, requested_ns, message.first_byte_ns, at_ns, message.size, math.nan, code)
 

@@ -127,12 +127,12 @@ class _JointStates:
             return _fault(message, FaultKind.MISSING, detail)
         angles_deg = tuple(map(math.degrees, known_rad))
         if not are_angles(angles_deg):
-            return _fault(message, FaultKind.GARBLED, f"angles {angles_deg}; left out")
+            return _fault(message, FaultKind.GARBLED, f"angles {angles_deg}; ignored")
         self._found = True
         stamp = state.header.stamp
         clock_s = stamp.sec + stamp.nanosec * 1e-9 if stamp.sec or stamp.nanosec else math.nan
         if 0 <= self._last_s - clock_s < _BEHIND_S:
-            detail = f"stamp {clock_s:.6f} s, no later than the one before; left out; check for a second publisher"
+            detail = f"stamp {clock_s:.6f} s, no later than the one before; ignored; check for a second publisher"
             return _fault(message, FaultKind.LATE, detail)
         self._last_s = clock_s
         stamps = (NO_TIME, message.first_byte_ns, message.last_byte_ns)

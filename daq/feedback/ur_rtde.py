@@ -244,7 +244,7 @@ class _RTDEClient:
             self._unknown += 1
             if self._unknown > _MOST_UNKNOWN:
                 return _out_of_step(message)
-            detail = f"packet of type {kind.decode('latin-1')}, which is not known; left out"
+            detail = f"packet of type {kind.decode('latin-1')}, which is unknown; ignored"
             return Reaction((Fault(FaultKind.GARBLED, message.last_byte_ns, detail),))
         self._unknown = 0
         if kind not in (b"M", self._awaited):
@@ -295,7 +295,7 @@ class _RTDEClient:
         currents = currents_of(fields) if self._currents else ()
         angles_deg = tuple(map(math.degrees, angles_rad))
         if not (0 <= clock_s < _MAX_CLOCK_S and are_angles(angles_deg)):
-            detail = f"packet with time {clock_s:g} s and angles {angles_rad} rad; left out"
+            detail = f"packet with time {clock_s:g} s and angles {angles_rad} rad; ignored"
             return Reaction((Fault(FaultKind.GARBLED, message.last_byte_ns, detail),))
         sample = Sample(
             (*angles_deg, *signal, *condition, *currents),

@@ -59,7 +59,7 @@ def _read(data: bytes, gauge: HeidenhainND281B) -> Reading:
         return garbled(data)
     number, unit, series = fields.groups()
     if unit == b"?":
-        return Trouble("the display reports a fault; see its error message and clear it")
+        return Trouble("the display reports a fault; see the error message and clear it")
     if series in _SERIES:
         return Trouble(f"the display shows the {_SERIES[series]} of a series; end it, or switch it to ACTL")
     return in_mm(number, _UNIT[unit], gauge)

@@ -71,7 +71,7 @@ def value_of(field: bytes, gauge: Probe) -> Reading:
         return garbled(field)
     mode, unit, number, overflow, alarm = match.groups()
     if overflow:
-        return Trouble("the counter overflows; bring the probe into its range and reset the counter")
+        return Trouble("the counter overflows; bring the probe into the range and reset the counter")
     if alarm:
         return Trouble("the counter gives an alarm; check the probe's connection and reset the counter")
     if mode in _MODE:

@@ -25,7 +25,7 @@ _REQUEST = {"optorsd": b"?", "m1240": b"M"}
 _END = {"optorsd": b"\r\n", "m1240": b"\r"}
 _FORMAT = {"mm": "08.4f", "um": "07.2f", "inch": "09.5f"}
 _WORD = {"mm": "mm", "um": "um", "inch": "in"}
-_CHECK = f"close its menu and end any master measurement, during which it is silent; {CHECK}, and `protocol`"
+_CHECK = f"close the menu and end any master measurement, during which it is silent; {CHECK}, and `protocol`"
 
 
 def host(gauges: Sequence[MahrC1208]) -> Host:

@@ -89,7 +89,7 @@ class _Values:
             else:
                 self._bytes.clear()
                 self._lost = tag != _HIGH
-                detail = "a byte out of place, its value left out; check the line's settings and the cable"
+                detail = "a byte out of place, the value left out; check the line's settings and the cable"
                 messages.append(Fault(FaultKind.GARBLED, now_ns, detail))
         return messages
 
@@ -119,7 +119,7 @@ class _ILD1420Dialect:
         if not (before and self._alone):
             reading = _MORE
         elif x >= _FIRST_ERROR:
-            reading = Trouble(f"error {x} of the sensor: no valid reading; check the target, its range and the laser")
+            reading = Trouble(f"error {x} of the sensor: no valid reading; check the target, the range and the laser")
         elif not _FIRST <= x <= _LAST:
             place = f"{'before' if x < _FIRST else 'behind'} the measuring range"
             reading = Trouble(f"the target is {place}, or mastering is on; move it, or switch that off")

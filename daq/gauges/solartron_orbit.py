@@ -28,10 +28,10 @@ _SHARED = ("port", "offset_mm", "units", "line", "framing", "unit", "function", 
 """Settings shared by both blocks of a gauge."""
 _NO_PROBE = 247.0
 _STATUS = {
-    18: "under range; move the probe into its range",
-    19: "over range; move the probe into its range",
+    18: "under range; move the probe into the range",
+    19: "over range; move the probe into the range",
     246: "an incompatible probe is connected; connect one that the unit knows",
-    247: "no probe is connected; check its plug",
+    247: "no probe is connected; check the plug",
 }
 
 
@@ -116,5 +116,5 @@ class _OrbitDialect:
                 kind, detail = refused
                 return Reply((Fault(kind, self._asked.last_byte_ns, detail),), Then.PAUSE)
             return Reply((self._asked,))
-        meaning = _STATUS.get(code, "an error of the gauge; see its manual")
+        meaning = _STATUS.get(code, "an error of the gauge; see the manual")
         return Reply((Fault(FaultKind.DEVICE_ERROR, item.last_byte_ns, f"status {code}: {meaning}"),), Then.PAUSE)

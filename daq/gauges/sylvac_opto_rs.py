@@ -46,7 +46,7 @@ _ERRORS = {
     b"ERR0": "sensor error; clean the probe and check that it is plugged in",
     b"ERR1": "command not understood; check the line's settings",
     b"ERR2": "parity error; check the line's settings and the cable",
-    b"ERR3": "value out of range; move the probe into its range",
+    b"ERR3": "value out of range; move the probe into the range",
 }
 _BY_LINE = b"?"
 """Request of a simplex cable, represented by a pulse of DTR."""
@@ -85,7 +85,7 @@ def _read(data: bytes, gauge: SylvacOptoRS) -> Reading:
     if data in _ERRORS:
         return Trouble(f"{data.decode()}: {_ERRORS[data]}")
     if data.startswith(b"SY"):
-        return Trouble("the gauge was switched on again; check its supply and its zero", then=polled.Then.DRAIN)
+        return Trouble("the gauge was switched on again; check the supply and the zero", then=polled.Then.DRAIN)
     return garbled(data)
 
 

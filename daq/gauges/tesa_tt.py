@@ -48,5 +48,5 @@ def _read(data: bytes, gauge: TesaTT) -> Reading:
     if re.fullmatch(SIGNED, data):
         return mm(data, gauge)
     if re.fullmatch(rb"ERR\d{1,3}", data):
-        return Trouble(f"{data.decode()}: see the gauge's manual; check its probe and its range")
+        return Trouble(f"{data.decode()}: see the gauge's manual; check the probe and the range")
     return garbled(data)

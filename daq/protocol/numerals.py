@@ -128,8 +128,8 @@ class HeldShape:
             return self._believed(written)[0], Doubt(FaultKind.DOUBTFUL, doubt, before)
         if shape.decimals != usual.decimals and self._others >= _LASTING and self._agreed >= _LASTING:
             change = f"the gauge writes {shape.decimals} decimals, before it wrote {usual.decimals}"
-            reason = "somebody pressed in/mm, or changed its resolution"
-            remedy = "switch it back; if it is meant, correct `units` and start rigd again"
+            reason = "in/mm was pressed, or the resolution was changed"
+            remedy = "switch it back; if it is meant, correct `units` and restart rigd"
             return False, Doubt(FaultKind.UNIT_CHANGED, f"{change}: {reason}; {remedy}")
         alike = (shape.decimals, shape.fields) == (usual.decimals, usual.fields)
         if self._others >= AGREED and shape.decimals == usual.decimals:
@@ -302,4 +302,4 @@ def refusal(value_mm: float, gauge: Probe) -> tuple[FaultKind, str] | None:
         return None
     lowest_mm, highest_mm = gauge.limits_mm
     where = f"a reading outside its range_mm, {lowest_mm:g} to {highest_mm:g} mm"
-    return FaultKind.DEVICE_ERROR, f"{where}; move the probe into its range, or correct `range_mm` or `units`"
+    return FaultKind.DEVICE_ERROR, f"{where}; move the probe into the range, or correct `range_mm` or `units`"

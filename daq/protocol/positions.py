@@ -45,7 +45,7 @@ class Datagrams:
 
     def feed(self, data: bytes, now_ns: int) -> Sequence[Message | Fault]:
         if len(data) > self._limit:
-            return [Fault(FaultKind.GARBLED, now_ns, f"a datagram of {len(data)} bytes, over {self._limit}; left out")]
+            return [Fault(FaultKind.GARBLED, now_ns, f"a datagram of {len(data)} bytes, over {self._limit}; ignored")]
         return [Message(data, len(data), now_ns, now_ns)]
 
 
@@ -93,7 +93,7 @@ class Order:
         passed = max(1, round(signed / self._step)) if signed > 0 else signed // self._step
         if -_BEHIND < passed <= 0:
             problem = "came twice" if number == last else f"came after {last}"
-            return (Fault(FaultKind.LATE, at_ns, f"datagram {number} {problem}; left out; check the network"),)
+            return (Fault(FaultKind.LATE, at_ns, f"datagram {number} {problem}; ignored; check the network"),)
         self._last = number
         if passed == 1:
             return (sample,)
@@ -152,7 +152,7 @@ class Positions:
         if isinstance(position, Position) and not (
             0 <= position.clock_s < _MAX_CLOCK_S and are_angles(position.angles_deg)
         ):
-            detail = f"time {position.clock_s:g} s and angles {position.angles_deg}; left out"
+            detail = f"time {position.clock_s:g} s and angles {position.angles_deg}; ignored"
             position = Refused(FaultKind.GARBLED, detail)
         if isinstance(position, Refused):
             detail = f"datagram of {message.size} bytes: {position.detail}"

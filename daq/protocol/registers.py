@@ -43,11 +43,11 @@ GaugeT = TypeVar("GaugeT", ModbusMap, SolartronOrbit)
 """Gauge that may share a line."""
 
 _REMEDY = {
-    ExcCodes.ILLEGAL_FUNCTION: "set `function` to 3 or 4 as its manual says",
+    ExcCodes.ILLEGAL_FUNCTION: "set `function` to 3 or 4 as the manual says",
     ExcCodes.ILLEGAL_ADDRESS: "check `address` and `count` against its register map",
     ExcCodes.ILLEGAL_VALUE: "check `count` against its register map",
-    ExcCodes.DEVICE_FAILURE: "see its display or its manual",
-    ExcCodes.DEVICE_BUSY: "it is asked again; is something else reading it?",
+    ExcCodes.DEVICE_FAILURE: "see the display or the manual",
+    ExcCodes.DEVICE_BUSY: "rig repeats the request; does a different program read it?",
     ExcCodes.GATEWAY_PATH_UNAVIABLE: "check the gateway's settings and `unit`",
     ExcCodes.GATEWAY_NO_RESPONSE: "check the cable behind the gateway and `unit`",
 }
@@ -79,7 +79,7 @@ class RegisterDialect:
 
     reset = b""
     check = "check the cable, that the instrument is on, the line's settings and `unit`"
-    babble = "a Modbus unit never speaks unasked: disconnect the other master from this line, or check its wiring"
+    babble = "a Modbus unit never sends unprompted: disconnect the other master from this line, or check the wiring"
 
     def __init__(self, block: Block, reading: Reading, wire: Wire) -> None:
         """Create the dialect.
@@ -151,7 +151,7 @@ class RegisterDialect:
         ):
             return _garbled(f"{message.size} bytes answer a read of {self._count} registers", at_ns)
         if mismatched:
-            detail = "an answer came too late, recognised by its length, and was ignored; increase timeout_s"
+            detail = "a late answer, recognised by the length, was ignored; increase timeout_s"
             return Reply((Fault(FaultKind.LATE, at_ns, detail),), Then.WAIT)
         resync.answered()
         if resync.probing:
@@ -177,7 +177,7 @@ def unasked(wire: Wire, message: Message) -> Fault:
     """Return the fault for a message that does not answer the current request."""
     at_ns = message.last_byte_ns
     if (asked := wire.asks(message.data)) is not None:
-        detail = f"another master asks unit {asked} on this line; disconnect it, or let it read for both"
+        detail = f"a different master asks unit {asked} on this line; disconnect it, or let it read for both"
         return Fault(FaultKind.STRANGER, at_ns, detail)
     unit, _, content = wire.open(message.data)
     if not content:
@@ -185,7 +185,7 @@ def unasked(wire: Wire, message: Message) -> Fault:
     if wire.owes(unit):
         return Fault(FaultKind.LATE, at_ns, f"unit {unit} answered too late, and was ignored; increase its timeout_s")
     return Fault(
-        FaultKind.STRANGER, at_ns, f"unit {unit} answers, and was not asked from here; is there another master?"
+        FaultKind.STRANGER, at_ns, f"unit {unit} answers, and was not asked from here; is there a different master?"
     )
 
 
@@ -198,7 +198,7 @@ def verdict(registers: Registers, status: StatusRegister | None, layout: Layout,
         return 0
     if code in status.doubtful:
         return int(code)
-    detail = f"status {code:g} is an error of the instrument; see its manual, or list it in `status`"
+    detail = f"status {code:g} is an error of the instrument; see the manual, or list it in `status`"
     return Fault(FaultKind.DEVICE_ERROR, at_ns, detail)
 
 

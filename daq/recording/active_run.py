@@ -106,7 +106,7 @@ class Gap:
         with suppress(OSError):
             if self.previous.is_dir() or self.previous.parent.stat().st_dev == self.device:
                 return
-        raise CellError(str(self.previous), "is gone", "mount the disk that holds it again")
+        raise CellError(str(self.previous), "is gone", "remount the disk of the run")
 
     def missed_text(self) -> str:
         """Return the number of missed samples per stream as text."""

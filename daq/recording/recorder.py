@@ -68,12 +68,14 @@ def status_of(
 def rejection(rejected: Reject, state: State, last_end: str) -> CellError:
     """Return the error for a rejected request."""
     if rejected.why == "running" and state.recording:
-        return CellError(f"recording {state.recording.label.name}", "already running", "stop it: rig record stop")
+        return CellError(
+            f"recording {state.recording.label.name}", "already running", "stop the recording: rig record stop"
+        )
     if rejected.why == "making":
         problem = f"is still creating the last {machine.MOST_LEAVING} runs, which were stopped early"
         return CellError("disk", problem, "try again in some seconds; if it stays so, run rig doctor")
     why = f" (the last one: {last_end})" if last_end else ""
-    return CellError("rigd", f"nothing is being recorded{why}", "start it: rig record start NAME …")
+    return CellError("rigd", f"no recording is active{why}", "start a recording: rig record start NAME …")
 
 
 log = logging.getLogger("rigd")
@@ -230,7 +232,7 @@ class Recorder(clock.Thread):
                 case Suspend(number, why) if (writer := self._runs[number].writer) is not None:
                     # From now on samples count as missed. Unsaved samples are added when the run is closed.
                     self._gap = Gap(writer.path, writer.device, why, self._runs[number].taken)
-                    message = "%s: run ended, %s; another run follows when the disk allows it"
+                    message = "%s: run ended, %s; a new run follows when the disk allows it"
                     log.error(message, writer.path, self.last_end)
                 case GiveUp():
                     self._give_up(self._gap)

@@ -52,7 +52,7 @@ def drop_in(rig: Rig, resolve: Resolve, resolv_conf: str) -> str:
             needed.append(host)
         else:
             needed += [*resolve(host), *resolvers]
-    head = [f"# What {rig.name} reads, by its rig file; scripts/install writes it again.", "[Service]"]
+    head = [f"# What {rig.name} reads, by the rig file; scripts/install writes it again.", "[Service]"]
     return "\n".join([*head, *(f"IPAddressAllow={address}" for address in dict.fromkeys(needed))]) + "\n"
 
 

@@ -85,7 +85,7 @@ class StreamSamples(_Answer):
     @model_validator(mode="after")
     def _of_one_width(self) -> StreamSamples:
         if any(len(row) != 1 + len(self.columns) or row[0] is None for row in self.rows):
-            raise ValueError("a row has another number of values than there are columns, or no stamp")
+            raise ValueError("a row has a different number of values than there are columns, or no stamp")
         return self
 
 

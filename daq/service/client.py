@@ -24,7 +24,7 @@ _CONNECT_S = 3.0
 """Time limit of a connection, while others are queued."""
 _TIMEVAL = struct.Struct("ll")
 _KNOCK_S = 1.0
-_RESTART = "see its log, then start it again: rigd RIG"
+_RESTART = "see the log, then restart it: rigd RIG"
 
 
 class Client:
@@ -42,15 +42,15 @@ class Client:
         except PermissionError:
             raise _forbidden(self._path) from None
         except OSError:
-            raise CellError(str(self._path), "no rigd answers here", "start it: rigd RIG") from None
+            raise CellError(str(self._path), "rigd does not answer here", "start rigd: rigd RIG") from None
         sock = socket.socket(socket.AF_UNIX)
         try:
             # A blocking connect keeps its position in the system's queue. Repeated attempts might never succeed.
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, _TIMEVAL.pack(*divmod(int(_CONNECT_S * 1e6), 10**6)))
             sock.connect(str(self._path))
             if (user := peer_user(sock)) not in owners:
-                problem = f"a program of another user (number {user}) answers here"
-                raise CellError(str(self._path), problem, "stop it, then start rigd again: rigd RIG")
+                problem = f"a program of a different user (number {user}) answers here"
+                raise CellError(str(self._path), problem, "stop it, then restart rigd: rigd RIG")
         except BaseException as error:
             sock.close()
             if isinstance(error, BlockingIOError):
@@ -59,7 +59,7 @@ class Client:
             if isinstance(error, PermissionError):
                 raise _forbidden(self._path) from None
             if isinstance(error, OSError):
-                raise CellError(str(self._path), "no rigd answers here", "start it: rigd RIG") from None
+                raise CellError(str(self._path), "rigd does not answer here", "start rigd: rigd RIG") from None
             raise
         self._sock = sock
         return self
@@ -78,7 +78,7 @@ class Client:
             line = self._line(until_s)
         except TimeoutError:
             problem = f"rigd has not answered for {ANSWERS_S:.0f} s"
-            raise CellError(str(self._path), problem, "its disk may be slow: see rig status, and its log") from None
+            raise CellError(str(self._path), problem, "the disk may be slow: see rig status, and the log") from None
         except OSError:
             line = b""
         if not line:
@@ -86,7 +86,7 @@ class Client:
         try:
             answer = read_answer(command, line)
         except ValueError as error:
-            problem = f"what answers here does not answer as rigd does: {error}"
+            problem = f"a program other than rigd answers here: {error}"
             raise CellError(str(self._path), problem, "start the rigd of this version again: rigd RIG") from None
         if not answer.pop("ok"):
             refusal = RigError(answer["where"], answer["what"], answer["remedy"])
@@ -98,7 +98,7 @@ class Client:
         """Return the next line, empty if the daemon is gone. Raises OSError."""
         while b"\n" not in self._unread:
             if len(self._unread) > LONGEST_ANSWER:
-                problem = f"what answers here sends more than {LONGEST_ANSWER} bytes in a line, which rigd never does"
+                problem = f"a program here sends more than {LONGEST_ANSWER} bytes in a line, which rigd never does"
                 raise CellError(str(self._path), problem, _RESTART)
             self._sock.settimeout(max(0.001, until_s - clock.now_s()))
             received = self._sock.recv(65536)
@@ -125,7 +125,7 @@ def find_socket(rig: str | None = None) -> Path:
         return served[0]
     if not served:
         whom = f" for {rig}" if rig else ""
-        raise CellError("rigd", f"no daemon runs{whom} that this user can see", "start it: rigd RIG")
+        raise CellError("rigd", f"no daemon runs{whom} that this user can see", "start rigd: rigd RIG")
     names = ", ".join(path.stem for path in served)
     raise CellError("rigd", f"several daemons run ({names})", "say which: --rig NAME")
 

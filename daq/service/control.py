@@ -99,7 +99,7 @@ class ControlServer:
             if (self._path.exists() or self._path.is_symlink()) and (
                 self._path.is_symlink() or not self._path.is_socket()
             ):
-                raise CellError(str(self._path), "exists already and is not a socket", "give another --socket")
+                raise CellError(str(self._path), "exists already and is not a socket", "choose a different --socket")
             self._path.unlink(missing_ok=True)  # left by a daemon that has ended, as the lock proves
             listener.bind(str(self._path))
             listener.listen(_MOST)
@@ -107,7 +107,7 @@ class ControlServer:
             listener.close()
             if isinstance(error, CellError):
                 raise
-            raise CellError(str(self._path), error.strerror or str(error), "give another --socket") from None
+            raise CellError(str(self._path), error.strerror or str(error), "choose a different --socket") from None
         finally:
             os.umask(before)
         self._listener = listener
@@ -263,5 +263,5 @@ def _encoded(answer: dict[str, Any]) -> bytes:
     line = json.dumps(answer).encode() + b"\n"
     if len(line) <= LONGEST_ANSWER:
         return line
-    error = CellError("rigd", f"its answer has {len(line)} bytes, more than a client takes", "see its log")
+    error = CellError("rigd", f"the answer has {len(line)} bytes, more than a client takes", "see the log")
     return _encoded(_as_answer(error))

@@ -350,5 +350,5 @@ def _label(request: dict[str, Any]) -> Label:
     if label.test in CIRCLES and label.direction is None:
         raise UseError(f"{label.test} test", "needs its direction", "add --direction cw or --direction acw")
     if label.test not in CIRCLES and label.direction is not None:
-        raise UseError("--direction", f"a {label.test} test does not have a direction", "leave it out")
+        raise UseError("--direction", f"a {label.test} test does not have a direction", "remove it")
     return label

@@ -102,7 +102,9 @@ def read(rig: str | None, since: str | None = None, *, follow: bool = False) -> 
     if not has_entries:
         problem = "nothing in the journal" + (f" since {since}" if since else "") + " that this user can see"
         raise CellError(
-            unit, problem, "start it: systemctl start rigd@NAME; or join the group systemd-journal, or use sudo"
+            unit,
+            problem,
+            "start the service: systemctl start rigd@NAME; or join the group systemd-journal, or use sudo",
         )
 
 

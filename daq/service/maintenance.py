@@ -44,12 +44,12 @@ class Maintenance(clock.Thread):
         if self._metrics is not None:
             try:
                 if os.path.lexists(self._metrics) and not _is_own(self._metrics):
-                    remedy = "give another --metrics, or remove it first"
+                    remedy = "choose a different --metrics, or remove it first"
                     raise CellError(str(self._metrics), "exists already and is not a metrics file of rigd", remedy)
                 write_atomically(self._metrics, self._text())
             except OSError as error:
                 problem = f"cannot be written: {error.strerror or error}"
-                raise CellError(str(self._metrics), problem, "give another --metrics") from None
+                raise CellError(str(self._metrics), problem, "choose a different --metrics") from None
         super().start()
 
     def stop(self) -> None:

@@ -125,8 +125,8 @@ class InstanceLock:
             path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
             status = path.parent.stat()
             if status.st_uid not in (os.geteuid(), 0):
-                remedy = "set XDG_RUNTIME_DIR, or give another --socket"
-                raise CellError(str(path.parent), "belongs to another user", remedy)
+                remedy = "set XDG_RUNTIME_DIR, or choose a different --socket"
+                raise CellError(str(path.parent), "belongs to a different user", remedy)
             if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
                 problem = "can be written by other users, who could put a file in the place of rigd's"
                 remedy = "give --socket in a directory of your own, or chmod go-w it"
@@ -134,7 +134,7 @@ class InstanceLock:
             fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, 0o600)
         except OSError as error:
             problem = "is a symbolic link" if path.is_symlink() else error.strerror or str(error)
-            raise CellError(str(path), problem, "give another --socket") from None
+            raise CellError(str(path), problem, "choose a different --socket") from None
         lock = cls(fd)
         try:
             lock._hold(rig, path)
@@ -149,12 +149,12 @@ class InstanceLock:
     def _hold(self, rig: str, path: Path) -> None:
         status = os.fstat(self._fd)
         if not stat.S_ISREG(status.st_mode) or status.st_nlink != 1 or status.st_size > _LONGEST_ID:
-            raise CellError(str(path), "exists already and is not the lock of a rigd", "give another --socket")
+            raise CellError(str(path), "exists already and is not the lock of a rigd", "choose a different --socket")
         try:
             fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             holder = os.pread(self._fd, _LONGEST_ID, 0).decode("ascii", "replace").strip() or "unknown"
-            problem = f"another rigd (process {holder}) serves this rig"
+            problem = f"a different rigd (process {holder}) serves this rig"
             raise CellError(rig, problem, "stop that one, or talk to it with rig status") from None
         with contextlib.suppress(OSError):  # informative only: a full disk must not prevent the start
             os.ftruncate(self._fd, 0)
@@ -163,7 +163,7 @@ class InstanceLock:
     @classmethod
     def take_rig_file(cls, rig_file: Path) -> InstanceLock:
         """Lock a rig file. Raises CellError if a daemon uses it."""
-        return cls._held(rig_file, os.O_RDONLY, "another rigd serves this rig file")
+        return cls._held(rig_file, os.O_RDONLY, "a different rigd serves this rig file")
 
     @classmethod
     def take_runs(cls, rig: str, runs: Path) -> InstanceLock:
@@ -172,7 +172,9 @@ class InstanceLock:
         Raises CellError if a daemon records this rig there.
         """
         path = runs / f".rigd-{rig}.lock"
-        return cls._held(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, f"another rigd records {rig} in this directory")
+        return cls._held(
+            path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, f"a different rigd records {rig} in this directory"
+        )
 
     @classmethod
     def take_gauge(cls, name: str, port: str) -> InstanceLock:
@@ -196,14 +198,14 @@ class InstanceLock:
             lock.close()
             if _is_of_this_user(address):  # locks of other users are ignored, because they could hold them forever
                 remedy = "stop that one, or correct the port in the rig file"
-                raise CellError(name, f"another rigd reads the gauge at {port}", remedy) from None
+                raise CellError(name, f"a different rigd reads the gauge at {port}", remedy) from None
             return cls(-1)
         return cls(lock.detach())
 
     @classmethod
     def take_cell(cls, directory: Path) -> InstanceLock:
         """Lock the directory of an emulated or replayed cell. Raises CellError if the directory is in use."""
-        refusal = "another rig emulate or rig replay serves a cell in this directory"
+        refusal = "a different rig emulate or rig replay serves a cell in this directory"
         return cls._held(directory, os.O_RDONLY, refusal, "stop that one, or choose a different --output")
 
     @classmethod

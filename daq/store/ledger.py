@@ -31,7 +31,7 @@ ExitStatus = Literal["recording", "complete", "interrupted", "failed", "recovere
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}$")]
 Text = Annotated[str, AfterValidator(storable)]
 Count = Annotated[int, Field(ge=0)]
-BEING_RECORDED = ("is being recorded", "wait for its end, or end it: rig record stop")
+BEING_RECORDED = ("is being recorded", "wait for the end, or end it: rig record stop")
 """Message and remedy for a run still being recorded."""
 _CHUNK = re.compile(r"(?P<stream>.+)-(?P<number>[0-9]{4,})\.(?P<kind>parquet|arrow)")
 
@@ -300,7 +300,7 @@ class Ledger:
         """
         ledger = read_ledger(run)
         if ledger.unread_lines:
-            problem = f"has lines in {LEDGER} that cannot be verified, and going on would replace them"
+            problem = f"has lines in {LEDGER} that cannot be verified, and continuing would replace them"
             raise FileError(str(run), problem, f"{to_recover(run)}, which keeps them")
         return cls(run / LEDGER, durable.reopen(run / LEDGER), ledger.size, ledger.last)
 

@@ -294,12 +294,12 @@ def load_manifest(run: Path) -> Manifest:
         if any(run.glob(f"*/{MANIFEST}")):
             raise FileError(str(run), "is not a run but holds runs", f"give one of them, as {run}/NAME") from None
         if not any(parse_chunk(file.name) for file in run.iterdir()):
-            raise FileError(str(run), "holds no run", "give the directory of a run") from None
+            raise FileError(str(run), "contains no run", "give the directory of a run") from None
         raise FileError(str(run), "has no manifest.json", to_recover(run)) from None
     except ValidationError as error:
         if newer := of_newer_rig(str(path), error) or _of_another_package(path, error):
             raise newer from None
-        problem = f"is damaged or of another version: {first_error(error)}"
+        problem = f"is damaged or of a different version: {first_error(error)}"
         raise FileError(str(path), problem, f"{to_recover(run)} or restore the file") from None
     except OSError as error:
         raise unreadable(path, error) from None
@@ -317,7 +317,7 @@ def _of_another_package(path: Path, error: ValidationError) -> UnknownTestError 
 def unreadable(path: Path, error: OSError) -> FileError:
     """Return the error for a file that the operating system refuses to read."""
     short = error.errno == errno.ENOMEM
-    remedy = "close other programs, or read it on another computer" if short else "check the disk and the rights"
+    remedy = "close other programs, or read it on a different computer" if short else "check the disk and the rights"
     return FileError(str(path), f"cannot be read: {error.strerror}", remedy)
 
 

@@ -79,7 +79,7 @@ def _change(run: Path, change: Callable[[Marks], Marks]) -> None:
         lock = durable.try_lock(run)
         if lock is None:
             raise FileError(
-                str(run), "is being recorded or changed by another program", "try again when that has ended"
+                str(run), "is being recorded or changed by a different program", "try again when that has ended"
             )
         try:
             marks = change(load_marks(run))
@@ -111,7 +111,7 @@ def relabel(
         if lock is None and unchanged.exit_status == "recording":
             raise FileError(str(run), *BEING_RECORDED)
         if lock is None:
-            raise FileError(str(run), "is being changed by another program", "try again when it has ended")
+            raise FileError(str(run), "is being changed by a different program", "try again when it has ended")
         try:
             manifest = load_manifest(run)
             if manifest.exit_status == "recording" or any(run.glob("*.arrow")):
@@ -178,11 +178,11 @@ def _test_and_direction(
     # Recorded streams fit all tests with gauges. A table of a circle fits yaw and roll.
     alike: tuple[TestName, ...] = get_args(DrivenTest) if manifest.table is None else CIRCLES
     if test != manifest.test and not (manifest.test in alike and test in alike):
-        problem = f"holds data of a {manifest.test} test, which cannot be of a {test} test"
+        problem = f"contains data of a {manifest.test} test, which cannot be of a {test} test"
         raise FileError(str(run), problem, f"import them again with --test {test}")
     if test not in CIRCLES:
         if direction is not None and test != manifest.test:
-            raise UseError("--direction", f"a {test} test does not have a direction", "leave it out")
+            raise UseError("--direction", f"a {test} test does not have a direction", "remove it")
         if direction is not None:
             raise FileError(str(run), f"is of a {test} test, which does not have a direction", "leave --direction out")
         return {"test": test, "direction": None}
@@ -190,7 +190,7 @@ def _test_and_direction(
         raise FileError(str(run), f"a {test} test has a direction, and the run has none", "add --direction acw or cw")
     if manifest.table is not None and direction not in (None, manifest.direction):
         # The rows of a table also contain the direction, and tables are never changed.
-        problem = f"holds an imported table whose rows say {manifest.direction}"
-        remedy = f"import it again with --direction {direction}, its direction column left out"
+        problem = f"contains an imported table whose rows say {manifest.direction}"
+        remedy = f"import it again with --direction {direction}, the direction column left out"
         raise FileError(str(run), problem, remedy)
     return {"test": test, "direction": direction or manifest.direction}

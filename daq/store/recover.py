@@ -138,7 +138,7 @@ def _with_sound_ledger(path: Path, manifest: Manifest, done: Recovery) -> Manife
             torn, data = _torn_name(path / LEDGER), (path / LEDGER).read_bytes()
             durable.replace(torn, data)
             durable.replace(path / LEDGER, data[: ledger.size])
-            done.notes.append(f"{LEDGER}: {ledger.unread} bytes at its end cannot be verified; kept as {torn.name}")
+            done.notes.append(f"{LEDGER}: {ledger.unread} bytes at the end cannot be verified; kept as {torn.name}")
         return manifest
     if manifest.version == 1 and manifest.exit_status != "recording" and not left_over(path, manifest):
         return manifest

@@ -20,7 +20,7 @@ from rigs.calibration import CALIBRATION, MOST_CALIBRATION_BYTES
 from rigs.errors import FileError
 from rigs.files import read_bytes
 
-END_UNKNOWN = "before its end, which was never sealed: rows after the last one may be missing"
+END_UNKNOWN = "before the end, which was never sealed: rows after the last one may be missing"
 """Description of the end of an interrupted run."""
 
 
@@ -146,7 +146,7 @@ def _ledger(path: Path, manifest: Manifest, verified: Verified) -> list[str]:
         line = len(verified.entries) + 1
         return [f"{path / LEDGER}: line {line} and what follows cannot be verified; {to_recover(path)}"]
     if manifest.table is not None and not manifest.chunks_of(TABLE):
-        return [f"{path}: its table is not there; import {manifest.table.file} again"]
+        return [f"{path}: the table is not there; import {manifest.table.file} again"]
     return []
 
 

@@ -140,7 +140,7 @@ class SerialLink(Link):
         if not errors:
             return []
         detail = (
-            f"characters lost or damaged on the way, by the count of the port: {errors}; check the cable, its length"
+            f"characters lost or damaged on the way, by the count of the port: {errors}; check the cable, the length"
         )
         count = sum(max(0, count) for count in increase.values())
         return [Fault(FaultKind.LINE, clock.now_ns(), f"{detail}, and the line's settings", count)]

@@ -75,7 +75,7 @@ def open_serial(name: str, port: str, line: Line, modem: ModemLines | None) -> s
     except serial.SerialException as error:
         text = str(error)
         if "exclusively lock" in text or "busy" in text:
-            problem, remedy = "in use by another program", "stop the other program (another rigd, a terminal)"
+            problem, remedy = "in use by a different program", "stop the other program (a different rigd, a terminal)"
         elif "Permission denied" in text:
             problem, remedy = "permission denied", "add the user to the group dialout and log in again"
         else:

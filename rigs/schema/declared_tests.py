@@ -258,7 +258,7 @@ class Rule(Part):
         if self.test in CIRCLES and self.direction is None:
             raise ValueError(f"a {self.test} test has a direction; add direction: cw or acw")
         if self.test not in CIRCLES and self.direction is not None:
-            raise ValueError(f"a {self.test} test does not have a direction; leave it out")
+            raise ValueError(f"a {self.test} test has no direction; leave it out")
         return self
 
     @property

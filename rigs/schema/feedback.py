@@ -241,7 +241,7 @@ class KUKARSI(_Feedback):
         source="public code: kroshu/kuka_drivers (its parser's tests), RSI-3 clients with their RSI_EthernetConfig.xml",
         standing="confirmed",
         doubts="cycles of 4 and 12 ms, IPOC in ms, and that an answer without corrections is one of zero (it is where "
-        "the robot was not corrected before: HOLDON keeps the last value)",
+        "nothing was corrected before: HOLDON keeps the last value)",
     )
     interface: Literal["kuka_rsi"]
     port: UDPPort

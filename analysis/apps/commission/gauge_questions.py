@@ -186,7 +186,7 @@ def _pushed(name: str, remaining: dict[str, FoundGauge], watch: Watch, dialogue:
         if answer in numbers:
             counts: Counts = "towards" if watch.grows(answer) else "away"
             grew = "grows" if counts == "towards" else "falls"
-            dialogue.say(f"{name}: {answer}; its reading {grew} when pushed in, so counts = {counts}")
+            dialogue.say(f"{name}: {answer}; its reading {grew} when pushed in, so it counts {counts}")
             gauge = remaining.pop(number)
             return replace(gauge, gauge=gauge.gauge.model_copy(update={"counts": counts}))
         if number in remaining:

@@ -57,12 +57,12 @@ def make_rig_file(options: Options, dialogue: Dialogue) -> None:
         raise FileError(str(path.parent), "is not a directory", "create the directory, or choose a different name")
     _check_new(path)
     if options.measured_by == "tracker" and options.robot is not None:
-        raise UseError("--robot", "is not used with a tracker: the table contains the joints", "leave it out")
+        raise UseError("--robot", "is not used with a tracker: the table contains the joints", "remove it")
     gauges = {"--port": options.ports, "--g1, --g2": any(options.places), "--baseline-mm": options.baseline_mm}
     gauges |= {"--key": options.keys.get("g1") or options.keys.get("g2"), "--circle-here": options.circle_here}
     gauges |= {"--radius-mm": options.radius_mm}
     for option in (name for name, value in gauges.items() if value and options.measured_by != "gauges"):
-        raise UseError(option, f"is of gauges, and --measured-by {options.measured_by} is without", "leave it out")
+        raise UseError(option, f"is of gauges, and --measured-by {options.measured_by} is without", "remove it")
     if options.baseline_mm is not None:
         hold_baseline_mm(options.baseline_mm, "--baseline-mm")
     checked(Annotated[str, *Rig.model_fields["name"].metadata], options.name, "--name")

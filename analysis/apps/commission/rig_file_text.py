@@ -96,7 +96,7 @@ _NO_CIRCLE = """\
 # `rig circle fit --live --rig FILE --write` write the circle here; or write it by hand:
 # tests:
 #   circle: {centre_mm: [x, y, z], normal: [0, 0, 1], radius_mm: 70, posture_deg: [q1, q2, q3, q4, q5, q6]}"""
-_CIRCLE = "from where the robot stood at its start, with the nominal arm: within some mm"
+_CIRCLE = "from where the robot stood at the start, with the nominal arm: within some mm"
 
 
 def rig_text(answers: Answers, arm: ChosenArm, name: str, today: dt.date, measured_by: MeasuredBy = "gauges") -> str:

@@ -205,7 +205,7 @@ def ask_tolerance(answers: Answers, options: Options, dialogue: Dialogue) -> Ans
     tolerance_mm = options.tolerance_mm if options.tolerance_mm is not None else answers.tolerance_mm
     if tolerance_mm is None:
         rp_mm = chosen_arm(answers.arm or "").repeatability_mm
-        whose = "that of the arm's data sheet" if rp_mm else "usual, since this arm's data sheet is not known"
+        whose = "that of the arm's data sheet" if rp_mm else "usual, since this arm's data sheet is unknown"
         question = (
             "Limits: every figure is judged by the error that your work allows at the ball.\n"
             f"Up to {WATCH_SHARE:.0%} of it is a PASS, up to all of it a WATCH, and more a FAIL. Offered are\n"

@@ -123,14 +123,14 @@ def replay(
     for name, count in sent.items():
         say(f"{name}: {count} pieces sent, {played.steps[name].words()}")
     if played.restarts:
-        say(f"restarts from the beginning, because the host left a connection before its end: {played.restarts}")
+        say(f"restarts from the beginning, because the host left a connection before the end: {played.restarts}")
     if played.unmarked:
         raise FileError(
             str(directory),
             f"cannot mark the runs that are out of step: {played.unmarked}",
             "choose a different --output",
         )
-    doubt = "; was it captured with another rig file?" if played.otherwise else ""
+    doubt = "; was it captured with a different rig file?" if played.otherwise else ""
     say(f"{played.otherwise} pieces from the host differ from the capture{doubt}")
     raise typer.Exit(exit_code)
 

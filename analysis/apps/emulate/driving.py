@@ -235,7 +235,7 @@ class _Driver:
         outside = np.flatnonzero((end < arm.limits[:, 0] - _STANDS) | (end > arm.limits[:, 1] + _STANDS))
         if len(outside):
             axis = int(outside[0])
-            raise ProgramError(f"axis {axis + 1} is sent to {np.degrees(end[axis]):.2f}°, beyond its limits")
+            raise ProgramError(f"axis {axis + 1} is sent to {np.degrees(end[axis]):.2f}°, beyond the limits")
         if at is None:
             self.t_s.append(np.zeros(1))
             self.q.append(end[None])

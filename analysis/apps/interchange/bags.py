@@ -120,7 +120,7 @@ class McapBag:
 def words_of(error: Exception) -> str:
     """Return the damage of a bag in words, from the error of the decoder."""
     if isinstance(error, CRCValidationError):
-        return "its content has changed since it was recorded (CRC-32)"
+        return "the content has changed since it was recorded (CRC-32)"
     return str(error)[:80] or type(error).__name__
 
 

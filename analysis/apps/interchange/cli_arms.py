@@ -34,8 +34,8 @@ def arms(
     poses: Annotated[
         Path | None,
         typer.Option(
-            help="Joints and flange poses as the controller computed them, 20 or more: its own constants are read out "
-            "of them; default: none."
+            help="Joints and flange poses as the controller computed them, 20 or more, to read the constants of the "
+            "controller from them; default: none."
         ),
     ] = None,
     output: Annotated[

@@ -177,7 +177,7 @@ def _read(messages: Sequence[Found], where: str, rig: Rig) -> tuple[list[str], _
         except (struct.error, IndexError):
             placed.setdefault(name, _Track(placed=True)).lacking += 1
     if len(joints.log_ns) < 2:
-        problem = f"holds fewer than two messages of {topic} with the joints {', '.join(names)}"
+        problem = f"contains fewer than two messages of {topic} with the joints {', '.join(names)}"
         raise FileError(where, problem, "name the joints in the rig file: feedback: {interface: ros2_joint_states, …}")
     return names, joints, placed
 

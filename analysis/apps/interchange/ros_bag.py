@@ -151,7 +151,7 @@ def uneven_header(ns: Integers, sent_ns: Integers) -> str:
         return ""
     low, high = np.percentile(np.diff(sent_ns) / 1e6, [5, 95])
     return (
-        f"the clock of its header is uneven: stamps are {low:.3g} to {high:.3g} ms apart, while the messages came "
+        f"the clock of the header is uneven: stamps are {low:.3g} to {high:.3g} ms apart, while the messages came "
         f"evenly, {np.median(came):.3g} ms apart; times are those at which the bag received them; check which clock "
         "stamps them at the sender"
     )
@@ -203,7 +203,7 @@ def _read(bag: Bag, rig: Rig) -> Mapping[str, _Track]:
     for topic, track in tracks.items():
         if len(track.ns) < 2:
             has = ", ".join(f"{name} ({kind})" for name, kind in sorted(kinds.items()))[:300] or "no messages"
-            problem = f"holds fewer than two usable messages of {topic} ({track.schema}); it has {has}"
+            problem = f"contains fewer than two usable messages of {topic} ({track.schema}); it has {has}"
             remedy = "name the topic and the joints in the rig file, and the gauges' topics /g1, /g2"
             raise FileError(where, problem, remedy)
     return tracks

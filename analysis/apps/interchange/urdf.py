@@ -116,7 +116,7 @@ def read_urdf(path: Path) -> Urdf:
         raise FileError(where, f"not readable as URDF: {str(error).rstrip('.')}", "correct it") from None
     for kind, names in (("link", [link.name for link in links]), ("joint", [joint.joint_name for joint in joints])):
         if twice := _twice(names):
-            raise FileError(where, f"has two {kind}s named {twice}", "rename one of them")
+            raise FileError(where, f"has two {kind}s named {twice}", "rename an existing effect")
     if twice := _twice([joint.child for joint in joints]):
         raise FileError(where, f"link {twice} is the child of two joints", "remove one of them: a URDF is a tree")
     masses = {str(link.name): Mass(link.mass, _in_mm(link.inertial_frame)[:3, 3]) for link in links}
@@ -207,7 +207,7 @@ def _in_mm(T: Array) -> Array:
     return T
 
 
-_SLIDES = "only a rail below all turning joints can slide: leave it out, with --base or --tip"
+_SLIDES = "only a rail below all turning joints can slide: remove it, with --base or --tip"
 _ENDLESS_RAD = 2 * np.pi
 """Limits of a continuous joint: a full turn in each direction, the usual range of controllers."""
 _REMEDY = "choose the ends of the arm with --base and --tip"
@@ -433,7 +433,7 @@ def import_urdf(path: Path, base: str | None = None, tip: str | None = None) -> 
         )
     within = {joint.name for joint in chain.down}
     if others := [joint.name for joint in urdf.joints if joint.moves and joint.name not in within]:
-        doubts.append(f"further moving joints are left out, with the masses on them: {listed(others)}")
+        doubts.append(f"further moving joints are ignored, with the masses on them: {listed(others)}")
     if endless := [joint.name for joint in chain.turning if joint.type == "continuous"]:
         limits = "limits_deg are a turn to either side; correct them where the controller counts otherwise"
         doubts.append(f"joints turn without end: {listed(endless)}; {limits}")

@@ -137,7 +137,9 @@ class _Answer(Generic[T]):
             answer: T = getattr(import_module(module), name)
         except Exception as error:
             if isinstance(error, AttributeError | ModuleNotFoundError) and error.name in (module, name):
-                raise UseError(maker.name, self.lacking, f"give another maker, or add {place} to its package") from None
+                raise UseError(
+                    maker.name, self.lacking, f"choose a different maker, or add {place} to the package"
+                ) from None
             if maker.name in MAKERS:
                 raise
             raise UseError(maker.name, f"{module} cannot be used: {error}", f"correct {maker.package}") from error
@@ -150,20 +152,22 @@ class Maker:
 
     name: MakerName
     package: str
-    files: ClassVar[_Answer[ProgramFiles]] = _Answer("FILES", "it is not known which files its programs have")
+    files: ClassVar[_Answer[ProgramFiles]] = _Answer("FILES", "the files of the programs are unknown")
     controller: ClassVar[_Answer[Controller]] = _Answer(
-        "CONTROLLER", "it is not known where it holds zeros and lengths"
+        "CONTROLLER", "the place of zeros and lengths in this controller is unknown"
     )
-    writer: ClassVar[_Answer[ProgramWriter]] = _Answer("writer.WRITER", "no programs are written for it")
-    reader: ClassVar[_Answer[ProgramReader]] = _Answer("reader.READER", "its programs are not read")
-    driver: ClassVar[_Answer[ProgramDriver]] = _Answer("driver.DRIVER", "its controllers are not emulated")
+    writer: ClassVar[_Answer[ProgramWriter]] = _Answer("writer.WRITER", "rig does not write programs for this maker")
+    reader: ClassVar[_Answer[ProgramReader]] = _Answer("reader.READER", "rig does not read programs of this maker")
+    driver: ClassVar[_Answer[ProgramDriver]] = _Answer(
+        "driver.DRIVER", "rig does not emulate controllers of this maker"
+    )
 
 
 def maker_by(name: MakerName) -> Maker:
     """Return a maker by name. Raises UseError if neither rig nor an installed package provides it."""
     package = f"analysis.apps.makers.{name}" if name in MAKERS else offered_makers().get(name)
     if package is None:
-        raise UseError(name, "is no maker whose controllers are known", f"give one of {', '.join(makers())}")
+        raise UseError(name, "is not a known maker of controllers", f"give one of {', '.join(makers())}")
     return Maker(name, package)
 
 

@@ -25,7 +25,7 @@ _FoundRig = Annotated[
     typer.Argument(
         metavar="RIG",
         autocompletion=completion.rig_files,
-        help="Rig file that holds effects found by rig diagnose or rig calibrate.",
+        help="Rig file with effects found by rig diagnose or rig calibrate.",
     ),
 ]
 _Targets = Annotated[
@@ -99,7 +99,10 @@ def correct(
     maker: _Maker = None,
     scale: _Scale = None,
     entered: Annotated[
-        bool, typer.Option("--entered", help="The controller has its entries already: targets are for it as it is now.")
+        bool,
+        typer.Option(
+            "--entered", help="The values are already entered at the controller: correct targets for this state."
+        ),
     ] = False,
     programs: _Programs = None,
     tools: _Tools = None,
@@ -107,7 +110,7 @@ def correct(
     start: _Start = None,
     anyway: Anyway = False,
     whole: Annotated[
-        bool, typer.Option("--all-or-nothing", help="Write only programs of which no target was left as it was.")
+        bool, typer.Option("--all-or-nothing", help="Write only programs with all targets corrected.")
     ] = False,
     as_json: AsJson = False,
 ) -> None:
@@ -126,7 +129,7 @@ def correct(
     if (tools or frames) and not programs:
         raise UseError("--tool, --frame", "are of the programs of --program", "give --program as well")
     if start and not programs:
-        raise UseError("--start-joints", "is where the arm stands when a program begins", "give --program as well")
+        raise UseError("--start-joints", "is the posture at the start of a program", "give --program as well")
     rig, _ = load(rig_file)
     hold_verdict(rig, rig_file, anyway=anyway)
     maker = maker or maker_of(rig.feedback.interface)
@@ -153,19 +156,19 @@ def correct(
         _say_next(rig_file, rig, maker, directory, corrected, settled=settled, both=both)
     for program in corrections.programs:
         if start and program.start is None:
-            say(f"{program.path.name}: no target takes its posture from --start-joints", err=True)
+            say(f"{program.path.name}: --start-joints is not needed by any target", err=True)
     if any(not program.held for program in corrections.programs):
-        say("next: compare each program with the original line by line; nothing was sent to a robot", err=True)
-        say("      a person runs it first at reduced speed, hand on the stop, and watches each target", err=True)
+        say("next: compare each program with the original line by line; rig did not send anything to a robot", err=True)
+        say("      first run the program at reduced speed, hand on the stop, and watch each target", err=True)
     errors = target_errors(*corrections.path) if corrections.path else []
-    remedy = "leave it as it is, or measure there; --anyway writes it"
+    remedy = "keep the target unchanged, or measure there; --anyway writes it"
     errors += [FileError(str(file), f"{why}, so none are written", remedy) for file, why in in_vain.items()]
-    problem, remedy = "is not written: places were left", "mend them, or leave out --all-or-nothing"
+    problem, remedy = "is not written: some places are uncorrected", "correct them, or remove --all-or-nothing"
     errors += [FileError(str(program.path), problem, remedy) for program in corrections.programs if program.held]
     for error in errors[:_SAID]:
         say_error(error)
     if len(errors) > _SAID:
-        say(f"      and {len(errors) - _SAID} more, all of them in corrections.yaml", err=True)
+        say(f"      and {len(errors) - _SAID} more, all in corrections.yaml", err=True)
     end_with(worst(errors))
 
 
@@ -184,7 +187,7 @@ def _say_next(
         directory_for = as_argument(directory.with_name(f"{directory.name}-{likeliest}"))
         alternatives = "; or ".join(filter(None, ["the controller's own parameters", ", ".join(others)]))
         say(f"next: rig correct {file} --for {likeliest} -o {directory_for}  # {alternatives}", err=True)
-        say("      or with --program FILE your own programs; never both, which corrects twice", err=True)
+        say("      or with --program FILE your own programs; never both", err=True)
     if table:
         either = "either enter the values, or " if both else ""
         say(f"next: {either}send the controller to q1_deg … q{axes}_deg{rail} of {table}", err=True)

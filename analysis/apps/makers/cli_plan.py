@@ -50,11 +50,11 @@ def plan(
         typer.Option(
             min=0.01,
             max=10,
-            help="How large everything else is that may be wrong with the arm, 1 as usual: the level of a diagnosis.",
+            help="Size of all other errors of the arm, 1 is usual: the level of a diagnosis.",
         ),
     ] = 1.0,
     propose: Annotated[
-        bool, typer.Option("--propose", help="Propose circles that make testable what these tests cannot show.")
+        bool, typer.Option("--propose", help="Propose circles that make further effects detectable.")
     ] = False,
     minutes: Annotated[
         float | None,
@@ -70,7 +70,9 @@ def plan(
     ] = None,
     poses: Annotated[
         int | None,
-        typer.Option(min=6, max=300, help="Plan so many poses for a tracker instead; -o writes them; default: none."),
+        typer.Option(
+            min=6, max=300, help="Number of poses for a tracker to plan instead; -o writes them; default: none."
+        ),
     ] = None,
     maker: Annotated[
         MakerName | None,
@@ -85,14 +87,12 @@ def plan(
     ] = None,
     faces: Annotated[
         ToolAxis | None,
-        typer.Option(help="With --poses: axis of the tool along which its target looks; default: all is seen."),
+        typer.Option(help="With --poses: viewing axis of the target in the tool; default: visible from everywhere."),
     ] = None,
-    dwell_s: Annotated[
-        float, typer.Option(min=0.5, max=600, help="With --poses: seconds to stand at each pose.")
-    ] = 5.0,
+    dwell_s: Annotated[float, typer.Option(min=0.5, max=600, help="With --poses: seconds at rest at each pose.")] = 5.0,
     one_axis: Annotated[
         bool,
-        typer.Option("--one-axis", help="With --poses: one axis at a time, down, up and back, while the others stand."),
+        typer.Option("--one-axis", help="With --poses: move one axis at a time, down, up and back."),
     ] = False,
     as_json: AsJson = False,
 ) -> None:

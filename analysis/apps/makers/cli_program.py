@@ -39,7 +39,7 @@ def program(
     dwell_s: Annotated[
         float | None,
         typer.Option(
-            min=0.5, max=600, help="Seconds to stand at each target of radial, repeatability and iso9283; default: 3."
+            min=0.5, max=600, help="Seconds at rest at each target of radial, repeatability and iso9283; default: 3."
         ),
     ] = None,
     arc_deg: Annotated[
@@ -47,7 +47,7 @@ def program(
         typer.Option(
             min=1.0,
             max=90.0,
-            help="Longest arc of a circle in degrees, shorter where its targets are to be corrected; default: 90.",
+            help="Longest arc of a circle in degrees, shorter where the targets are to be corrected; default: 90.",
         ),
     ] = None,
     outputs: Annotated[
@@ -79,14 +79,14 @@ def program(
     from rigs.readiness import missing_gauges
 
     if dwell_s is not None and test in CIRCLES:
-        raise typer.BadParameter(f"the {test} program stands at no targets", param_hint="--dwell-s")
+        raise typer.BadParameter(f"the {test} program has no targets to rest at", param_hint="--dwell-s")
     if arc_deg is not None and test not in CIRCLES:
-        raise typer.BadParameter(f"the {test} program drives no circle", param_hint="--arc-deg")
+        raise typer.BadParameter(f"the {test} program does not drive a circle", param_hint="--arc-deg")
     rig, _ = load(rig_file)
     if test == "iso9283":
         if path or targets or outputs:
             problem = "is of the ball link's tests; correct planned poses by rig correct --path"
-            raise UseError("--path, --targets and --outputs", problem, "leave it out")
+            raise UseError("--path, --targets and --outputs", problem, "remove it")
         _of_iso9283(rig, rig_file, maker, directory, dwell_s or _DWELL_S)
         return
     with named_by(rig_file, rig), progress_of("checking the programs"):
@@ -103,7 +103,7 @@ def program(
         for line in demand_lines(plan, demand, names):
             say(f"{plan.name}: {line}", err=True)
     for missing in missing_gauges(rig, test):
-        say(f"the rig file {missing.problem}, so this test cannot be measured yet; {missing.remedy}", err=True)
+        say(f"the rig file {missing.problem}, so this test is not possible yet; {missing.remedy}", err=True)
     if rig.gauges.recorded:
         say(feedback_note(maker, rig.feedback), err=True)
     for written in paths:
@@ -130,7 +130,7 @@ def _of_iso9283(rig: Rig, rig_file: str, maker: MakerName, directory: Path, dwel
     x, y, z = cube.centre_mm
     posture = ", ".join(f"{angle:.4f}" for angle in np.degrees(cube.q[0]))
     stated = f"{{centre_mm: [{x:.6g}, {y:.6g}, {z:.6g}], side_mm: {cube.side_mm:g}, posture_deg: [{posture}]}}"
-    keep = "; write it into the rig file, so that every run has the same" if cube.found else ""
+    keep = "; to use it for every run, write it into the rig file" if cube.found else ""
     say(f"tests.iso9283: {stated}{keep}", err=True)
     names = [rig.robot.axis_words(axis) for axis in range(1, len(rig.robot.axes) + 1)]
     for plan, demand in zip(plans, demands, strict=True):

@@ -63,7 +63,10 @@ class Corrections:
     @property
     def in_vain(self) -> dict[Path, str]:
         """Paths and programs without a certain gain, with the reason as a continuation of their names."""
-        nothing, unknown = "corrected targets take away no error there", "no run says how well its targets are reached"
+        nothing, unknown = (
+            "corrected targets do not reduce the error there",
+            "the uncertainty of the targets is unknown",
+        )
         judged = self.errors.items()
         return {path: nothing if error else unknown for path, error in judged if not (error and error.gains)}
 
@@ -88,7 +91,7 @@ def correct_rig(
     controller.
     """
     if not model_of(rig).effects:
-        remedy = "diagnose or calibrate it, and give the rig file written"
+        remedy = "diagnose or calibrate the arm, and give the written rig file"
         raise FileError(RigPlace.of(rig.name), "has no effects to correct", remedy)
     arm = "an arm on a rail" if rig.robot.rail else f"{len(rig.robot.axes)} axes"
     if not rig.takes_programs and (controller or programs.paths):
@@ -121,7 +124,7 @@ def _hold_maker(program: CorrectedProgram, rig: Rig, maker: MakerName | None) ->
     """Raise FileError for a program of a different maker."""
     if maker and program.maker != maker:
         of, robot = (maker_by(name).controller.maker for name in (program.maker, maker))
-        whose = "the robot of the rig file is one of" if maker == rig.maker else "--for says"
+        whose = "the robot of the rig file has" if maker == rig.maker else "--for says"
         problem = f"is a program for {of}, and {whose} {robot}"
         remedy = f"give a program of this robot, or --for {program.maker} where such a controller drives it"
         raise FileError(str(program.path), problem, remedy)

@@ -23,8 +23,8 @@ from analysis.apps.makers.program_machine import (
     family_of,
 )
 
-_AT_BEGIN = Unknown(0, 0, "nothing in these files says where the external axes stand")
-_ELSEWHERE = Unknown(0, 0, "a move to a place that is not known may move the external axes")
+_AT_BEGIN = Unknown(0, 0, "these files do not define the positions of the external axes")
+_ELSEWHERE = Unknown(0, 0, "a move to a place that is unknown may move the external axes")
 _CHANGED = "the point is used or assigned elsewhere, and may have other coordinates of the external axes"
 
 

@@ -27,7 +27,7 @@ def program_texts(path: Path) -> tuple[Maker, dict[str, str]]:
     """
     maker = maker_of_file(path)
     if maker is None:
-        raise FileError(str(path), "is no robot program that is known here", f"give a program {suffixes_in_words()}")
+        raise FileError(str(path), "is not a known kind of robot program", f"give a program {suffixes_in_words()}")
     data = maker.files.data
     beside = [path.with_suffix(suffix) for suffix in (data, data.upper(), data.title()) if suffix]
     files = [path, *(file for file in beside if file.exists())][:2]
@@ -61,7 +61,7 @@ def read_program(path: Path) -> tuple[Maker, Texts]:
         raise FileError(
             str(path.parent),
             f"has more than {_MOST_BESIDE} files, or {MOST_BYTES // 1_000_000} MB, that the program could use",
-            "put the program with the files that it uses into a directory of its own",
+            "put the program with its files into a separate directory",
         )
     data = {file.name: read_bytes(file, MOST_BYTES) for file in others}
     read_beside = {name: content.decode(ENCODING) for name, content in data.items() if b"\0" not in content}
@@ -78,13 +78,13 @@ def refuse_marked(path: Path) -> None:
     for name, text in program_texts(path)[1].items():
         if mark := _MARKED.search(text):
             line = len(re.findall(r"\r\n|\r|\n", text[: mark.start()])) + 1
-            problem = "says that rig has corrected it already; a second correction would be added to the first"
-            raise FileError(f"{path.with_name(name)}:{line}", problem, "give the original; --anyway corrects it again")
+            problem = "is already corrected by rig; a second correction would add to the first"
+            raise FileError(f"{path.with_name(name)}:{line}", problem, "give the original; --anyway corrects anyway")
 
 
 def mark_of(date: str) -> str:
     """Return the remark for a program corrected on a date."""
-    return f"{MARK} on {date}: never correct it again"
+    return f"{MARK} on {date}: do not correct twice"
 
 
 def as_bytes(text: str) -> bytes:

@@ -111,7 +111,7 @@ def compensated_plans(plans: Sequence[Plan], path: Path, rig: Rig, rig_file: str
     if against and not anyway:
         raise FileError(str(path), f"was {ANYWAY}", "use the nominal targets, or add --anyway; the programs say so")
     made = compensated(plans, np.radians(joints.values), poses.poses(), joints.lines, str(path))
-    remarks = [Comment(f"{MARK}: never correct it again")]
+    remarks = [Comment(f"{MARK}: do not correct twice")]
     remarks += [Comment(ANYWAY)] if against or why_nothing(rig) else []
     return [replace(plan, steps=(*remarks, *plan.steps)) for plan in made]
 
@@ -124,7 +124,7 @@ def _targets(
         raise FileError(str(path), f"has no column {', '.join(missing)}", remedy)
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
-        raise FileError(str(path), f"has two columns {twice}", "rename one of them")
+        raise FileError(str(path), f"has two columns {twice}", "rename an existing effect")
     if not rows:
         raise FileError(str(path), "has a header without rows", "give the targets")
     problems = [

@@ -90,7 +90,7 @@ def headlines(compared: Sequence[Difference]) -> list[str]:
     unknown = sum(not np.isfinite(difference.difference.u) for difference in compared)
     repeat = "record two or more runs on at least one side."
     if unknown == len(compared):
-        return [f"The spread between runs is not known, so no difference can be judged: {repeat}"]
+        return [f"The spread between runs is unknown, so no difference can be judged: {repeat}"]
     none = ["No figure differs by more than the spread between runs explains."]
     unjudged = [f"Figures without a known spread between runs, not judged: {unknown}; {repeat}"] if unknown else []
     return [*(larger or none), *unjudged]
@@ -138,7 +138,7 @@ def _record(run: Path, histories: dict[Path, dict[str, Record]]) -> Record:
     if record is None or record.fingerprint != fingerprint:
         record = record_of(path, manifest, fingerprint)
     if record.problem:
-        raise FileError(str(run), record.problem, "leave it out, or see rig verify")
+        raise FileError(str(run), record.problem, "remove it, or see rig verify")
     return record
 
 

@@ -81,14 +81,16 @@ def refuse_foreign(path: Path) -> None:
         if not path.exists():
             return
         if not path.is_file():  # Opening a FIFO would block.
-            raise FileError(str(path), "is not a regular file", "give another --catalogue")
+            raise FileError(str(path), "is not a regular file", "choose a different --catalogue")
         with path.open("rb") as file:
             header = file.read(_HEADER)
     except OSError as error:
-        raise FileError(str(path), error.strerror or str(error), "give another --catalogue") from None
+        raise FileError(str(path), error.strerror or str(error), "choose a different --catalogue") from None
     is_ours = header.startswith(_MAGIC) and header[_ID_AT : _ID_AT + 4] == _OURS.to_bytes(4)
     if header and not is_ours:
-        raise FileError(str(path), "is not a catalogue of rig fleet", "give another --catalogue, or remove the file")
+        raise FileError(
+            str(path), "is not a catalogue of rig fleet", "choose a different --catalogue, or remove the file"
+        )
 
 
 def hold_writable(path: Path) -> None:
@@ -137,7 +139,7 @@ def _set_up(path: Path) -> str:
         if file.execute("select count(*) from sqlite_master").fetchone()[0]:
             ids = [file.execute(f"pragma {pragma}").fetchone()[0] for pragma in ("application_id", "user_version")]
             is_same = ids == [_OURS, VERSION] and file.execute("select * from made_by").fetchall() == [(made_by,)]
-            return "" if is_same else "was made by another version of rig"
+            return "" if is_same else "was made by a different version of rig"
         for statement in _TABLES.split(";\n"):
             file.execute(statement)
         file.execute("insert into made_by values (?)", (made_by,))
@@ -168,7 +170,9 @@ def _changing(path: Path) -> Iterator[sqlite3.Connection]:
 
 def _refused(path: Path, error: Exception) -> CellError:
     problem = getattr(error, "strerror", None) or str(error)
-    return CellError(str(path), f"the catalogue cannot be written: {problem}", "give another file: --catalogue FILE")
+    return CellError(
+        str(path), f"the catalogue cannot be written: {problem}", "choose a different file: --catalogue FILE"
+    )
 
 
 def entries(path: Path) -> dict[str, Entry]:

@@ -43,7 +43,7 @@ def compare(
         list[Path] | None,
         typer.Option(
             autocompletion=completion.runs,
-            help="Run directory at another place or radius, with a set-up of its own; repeatable; default: none.",
+            help="Run directory at a different place or radius, with a set-up of its own; repeatable; default: none.",
         ),
     ] = None,
     as_json: AsJson = False,

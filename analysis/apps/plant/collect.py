@@ -27,8 +27,8 @@ _FEW = 4
 _SAVED_EVERY = 50
 """Number of runs between two saves: at most a minute of work can be lost."""
 REASONS = {
-    "damaged": "its manifest is missing, or it or the marks cannot be read",
-    "crashed": "it was cut off: rig recover makes it readable",
+    "damaged": "the manifest is missing, or it or the marks cannot be read",
+    "crashed": "it was interrupted: rig recover makes it readable",
     "recording": "it is being recorded",
 }
 """Reasons for missing figures, by status of the run."""
@@ -119,7 +119,7 @@ def collected_of(
         if before is not record:
             copy, original = (before, record) if record.when > before.when else (record, before)
             kept[record.readings] = original
-            copy_notes.append(f"{copy.name} is a copy of {original.name} and is left out")
+            copy_notes.append(f"{copy.name} is a copy of {original.name} and is ignored")
     runs = in_time(kept.values())
     broken = sorted((record for record in records if record.problem), key=lambda record: record.name)
     rig = _rig_of(rig_text_of(runs[-1].name)) if runs else None
@@ -224,4 +224,4 @@ def no_run_of(robot: str, directory: Path, names: Collection[str]) -> FileError:
     remedy = (
         f"give one of {', '.join(sorted(names))}" if names else "give the directory that holds the runs: --runs DIR"
     )
-    return FileError(str(directory), f"holds no run of a robot named {robot}", remedy)
+    return FileError(str(directory), f"contains no run of a robot named {robot}", remedy)

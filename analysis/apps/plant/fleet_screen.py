@@ -153,7 +153,7 @@ def write_figures(fleet: Fleet, path: Path) -> None:
         with suppress(OSError):
             temporary.unlink()
         if isinstance(error, OSError):
-            raise FileError(str(path), error.strerror or str(error), "give another --parquet") from None
+            raise FileError(str(path), error.strerror or str(error), "choose a different --parquet") from None
         raise
 
 

@@ -52,7 +52,7 @@ def seen_below(directory: Path) -> list[Seen]:
     respond."""
     seen = list(seen_runs(directory))
     if not seen:
-        raise FileError(str(directory), "holds no runs", "give the directory that holds the plant's runs")
+        raise FileError(str(directory), "contains no runs", "give the directory that holds the plant's runs")
     return seen
 
 

@@ -57,7 +57,7 @@ def read_records(path: Path) -> tuple[dict[str, Record], str]:
         with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, timeout=_WAIT_S)) as file:
             _check_owner(file)
             if _version(file) != VERSION or file.execute("select rig from made_by").fetchall() != [(made_by(),)]:
-                return {}, "was made by another version of rig"
+                return {}, "was made by a different version of rig"
             records = {}
             for (text,) in file.execute("select record from runs order by name"):
                 record = Record.of_json(text)
@@ -103,7 +103,7 @@ def _check_owner(file: sqlite3.Connection) -> None:
     """Raise Unusable for a database of a different program."""
     tables = file.execute("select count(*) from sqlite_master").fetchone()[0]
     if tables and file.execute("pragma application_id").fetchone()[0] != _OURS:
-        raise Unusable("it is the database of another program")
+        raise Unusable("it is the database of a different program")
 
 
 def _version(file: sqlite3.Connection) -> int:

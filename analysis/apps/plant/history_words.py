@@ -86,7 +86,7 @@ def remarks(history: History) -> list[str]:
         f"run {plain(name)} is a wild run: changes are looked for without it in {_listed(of)}" for name, of in named
     ]
     if len(wild) > _MOST_NAMED:
-        lines.append(f"{len(wild) - _MOST_NAMED} further wild runs are left out where changes are looked for")
+        lines.append(f"{len(wild) - _MOST_NAMED} further wild runs are ignored where changes are looked for")
     return lines
 
 
@@ -100,7 +100,7 @@ def without_figures(runs: Sequence[tuple[str, str]]) -> list[str]:
     """Return the runs omitted for missing figures, by name, with the reason; empty if there are none."""
     if not runs:
         return []
-    lines = [f"{counted(len(runs), 'run has no figures and is', 'runs have no figures and are')} left out:"]
+    lines = [f"{counted(len(runs), 'run has no figures and is', 'runs have no figures and are')} ignored:"]
     lines += [plain(f"  {name}: {why}") for name, why in runs[:_MOST_NAMED]]
     if len(runs) > _MOST_NAMED:
         lines.append(f"  and {len(runs) - _MOST_NAMED} more, which --json names")

@@ -92,7 +92,7 @@ def run_session(
         _hold_same(session, text, asked, place)
         if asked.entered:
             if session.correction is None or session.correction.way != "entries":
-                raise UseError("--entered", "this session does not have values to enter", "leave it out")
+                raise UseError("--entered", "this session does not have values to enter", "remove it")
             session = session.model_copy(update={"correction": session.correction.model_copy(update={"entered": True})})
         if kept is not None:
             which_session = f"of {kept.began}: aim {kept.aim}, {kept.minutes:g} minutes, for {kept.maker}"

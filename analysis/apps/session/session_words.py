@@ -93,7 +93,7 @@ def end_lines(session: Session, directory: Path) -> Iterator[str]:
             yield f"accuracy: {(judged or answer).accuracy}"
         elif judged.before_there_um:
             at_other_place = (
-                f"{judged.before_there_um:.0f} µm rms with the nominal arm, {judged.calibrated_um:.1f} with it"
+                f"{judged.before_there_um:.0f} µm rms with the nominal arm, {judged.calibrated_um:.1f} with the model"
             )
             yield f"validation at the second place: {at_other_place}"
         if answer.joined:
@@ -153,7 +153,7 @@ def status_lines(session: Session, following: Following, directory: Path) -> Ite
     yield f"session of {session.rig}, begun {began}, aim {session.aim}, {minutes} driven"
     for number, step in enumerate(session.steps, start=1):
         open_state = f"to be repeated: {step.tries[-1].why}" if step.tries else "to be driven"
-        state = step.run or (f"left out: {step.skipped}" if step.skipped else open_state)
+        state = step.run or (f"skipped: {step.skipped}" if step.skipped else open_state)
         yield f"{number:3} {step.program:{_WIDTH}} {state}"
     if session.answer:
         shown = "" if session.report else f" {session.answer.headline}"  # the lines of the end include it

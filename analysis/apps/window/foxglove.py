@@ -188,7 +188,7 @@ class Foxglove:
         except OSError as error:
             self._server.stop()
             problem = f"cannot be listened on: {error.strerror or error}"
-            raise CellError(f"127.0.0.1:{port}", problem, "give another port") from None
+            raise CellError(f"127.0.0.1:{port}", problem, "choose a different port") from None
 
     @property
     def port(self) -> int:

@@ -55,7 +55,7 @@ def token_of(file: Path) -> str:
     except OSError as error:
         raise FileError(str(file), error.strerror or str(error), "give the file that holds the token") from None
     if len(token) < _LEAST_TOKEN or not token.isascii() or not token.isprintable() or " " in token:
-        problem = f"holds no token: one is a word of at least {_LEAST_TOKEN} letters, digits and signs"
+        problem = f"contains no token: one is a word of at least {_LEAST_TOKEN} letters, digits and signs"
         raise FileError(str(file), problem, "make one: openssl rand -hex 24 > FILE, and chmod 600 FILE")
     if file.stat().st_mode & 0o007:
         raise FileError(str(file), "can be read by every user of this computer", f"chmod 600 {file}")
@@ -130,7 +130,7 @@ class Gate:
         if scope["method"] == "POST" and not origin and "sec-fetch-site" not in headers:
             return 403, "A form must come from a page of this window."
         if not is_own or site == "cross-site" or (scope["method"] == "POST" and not origin):
-            return 403, "Another site has asked for this; type the address of the window instead."
+            return 403, "A different site has asked for this; type the address of the window instead."
         if int(headers.get("content-length", "0") or 0) > MOST_BODY:
             return 413, f"A request holds at most {MOST_BODY} bytes."
         return 0, ""

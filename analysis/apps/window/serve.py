@@ -118,7 +118,9 @@ def listening(address: str, port: int) -> socket.socket:
     except (OSError, OverflowError) as error:
         sock.close()
         problem = f"cannot be listened on: {getattr(error, 'strerror', None) or error}"
-        raise CellError(f"{address}:{port}", problem, "give another --port, or end the program that has it") from None
+        raise CellError(
+            f"{address}:{port}", problem, "choose a different --port, or end the program that has it"
+        ) from None
     return sock
 
 
@@ -195,7 +197,7 @@ def run_window(asked: Asked, say: Callable[[str], object]) -> None:
     """Serve until SIGINT or SIGTERM and print the address. Raises RigError if serving is not possible."""
     gate = asked.gate()
     if asked.session and asked.rig_file is None:
-        raise UseError("--session", "needs the rig file of its cell", "give CELL")
+        raise UseError("--session", "needs the rig file of the cell", "give CELL")
     rig = load(asked.rig_file)[0] if asked.rig_file is not None else None
     place = Place(asked.session or Path(f"session-{rig.name}")) if rig else None
     shelf = Shelf(asked.runs or (place.runs if place and place.file.exists() else Path("runs")))

@@ -25,7 +25,7 @@ def parse_effects(words: str, axes: int = 6) -> list[Effect]:
     for word in filter(None, map(str.strip, words.split(","))):
         name, _, place = word.partition(":")
         if name not in VOCABULARY:
-            raise UseError(f"--fit {word}", "no such effect", f"one of {', '.join(VOCABULARY)}")
+            raise UseError(f"--fit {word}", "unknown effect", f"one of {', '.join(VOCABULARY)}")
         written = VOCABULARY[name].PLACE
         match = re.fullmatch(written.pattern, place, re.ASCII)
         if not match:
@@ -34,7 +34,7 @@ def parse_effects(words: str, axes: int = 6) -> list[Effect]:
         every = {**written.every, "axis": [str(axis) for axis in range(1, axes + 1)]}
         keys = {key: (value,) if value is not None else every[key] for key, value in match.groupdict().items()}
         if any(int(value) > axes for key, (value, *_) in keys.items() if key in _AXES):
-            raise UseError(f"--fit {word}", f"the arm has {axes} axes", "name one of them")
+            raise UseError(f"--fit {word}", f"the arm has {axes} axes", "name an existing effect")
         for values in product(*keys.values()):
             try:
                 effect = VOCABULARY[name].model_validate(dict(zip(keys, values, strict=True)))
@@ -42,7 +42,7 @@ def parse_effects(words: str, axes: int = 6) -> list[Effect]:
                 raise UseError(f"--fit {word}", f"outside what {name} can be", "see docs/simulation.md") from None
             effects += phases(scaled(healthy(effect), 0.5 if one_sided(effect) else 0.0))
     if not effects:
-        raise UseError("--fit", "names no effect", f"write some of {', '.join(VOCABULARY)}")
+        raise UseError("--fit", "does not name an effect", f"write some of {', '.join(VOCABULARY)}")
     return list(dict.fromkeys(effects))
 
 

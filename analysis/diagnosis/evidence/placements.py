@@ -65,9 +65,7 @@ def observe_runs(rig: Rig, runs: Sequence[Measured]) -> list[ObservedRun]:
     for run in runs:
         if not same_arm(arm_of(run.rig.robot), model.arm):
             problem = f"belongs to a different robot than {rig.name}: the link constants differ"
-            raise FileError(
-                str(run.path), problem, "give the runs of one robot at a time, or the --rig that they were made with"
-            )
+            raise FileError(str(run.path), problem, "give runs of a single robot, or the original rig file with --rig")
     return [with_placement(observe(model, run.table, str(run.path)), run.run.manifest.placement) for run in runs]
 
 
@@ -91,7 +89,7 @@ def split_by_frame(runs: Sequence[ObservedRun], names: Sequence[str]) -> tuple[l
 def _of_frames(setup: str, frames: Sequence[Sequence[str]]) -> str:
     """Return the message about runs of a set-up with several frames."""
     runs = "; ".join(", ".join(names) for names in frames)
-    message = f"runs of {setup} do not share one frame: fitted as {len(frames)} placements ({runs})"
+    message = f"runs of {setup} do not share a frame: fitted as {len(frames)} placements ({runs})"
     return f"{message}, which rig relabel --placement can name"
 
 
@@ -175,8 +173,8 @@ def with_enough_readings(runs: Sequence[ObservedRun]) -> tuple[list[int], list[s
     kept = [k for k, run in enumerate(runs) if run.setup not in reasons]
     if not kept:
         setup, why = next(iter(reasons.items()))
-        raise FileError(f"set-up {setup}", why, "give more runs of it, or more readings in each")
-    return kept, [f"{setup} is left out: {why}" for setup, why in reasons.items()]
+        raise FileError(f"set-up {setup}", why, "give more runs of this placement, or more readings in each run")
+    return kept, [f"{setup} is ignored: {why}" for setup, why in reasons.items()]
 
 
 def reach_mm(judged: Mapping[str, SetUp], used: Mapping[str, SetUp]) -> float:

@@ -71,7 +71,7 @@ def prepare_runs(rig: Rig, *uses: Sequence[Measured]) -> tuple[list[list[Observe
     of_pieces = [names[k] for k, _ in pieces]
     split_up, of_frames = split_by_frame([piece for _, piece in pieces], of_pieces)
     split_up, of_targets = split_by_target(split_up, of_pieces)
-    doubts += [f"{names[k]} is left out: {finding.words}" for k, finding in wrong.items()] + of_frames + of_targets
+    doubts += [f"{names[k]} is ignored: {finding.words}" for k, finding in wrong.items()] + of_frames + of_targets
     doubts += _doubts_of_gauges(findings, [(names[k], seen[k].wild, runs[k].table) for k in kept])
     parts = []
     for number in range(len(uses)):
@@ -135,7 +135,7 @@ def _about_one_rig(rig: Rig, runs: Sequence[Measured]) -> list[ObservedRun]:
             theirs, ours = vars(run.rig.robot), vars(rig.robot)
             fields = [name for name in type(rig.robot).model_fields if theirs[name] != ours[name]]
             differing = f"its {', '.join(fields)} differ{'s' * (len(fields) == 1)}"
-            remedy = "diagnose the runs of one robot at a time, or give the --rig that they were made with"
+            remedy = "diagnose runs of a single robot, or give the original rig file with --rig"
             raise FileError(str(run.path), f"belongs to a different robot than {rig.name} ({differing})", remedy)
         cell = run.rig.model_copy(update={"name": rig.name, "description": ""}).modelled_as(rig)
         if cell not in cells:
@@ -207,7 +207,7 @@ def without_wild(
         elif wild.any():
             doubts.append(
                 f"{wild.sum()} of {len(run.rows)} readings of {run.setup} lie far from all others, up "
-                f"to {distance_mm.max():.1f} mm, and are not left out: so many, or all in one range of a joint, are no "
+                f"to {distance_mm.max():.1f} mm, and are not ignored: so many, or all in one range of a joint, are no "
                 "lost points; check the signs, order and zeros of the joints, and whether instrument or base moved"
             )
     for setup, most_mm in far_mm.items():
@@ -217,7 +217,9 @@ def without_wild(
         kind, check = f"poses of {setup}", "check that the robot stood and that the tracker had the target"
         if not facts_of(runs[members[0]].table.test).of_places:
             kind = f"readings at the targets of {setup}"
-            check = "check that the robot stands while it is read, that the clocks agree, and that the plunger touches"
+            check = (
+                "check that the robot is at rest during a reading, that the clocks agree, and that the plunger touches"
+            )
         are = "is wild" if wild_count == 1 else "are wild"
         doubts.append(
             f"{wild_count} of {count} {kind} {are}, up to {most_mm:.1f} mm off, and not counted in the rms of {use}: "

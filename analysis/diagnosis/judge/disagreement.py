@@ -109,7 +109,7 @@ def located(compared: Compared, rig: Rig, used: Sequence[Measured], unseen: Sequ
     try:
         return replace(compared, disagreement=disagreement(rig, used, unseen))
     except FileError as error:
-        message = f"where model and readings disagree is not known: {error}"
+        message = f"where model and readings disagree is unknown: {error}"
         return replace(compared, doubts=(*compared.doubts, message))
 
 

@@ -30,8 +30,8 @@ def doubts_of_runs(blocks: Sequence[Block]) -> tuple[str, ...]:
     doubts = []
     circles = [block for block in blocks if block.sampling]
     if circles and not circles[0].measured:
-        slow = "" if shows_time(blocks) else ", and one lap shows nothing that changes slowly, as warming"
-        doubts.append(f"no circle was repeated: the noise of real cells is assumed{slow}; repeat each circle")
+        slow = "" if shows_time(blocks) else ", and one lap cannot show slow changes such as warming"
+        doubts.append(f"every circle was driven once: the noise of real cells is assumed{slow}; repeat each circle")
     if driven_once := ", ".join(block.name for block in circles if block.measured and block.count < 2):
         doubts.append(f"{driven_once} was driven once: its noise is assumed equal to that of the other circles")
     unrepeated = [block for block in blocks if not block.sampling and not block.measured]
@@ -48,7 +48,9 @@ def doubts_of_runs(blocks: Sequence[Block]) -> tuple[str, ...]:
             ways.setdefault(table.test, set()).add(direction)
     rails = [rail_mm(block.model.arm, block.table.q) for block in blocks if block.model.arm.rail is not None]
     if rails and np.ptp(stands := np.concatenate(rails)) == 0:
-        doubts.append(f"the rail stood at {stands[0]:g} mm all along: nothing of it shows; measure along it")
+        doubts.append(
+            f"the rail stood at {stands[0]:g} mm throughout, so the rail is not tested; measure along the rail"
+        )
     for test, way in [(test, next(iter(seen))) for test, seen in ways.items() if len(seen) == 1]:
         doubts.append(f"{test} was driven {way} only: effects that change with the direction cannot be detected")
     if not circles:
@@ -64,8 +66,8 @@ def doubts_of_limits(names: Sequence[Named]) -> tuple[str, ...]:
     for named in names:
         if named.stands and ended_at_limit(named.effect):
             doubts.append(
-                f"{label_of(named.effect)} ended at the limit of its size, so it is not to be trusted: check the rig "
-                "file, the cables of the gauges and the placements, and diagnose again"
+                f"{label_of(named.effect)} ended at the limit of the size, so it is not to be trusted: check the rig "
+                "file, the cables of the gauges and the placements, and repeat the diagnosis"
             )
     return tuple(doubts)
 
@@ -82,6 +84,6 @@ def doubts_of_rig(rig: Rig, fitted: FittedRuns) -> tuple[str, ...]:
         if without < _BETTER * whole:
             doubts.append(
                 f"without {name_of(effect)} of the rig file the gap is {1e3 * without:.1f} instead of "
-                f"{1e3 * whole:.1f} µm: remove it and diagnose again"
+                f"{1e3 * whole:.1f} µm: remove it and repeat the diagnosis"
             )
     return tuple(doubts)

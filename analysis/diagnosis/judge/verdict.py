@@ -278,7 +278,7 @@ def _named(result: SearchResult, k: int, gain: float | None, change: EffectChang
     # A wave over fewer than two driven periods does not identify a gear: the cause was not shown.
     turned = max(float(np.ptp(block.table.q[:, axis - 1])) for block in result.linear.blocks) / (2 * np.pi)
     shown = not is_wave(effect) or effect.STAGE != "joint" or order_of(effect) * turned >= DRIVEN_WAVES
-    model = f"use the calibrated model, which holds the angle error of axis {axis} over its angle"
+    model = f"use the calibrated model, which includes the angle error of axis {axis} over its angle"
     sizes = sizes_by_setup(result, k, result.scatter_limits_um)
     ratio = sizes.birge_ratio()
     sd = {field: ratio * sigma for field, sigma in result.fit.sd(k).items()}
@@ -358,7 +358,7 @@ def doubts_of_phases(vibrations: Sequence[Named], left: FoundVibration) -> tuple
     return tuple(
         f"once the fitted vibration is taken off, the runs still show a {left.effect.plain('')} of "
         f"{left.amplitude_mm:.4f} ± {left.sd[size]:.4f} mm: a fit with one phase and one frequency for all runs does "
-        "not see what differs from run to run"
+        "not see the scatter between runs"
         for name in vibrations
         if left.gain >= np.log(ODDS) and left.amplitude_mm > CERTAIN_SIGMA * name.sd[size]
     )
@@ -389,7 +389,7 @@ def remainder_of(result: SearchResult, named: Sequence[Named], limits: Array, ga
     share = (um / train.before_um) ** 2 if train.before_um else 0.0
     healthy = worth(linear, posterior.healthy_share)
     words = (
-        _in_words(result, imitating) if is_material else "no more than the noise, the scatter and a healthy arm explain"
+        _in_words(result, imitating) if is_material else "within the noise, the scatter and the errors of a healthy arm"
     )
     return Remainder(um, share, words, healthy.whole_um, at_new_places=um == missed_um > 0), is_material
 
@@ -414,15 +414,15 @@ def _in_words(result: SearchResult, imitating: Sequence[Named]) -> str:
     first = bands_above_noise(result.linear.blocks, result.posterior.residual)[:1]
     where = [f"{band.test}{f' {band.direction}' * bool(band.direction)}, {band.part}: {band.words}" for band in first]
     forms = [*result.state.free_forms, best_free_form(tuple(free_forms_of(result.linear)), result.calibrated_posterior)]
-    seen = [f"it looks like {form.words}" for form in forms if form.gain > 0]
+    seen = [f"similar to {form.words}" for form in forms if form.gain > 0]
     alike = []
     for named in imitating:
         if not named.is_term:
             shown = " and ".join(f"{share.value:.2f} ± {share.sd:.2f} of it in {share.setup}" for share in named.shares)
-            alike.append(f"{label_of(named.effect)} resembles it, but the readings show {shown}")
+            alike.append(f"{label_of(named.effect)} is similar, but the readings show {shown}")
     series = Counter(name_of(named.effect) for named in imitating if named.is_term)
     alike += [f"{count} waves of {name} together resemble it, as they do any error" for name, count in series.items()]
-    return "; ".join([*where, seen[0] if seen else "it has no simple form", *alike])
+    return "; ".join([*where, seen[0] if seen else "of no simple form", *alike])
 
 
 def condition_of(
@@ -461,7 +461,7 @@ def as_scatter(budget: Sequence[BudgetPart], remainder: Remainder) -> tuple[tupl
     um = float(np.sqrt(sum(part.um**2 for part in merged)))
     scatter = BudgetPart("scatter", um, 0.0, sum(part.share for part in merged))
     parts = [*(part for part in budget if part not in merged), scatter]
-    of_scatter = replace(remainder, um=0.0, share=0.0, words="it follows nothing, as scatter does")
+    of_scatter = replace(remainder, um=0.0, share=0.0, words="without a pattern, like scatter")
     return tuple(sorted(parts, key=lambda part: -part.share)), of_scatter
 
 

@@ -86,7 +86,7 @@ def further_tests(rig: Rig, tests: Sequence[TestName]) -> list[FurtherTest]:
         apart = touch.model_copy(update={"distances": (SocketDistance(between=between, distance_mm=_APART_MM),)})
         measured = rig.model_copy(update={"tests": rig.tests.model_copy(update={"touch": apart})})
         words = f"touch, with tests.touch.distances of {' and '.join(between)} measured"
-        further.append(FurtherTest(("touch",), "touches alone do not show how large the arm is", ((words, measured),)))
+        further.append(FurtherTest(("touch",), "touches alone do not show the scale of the arm", ((words, measured),)))
     # The first of equally useful tests is reported, so tests of the rig file precede new set-ups.
     return further + (_other_circles(rig, rig.tests.circle, tests) if rig.tests.circle else [])
 
@@ -105,7 +105,7 @@ def _other_circles(rig: Rig, circle: Circle, tests: Sequence[TestName]) -> list[
             )
         )
     elsewhere = tuple((f"circle {words}", with_circle(rig, circle, centre_mm=at)) for words, at in nearby)
-    further.append(FurtherTest(circles, "another posture changes the effect of each joint and link", elsewhere))
+    further.append(FurtherTest(circles, "a different posture changes the effect of each joint and link", elsewhere))
     speed = FASTER * circle.speed_mm_s
     faster = ((f"circle at {speed:g} mm/s", with_circle(rig, circle, speed_mm_s=speed)),)
     further.append(
@@ -311,7 +311,7 @@ def detectabilities_of(expected: ExpectedPosterior) -> tuple[list[Candidate], li
             whole, remaining = float(np.linalg.norm(column)), float(np.linalg.norm(linear.without_set_up(column)))
             if whole > _NOTHING and remaining < _OWN_SHARE * whole:
                 terms = sorted({labels_of(block.table.test).setup for block in linear.blocks})
-                hidden = f"the set-up absorbs it: {'; '.join(terms)}, which are always fitted"
+                hidden = f"absorbed by the set-up: {'; '.join(terms)}, which are always fitted"
             elif axis is not None and zeros[axis - 1] < _ON_AXIS * zeros.max():
                 hidden = f"the ball lies on axis {axis}"
             elif LARGEST_FAULT * whole < _NOTHING:
@@ -319,7 +319,7 @@ def detectabilities_of(expected: ExpectedPosterior) -> tuple[list[Candidate], li
             elif LARGEST_FAULT * remaining < DETECTABLE:
                 hidden = f"too small: even {LARGEST_FAULT:g} times its healthy size stays below {DETECTABLE:g} sigma"
             else:
-                hidden = "the other effects of a healthy arm hide it"
+                hidden = "hidden by the other effects of a healthy arm"
         chosen.append(candidate)
         detectabilities.append(Detectability(label, effect, sd * healthy_size(effect), hidden))
     return chosen, detectabilities
@@ -515,7 +515,7 @@ def tests_named(rig: Rig, names: str | None) -> tuple[TestName, ...]:
     asked = [name.strip() for name in names.split(",")]
     for name in asked:
         if name not in every:
-            raise UseError("--tests", f"{name!r} is not a test", f"give one or more of {','.join(every)}")
+            raise UseError("--tests", f"{name!r} is not a test", f"give some of {','.join(every)}")
     tests = tuple(name for name in every if name in asked)
     for test in tests:
         require_test(rig, test)

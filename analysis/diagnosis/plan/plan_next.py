@@ -82,14 +82,14 @@ def _next_test(named: Sequence[Named], further: FurtherTests) -> tuple[NextTest 
     try:
         possible, impossible = further()
     except FileError as error:
-        return None, [f"no further test is possible with this rig file: {error}"]
+        return None, [f"further tests are not possible with this rig file: {error}"]
     if not possible:
         reasons = "; ".join(f"{test}: {why}" for test, why in impossible[:_FEW_TESTS])
-        return None, [f"no further test is possible with this rig file ({reasons or 'it declares no other'})"]
+        return None, [f"further tests are not possible with this rig file ({reasons or 'it declares only these'})"]
     best = shortest(possible, sigma_between(name.effect, rivals[0].effect), is_separable)
     if best is None:
         return None, [
-            f"no other test separates {name_of(name.effect)} from its rivals: their corrections have the same effect"
+            f"other tests do not separate {name_of(name.effect)} from the rivals: the corrections have the same effect"
         ]
     test, sigma = best
     return NextTest(test.test, test.why, float(sigma)), []

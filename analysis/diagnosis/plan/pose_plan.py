@@ -101,7 +101,7 @@ class PlannedPoses:
             f"{len(self.q)} poses: the place of the tool is then known to {1e3 * self.u_mm:.0f} µm over the workspace "
             "(expected rms, for an arm with the errors of a real one, frame and tool fitted)"
         ]
-        as_good = f"{self.as_good} random ones are as good" if self.as_good else "no number tried is as good"
+        as_good = f"{self.as_good} random ones are as good" if self.as_good else "the tried numbers of poses are worse"
         compared = f"as many random poses leave {1e3 * self.random_u_mm:.0f} µm"
         if self.one_axis:
             lines.append(
@@ -112,9 +112,9 @@ class PlannedPoses:
             lines.append(f"{compared}; {as_good}")
         if left_out := self.asked - len(self.q):
             lines.append(
-                f"{left_out} of {self.asked} have no way from another, clear and within limits; they are left out"
+                f"{left_out} of {self.asked} have no way from another, clear and within limits; they are ignored"
             )
-        return [*lines, "covers, cables and the cell are not known: watch the first run, hand on the stop"]
+        return [*lines, "covers, cables and the cell are unknown: watch the first run, hand on the stop"]
 
     def csv(self) -> str:
         """Return the poses as a table, a row each: joint angles, previous joint angles, and nominal position.
@@ -148,7 +148,7 @@ def planned_poses(rig: Rig, count: int, sight: Sight | None = None, *, one_axis:
     FileError.
     """
     if rig.robot.rail:
-        problem = "stands on a rail, and poses are planned of an arm that stands"
+        problem = "is on a rail, and poses are planned of an arm that stands"
         raise FileError(
             RigPlace.of(rig.name), problem, "leave out robot.rail, and add e1_mm, spread over the rail, by hand"
         )

@@ -72,7 +72,7 @@ def circle_candidates(rig: Rig, tests: Sequence[TestName], runs: int) -> CircleC
     Raises FileError for a rig without a circle.
     """
     if rig.tests.circle is None:
-        raise FileError(RigPlace.of(rig.name), "has no tests.circle to begin from", "add one: centre, posture, radius")
+        raise FileError(RigPlace.of(rig.name), "needs tests.circle as a start", "add a circle: centre, posture, radius")
     circles, refused = [], Counter[str]()
     for words, other_rig in _circles(rig, rig.tests.circle):
         try:
@@ -101,7 +101,7 @@ def _circles(rig: Rig, circle: Circle) -> Iterator[tuple[str, Rig]]:
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
     frame, tilt = frame_of(circle), np.radians(_TILT_DEG)
-    for about, axis in (("its zero direction", frame.u), ("the direction at 90°", frame.v)):
+    for about, axis in (("the zero direction", frame.u), ("the direction at 90°", frame.v)):
         normal = Rotation.from_rotvec(tilt * axis).apply(frame.n).round(6)
         yield f"tilted by {_TILT_DEG:g}° about {about}", with_circle(rig, circle, normal=tuple(normal.tolist()))
     yield f"{FASTER} times as fast", with_circle(rig, circle, speed_mm_s=FASTER * circle.speed_mm_s)

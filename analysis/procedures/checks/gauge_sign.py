@@ -238,10 +238,10 @@ def _finding(lap: Lap, as_labelled: float, as_meant: float, *, negated: bool) ->
     name = lap.run.run.manifest.name
     misfit = Misfit(as_labelled, as_meant, GRID / 4 * float(np.log(as_labelled / max(as_meant, 1e-6))))
     if negated:
-        fact = "compared with its repeats, its gauges g1 and g2 count the other way"
-        remedy = "give counts: towards in its rig file, or import it with both signs changed"
+        fact = "compared with its repeats, the gauges g1 and g2 count the other way"
+        remedy = "give counts: towards in the rig file, or import it with both signs changed"
         return Finding(SIGN, "decisive", ("g1_mm", "g2_mm"), "g1 and g2 negated", fact, remedy, misfit, (name,))
-    fact = "compared with its repeats, its gauges g1 and g2 are exchanged"
+    fact = "compared with its repeats, the gauges g1 and g2 are exchanged"
     remedy = "check the cables, or import it with the columns exchanged"
     return Finding(ORDER, "decisive", ("g1_mm", "g2_mm"), "g1 and g2 exchanged", fact, remedy, misfit, (name,))
 

@@ -96,7 +96,7 @@ def measured_places(table: PathTable) -> tuple[PathTable, list[str]]:
     """Return a path with the unmeasured places removed, and a text about the removed ones."""
     places = places_of(table)
     kept = ~(places.wild | places.repeated)
-    notes = [f"{words}; left out" for words in places.words.values()]
+    notes = [f"{words}; ignored" for words in places.words.values()]
     return replace(table, t_s=table.t_s[kept], xyz_mm=table.xyz_mm[kept]), notes
 
 
@@ -163,7 +163,7 @@ class Outliers:
         fact = f"{self.far.sum()} of {len(self.far)} {labels_of(table.test).rows} lie far from where the arm was"
         return (
             f"{fact}, rows {listed(table.rows[self.far].tolist())} up to {_length(self.far_mm[self.far].max())}, and "
-            "are not left out: so many, or all in one range of a joint, are no lost points; check whether the robot "
+            "are not ignored: so many, or all in one range of a joint, are no lost points; check whether the robot "
             "had come to rest, instrument and base stood, and signs, order and zeros of the joints"
         )
 
@@ -267,8 +267,8 @@ def left_out(table: Table, out: Mask, far_mm: Array) -> str:
         labels_of(table.test).outlier_check,
     )
     if len(rows) == 1:
-        return f"1 of {len(out)} {called} left out: row {shown} is {far} {where}; {check}"
-    return f"{len(rows)} of {len(out)} {called} left out: rows {shown} are up to {far} {where}; {check}"
+        return f"1 of {len(out)} {called} ignored: row {shown} is {far} {where}; {check}"
+    return f"{len(rows)} of {len(out)} {called} ignored: rows {shown} are up to {far} {where}; {check}"
 
 
 def _length(mm: float) -> str:
@@ -294,7 +294,7 @@ def wild_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
         rows = listed(table.rows[lost].tolist())
         have = "row {} has the place" if lost.sum() == 1 else "rows {} have the place"
         fact = f"{have.format(rows)} 0, 0, 0, as a tracker writes that lost its target"
-        remedy = "an analysis leaves it out" if lost.sum() == 1 else "an analysis leaves them out"
+        remedy = "the analysis ignores it" if lost.sum() == 1 else "the analysis ignores them"
         yield Finding(WILDNESS, "likely", ("x_mm", "y_mm", "z_mm"), "no measurement", fact, remedy)
     bare = without_setup(arm_of(rig.robot))
     far = far_poses(table, bare)
@@ -311,7 +311,7 @@ def wild_places(table: PathTable, rig: Rig) -> Iterator[Finding]:
     """Yield findings about places far from the neighbouring path."""
     del rig
     if "wild" in (words := places_of(table).words):
-        remedy = "check that nothing crossed the beam; an analysis leaves them out"
+        remedy = "check that nothing crossed the beam; the analysis ignores them"
         yield Finding(WILDNESS, "likely", ("x_mm", "y_mm", "z_mm"), "no measurement", words["wild"], remedy)
 
 
@@ -355,5 +355,5 @@ def repeated_places(table: PathTable, rig: Rig) -> Iterator[Finding]:
     """Yield findings about path places repeating the previous place although the tool moved."""
     del rig
     if "repeated" in (words := places_of(table).words):
-        remedy = "an analysis leaves them out; have the instrument write no place while it has none"
+        remedy = "the analysis ignores them; have the instrument write no place while it has none"
         yield Finding(DUPLICATES, "likely", ("x_mm", "y_mm", "z_mm"), "a place sent again", words["repeated"], remedy)

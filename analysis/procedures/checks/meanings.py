@@ -106,10 +106,11 @@ def joint_findings(table: Table, rig: Rig) -> Iterator[Finding]:
     )
     gain = best.values * float(np.log(as_labelled / max(best.left_mm, 1e-9)))
     misfit = Misfit(as_labelled, best.left_mm, gain)
-    remedy = best.meaning.remedy if not as_good else "look up in the controller which it is, and correct the columns"
+    remedy = best.meaning.remedy if not as_good else "look up the convention in the controller, and correct the columns"
     if rig.robot.rail and best.meaning.columns == ("q1_deg",) and not as_good and best.meaning.offset.any():
         remedy += (
-            "; or correct robot.rail.direction, which a rail that leads or counts another way asks for, and looks alike"
+            "; or correct robot.rail.direction, which a rail that leads or counts a different way asks for, and looks "
+            "alike"
         )
     yield Finding(JOINTS, "decisive", best.meaning.columns, words, fact, remedy, misfit)
 
@@ -129,11 +130,11 @@ def _far_off(table: Table, left_mm: float) -> Iterator[Finding]:
         f"of an arm leave at most {RIGHT_MM:g} mm and {100 * RIGHT_SHARE:g} %, and no other order, sign or zero of the "
         "joints fits clearly better"
     )
-    remedy = "check that the rig file is that of this arm; else a zero or a length of it is far wrong"
-    yield Finding(JOINTS, "likely", (), "another arm, or a zero or length far off", fact, remedy)
+    remedy = "check that the rig file belongs to this arm; otherwise a zero or a length is wrong"
+    yield Finding(JOINTS, "likely", (), "a different arm, or a zero or length far off", fact, remedy)
 
 
-PLACE_UNKNOWN = "the rig file does not say where the test was driven"
+PLACE_UNKNOWN = "the rig file lacks the place of the test"
 
 
 def judged_by_path(table: Table, rig: Rig) -> Verdict:

@@ -216,7 +216,7 @@ def source_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
         if computed
         else f"they are given in the arm's base, of a point {target_mm:.1f} mm from the middle of the flange"
     )
-    fact = f"no instrument measured these places: {proof}, so that the controller computed them from its joints"
+    fact = f"these places are not measured: {proof}, so that the controller computed them from the joints"
     remedy = f"give those of an instrument; {OF_CONTROLLER}"
     misfit = Misfit(left_mm, fitted.rms_mm, float(fitted.left_mm.size * np.log(left_mm / max(fitted.rms_mm, 1e-9))))
     columns = ("x_mm", "y_mm", "z_mm")

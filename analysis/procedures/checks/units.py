@@ -83,7 +83,7 @@ def too_far(name: str, reading: Array, radius_mm: float) -> Iterator[tuple[str, 
     travel = float(np.ptp(reading))
     if travel > radius_mm:
         fact = f"{name} travels {travel:.4g} mm on a radius of {radius_mm:g} mm, which is impossible for a link"
-        yield fact, "convert it to mm: it looks like µm" if travel > 3 * radius_mm else "check its unit"
+        yield fact, "convert it to mm: the values are probably µm" if travel > 3 * radius_mm else "check the unit"
 
 
 _OF_TRACKERS = {"m": 1e-3, "cm": 0.1}
@@ -171,7 +171,7 @@ def rail_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
     if stands.min() < low or stands.max() > high:
         reach = f"{stands.min():.6g} to {stands.max():.6g} mm"
         fact = f"e1_mm goes from {reach}, and robot.rail.limits_mm from {low:g} to {high:g} mm"
-        yield Finding("units", "likely", ("e1_mm",), "another unit", fact, "check its unit, or correct limits_mm")
+        yield Finding("units", "likely", ("e1_mm",), "another unit", fact, "check the unit, or correct limits_mm")
 
 
 _JUDGED, _MIRROR_STEPS = 80, 100
@@ -216,7 +216,7 @@ def unit_findings(table: Table, rig: Rig) -> Iterator[Finding]:
     """Yield findings against the units of a table, the most certain first."""
     if most := impossible_rad(table.q):
         columns = tuple(f"q{axis}_deg" for axis in range(1, table.q.shape[1] + 1))
-        fact = f"a joint would stand at {np.degrees(most):.0f}°: degrees were read as radians"
+        fact = f"a joint would be at {np.degrees(most):.0f}°: degrees were read as radians"
         yield Finding(UNITS, "impossible", columns, "degrees", fact, "read them as degrees")
         return
     table = table.thinned(_ROWS)
@@ -259,4 +259,4 @@ def target_units(g_mm: Array, radius_mm: float) -> Iterator[Finding]:
     travel = float(np.ptp(g_mm))
     if _UNLIKELY * radius_mm <= travel <= radius_mm:
         fact = f"g1_mm travels {travel:.4g} mm on a radius of {radius_mm:g} mm, more than any robot error"
-        yield Finding(UNITS, "likely", ("g1_mm",), "another unit", fact, "check its unit")
+        yield Finding(UNITS, "likely", ("g1_mm",), "another unit", fact, "check the unit")

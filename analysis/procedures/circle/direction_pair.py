@@ -254,6 +254,6 @@ def _hold(acw: CircleResult, cw: CircleResult, where: str) -> None:
     if abs(circle.radius - second.radius) > 1e-6 or np.linalg.norm(circle.centre - second.centre) > 1e-6:
         raise FileError(where, "were driven on different circles", "compare runs of one rig file")
     if moved_mm := ball_moved_mm(acw, cw):
-        fact = f"have their balls {moved_mm:.2f} mm apart: the ball or a gauge was moved between them"
+        fact = f"have their balls {moved_mm:.2f} mm apart: the ball or a gauge was moved in between"
         remedy = "record acw and cw without touching the ball or the gauges in between"
         raise FileError(where, f"{fact}, so that acw - cw does not show the hysteresis", remedy)

@@ -203,10 +203,12 @@ def _about_noise(curve: LapCurve) -> tuple[str, ...]:
         return (f"the angle steps by {sizes} between laps, {why}",)
     match curve.noise.source:
         case "borrowed":
-            return ("the run has one lap: its slow noise is taken from another run of this cell, at an unknown level",)
+            return (
+                "the run has one lap: the slow noise is taken from a different run of this cell, at an unknown level",
+            )
         case "assumed":
             why = "the noise of real cells is assumed; drive two laps"
-            return (f"the run has one lap, which cannot show slow noise: {why}",)
+            return (f"a single lap cannot show slow noise: {why}",)
     return ()
 
 
@@ -250,7 +252,7 @@ def _hold(laps: Laps, baseline_mm: float, where: str) -> None:
     if laps.g_mm.ndim != 2 or laps.g_mm.shape[1] != 2:
         raise FileError(where, "does not have two gauges, and an angle needs two", "give g1_mm and g2_mm")
     if baseline_mm == 0:
-        problem = "the two gauges have the same offset_mm, which measures no angle"
+        problem = "the gauges have the same offset_mm, which cannot measure an angle"
         raise FileError(where, problem, "correct offset_mm of g1 and g2 in the rig file")
     hold_radius(where, laps.frame.radius)
     hold_numbers(where, t_s=laps.t_s, q=laps.q, g1_mm=laps.g_mm[:, 0], g2_mm=laps.g_mm[:, 1])
@@ -278,7 +280,7 @@ class CircleEvaluation(Evaluation[CircleTable]):
     def evaluate(self, table: CircleTable, rig: Rig, where: str, instruments: Instruments) -> CircleResult:
         gauges = rig.gauges
         if gauges.g2 is None:
-            raise FileError(where, "has one gauge, and an angle needs two", "add gauges.g2 to the rig file")
+            raise FileError(where, "has a single gauge, but an angle needs two", "add gauges.g2 to the rig file")
         laps = laps_of(table, rig, where)
         lag_and_noise = (instruments.u_lag_s, where, instruments.like, instruments.reduced)
         return self._angle.evaluate(laps, gauges.baseline_mm, gauges.baseline_u_mm, *lag_and_noise)

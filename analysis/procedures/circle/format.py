@@ -31,7 +31,9 @@ class CircleFormat(TableFormat[CircleTable]):
 
     def table_of(self, rows: Rows, direction: Direction | None, where: str) -> CircleTable:
         if direction is None:
-            raise FileError(where, "lacks a direction, which a circle needs", "import it with --direction cw or acw")
+            raise FileError(
+                where, "lacks a direction, which a circle needs", "import the table with --direction cw or acw"
+            )
         u_t_s = rows.floats("u_t_s") if rows.has(("u_t_s",)) else None
         return CircleTable(self._test, direction, rows.floats("t_s"), rows.q, rows.stack(("g1_mm", "g2_mm")), u_t_s)
 
@@ -44,7 +46,7 @@ class CircleFormat(TableFormat[CircleTable]):
         self, data: Aligned, rig: Rig, direction: Direction | None, where: str
     ) -> tuple[CircleTable, list[str]]:
         if direction is None:
-            remedy = "give it one: rig relabel RUN --direction acw or cw"
+            remedy = "add the direction: rig relabel RUN --direction acw or cw"
             raise FileError(where, "lacks a direction, which a circle needs", remedy)
         return CircleTable(self._test, direction, data.t_s, data.q, data.g_mm, data.u_t_s), []
 

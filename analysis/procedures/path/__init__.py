@@ -4,5 +4,5 @@ from analysis.procedures.facts import Labels
 
 LABELS = Labels(
     example=("line_at_mm", 0.5, 1.0),
-    unsupported_reason="is a path, without the joints at each place, so it shows nothing of single joints",
+    unsupported_reason="is a path without joint angles, which cannot show single joints",
 )

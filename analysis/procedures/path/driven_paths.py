@@ -139,7 +139,7 @@ def driven_paths(table: PathTable, cube: Cube, T_world_instrument: Array | None,
                 f"{max(move.length_mm for move in moves):.4g} mm, and a line would be "
                 f"{commands['line'].length_mm:.4g} mm"
             )
-        raise FileError(where, problem, "check its unit, the cube of the rig file, and the recording")
+        raise FileError(where, problem, "check the unit, the cube of the rig file, and the recording")
     places = {name: [table.xyz_mm[move.first : move.last] for move in cycles] for name, cycles in whole.items()}
     T = _fitted(places, commands) if T_world_instrument is None else T_world_instrument
     paths: dict[PathName, Driven] = {}
@@ -152,15 +152,15 @@ def driven_paths(table: PathTable, cube: Cube, T_world_instrument: Array | None,
         elif name != "back":
             paths[name] = driven
     if not paths:
-        problem = "its tracker wrote too few places along each path to judge it"
+        problem = "the tracker wrote too few places along each path"
         raise FileError(where, problem, "record more places a second")
     far_mm = max(float(np.median(np.linalg.norm(driven.off_mm, axis=2))) for driven in paths.values())
     if far_mm > _FAR * cube.side_mm:
-        problem = f"its paths lie {far_mm:.3g} mm from those of the cube in the rig file"
+        problem = f"the paths lie {far_mm:.3g} mm from those of the cube in the rig file"
         or_else = "" if T_world_instrument is None else ", tests.iso9283.instrument and the tool"
-        raise FileError(where, problem, f"give the rig file of its program; check the cube{or_else}")
+        raise FileError(where, problem, f"give the rig file of the program, and check the cube{or_else}")
     torn = sum(not move.whole for cycles in every.values() for move in cycles)
-    notes = [f"{torn} paths are left out, where the tracker wrote nothing for a while"] if torn else []
+    notes = [f"{torn} paths are ignored, where the tracker wrote nothing for a while"] if torn else []
     if coarse:
         notes.append(f"too few places were written to judge: {', '.join(coarse)}; record more places a second")
     return DrivenPaths(paths, T, (*left_out, *notes))

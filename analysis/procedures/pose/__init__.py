@@ -13,9 +13,9 @@ FACTS = Facts(
 )
 LABELS = Labels(
     example=("rms_mm", 0.5, 1.0),
-    setup="the places of the instrument and of its target on the tool",
+    setup="the places of the instrument and of the target on the tool",
     joints_fit="poses fit",
     rows="poses",
     distance_from="from where the arm was",
-    outlier_check="check that the tracker had its target and that the robot stood",
+    outlier_check="check that the tracker saw the target and that the robot was at rest",
 )

@@ -137,7 +137,7 @@ def evaluate(
     again = np.flatnonzero(np.bincount(group) >= 2)
     figures: dict[str, Quantity] = {}
     notes = [
-        "no pose was visited twice: repeatability is not reported, and the noise of instrument and robot is assumed"
+        "every pose was measured once: repeatability is not reported, and the noise of instrument and robot is assumed"
     ]
     place: Scatter | None = None
     turn: Scatter | None = None
@@ -153,7 +153,7 @@ def evaluate(
     if place is None:
         figures = {name: replace(figure, noise="assumed") for name, figure in figures.items()}
     if rotation is not None and not np.isfinite(figures["rms_deg"].u):
-        notes.append("how well the instrument measures a rotation is not known: figures of the orientation have no u")
+        notes.append("the uncertainty of the instrument in rotation is unknown: figures of the orientation lack u")
     axes, of_axes = ((), {}) if sides is None else axis_curves(table.q, sides, table.xyz_mm, arm.axes)
     figures |= of_axes
     notes = [*kept.notes, *_doubts(figures["rms_mm"], setup), *notes]
@@ -204,7 +204,7 @@ def _of_visits(
             figures[name] = replace(figures[name], u=float(np.hypot(figures[name].u, instrument.u_mm)))
         notes.append("AP is by the tool and the tracker's frame of the rig file; rms and mean of all poses are fitted")
     elif len(counts) <= _FEW_POSES:
-        fact = "AP is what a best fit of the tracker's frame to these poses leaves, which is less than ISO 9283 asks"
+        fact = "AP is the residual of a best fit of the tracker frame to these poses, which is smaller than by ISO 9283"
         notes.append(f"{fact}; give tests.iso9283.instrument, a frame that was measured by itself")
     return figures, notes, place, turn
 
@@ -378,7 +378,9 @@ def _hold(table: PoseTable, where: str) -> None:
         hold_numbers(where, rpy=table.rpy)
     hold_joints(where, table.q, "give poses from the whole working space")
     if np.ptp(table.xyz_mm, axis=0).max() == 0:
-        raise FileError(where, "the instrument reported the same place in all rows", "check that it follows the target")
+        raise FileError(
+            where, "the instrument reported the same place in all rows", "check that the instrument follows the target"
+        )
 
 
 class PoseEvaluation(Evaluation[PoseTable]):

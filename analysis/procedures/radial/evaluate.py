@@ -318,7 +318,7 @@ def _cells(table: RadialTable, radius_mm: float, where: str) -> Cells:
     if moved.any():
         target = int(table.target[np.argmax(moved)])
         problem = f"target {target} has two directions"
-        raise FileError(where, problem, "give each target one polar angle and one azimuth")
+        raise FileError(where, problem, "give each target a single polar angle and azimuth")
     visits: dict[tuple[int, int], list[int]] = {}
     for k, place in enumerate(zip(row.tolist(), column.tolist(), strict=True)):
         visits.setdefault(place, []).append(k)
@@ -360,10 +360,10 @@ def _notes(
     for k in np.flatnonzero(far):
         worst = off_mm[k, np.nanargmax(np.abs(off_mm[k]))]
         reading = f"a reading {worst:+.3f} mm off the sphere, those of the others within {most:.3f} mm"
-        notes.append(f"target {cells.target[k]} left out: {reading}")
+        notes.append(f"target {cells.target[k]} ignored: {reading}")
     if free.unknown:
-        why = "these targets, near one plane or place, do not determine them; measure at more polar angles"
-        notes.append(f"{', '.join(free.unknown)} left out: {why}")
+        why = "the targets are too close to a plane or place to determine them; measure at more polar angles"
+        notes.append(f"{', '.join(free.unknown)} ignored: {why}")
     return tuple(notes)
 
 

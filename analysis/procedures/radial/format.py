@@ -52,7 +52,7 @@ class RadialFormat(TableFormat[RadialTable]):
         once = len(order) // hemisphere_of(rig).visits
         visits = visits_of(at, [order[row] for _, row in at], order, once, program, where)
         elsewhere, rows = len(stands) - len(at), visits.rows
-        doubts = [f"{elsewhere} stands are left out because they are not at a target"] if elsewhere else []
+        doubts = [f"{elsewhere} stops are ignored because they are not at a target"] if elsewhere else []
         table = RadialTable(
             program.target[rows], program.polar[rows], program.azimuth[rows], program.orientation[rows],
             visits.t_s, visits.q, visits.g_mm + link_excess_mm(rig),

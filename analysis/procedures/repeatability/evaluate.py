@@ -81,7 +81,7 @@ def evaluate(table: RepeatabilityTable, u_mm: float, where: str = "the repeatabi
     hold_numbers(where, g1_mm=table.g_mm)
     hold_alive(where, g1_mm=table.g_mm)
     if unknown := sorted({str(name) for name in table.approach} - {"none", *SIDES}):
-        remedy = "write out, in or none, the side that the tool came from"
+        remedy = "write out, in or none for the side of approach"
         raise FileError(where, f"approach {unknown[0]!r} is not a side", remedy)
     targets, x, notes = _sides(table, where)
     scatter = scatter_of(x, u_mm, step_mm=step_of_stops(table.g_mm)) if u_mm > 0 else None
@@ -92,7 +92,7 @@ def evaluate(table: RepeatabilityTable, u_mm: float, where: str = "the repeatabi
     spreads[np.isfinite(away)] = spreads_of(away[np.isfinite(away)], TARGET_MM.high)
     if wild := int((spreads > SPREADS).sum()):
         row, side, _ = np.unravel_index(int(np.argmax(spreads)), x.shape)
-        most = f"up to {np.nanmax(away):.3g} mm from the others of its target and side"
+        most = f"up to {np.nanmax(away):.3g} mm from the others of the target and side"
         where_most = f"target {targets[row]}, {SIDES[side]}"
         are = "1 reading is" if wild == 1 else f"{wild} readings are"
         remedy = "check that the plunger touched and that the robot stood"
@@ -133,14 +133,14 @@ def _sides(table: RepeatabilityTable, where: str) -> tuple[Integers, Array, tupl
     kept = [target for target, sides in cells.items() if min(len(side) for side in sides) >= 2]
     if not kept:
         remedy = "approach each target three times from outside and from inside"
-        raise FileError(where, "no target was read twice from each side", remedy)
+        raise FileError(where, "the targets were not read twice from each side", remedy)
     width = max(len(side) for target in kept for side in cells[target])
     x = np.full((len(kept), 2, width), np.nan)
     for row, target in enumerate(kept):
         for column, side in enumerate(cells[target]):
             x[row, column, : len(side)] = side
     dropped = [target for target in cells if target not in kept]
-    notes = [f"target {listed(dropped)} left out: fewer than two readings from a side"] if dropped else []
+    notes = [f"target {listed(dropped)} ignored: fewer than two readings from a side"] if dropped else []
     without = int((table.approach == "none").sum())
     notes += [f"{without} readings do not state their approach and are not used"] if without else []
     return np.array(kept), x, tuple(notes)

@@ -76,7 +76,7 @@ class Evaluation(TestPart, Protocol[T]):
 
     def simulated(self, rig: Rig, direction: Direction | None, run: Simulation) -> T:
         """Return a run as it would be measured. Raises FileError if the robot cannot do the test."""
-        raise FileError(f"{self.test} test", "is not simulated", "simulate another test")
+        raise FileError(f"{self.test} test", "is not simulated", "simulate a different test")
 
 
 @cache
@@ -118,8 +118,8 @@ def hold_numbers(where: str, **columns: Array) -> None:
             continue
         bad = np.asarray(~np.isfinite(values.reshape(len(values), -1)).all(axis=1))
         if bad.all():
-            problem = f"{name} holds no valid number in any of its {len(bad)} rows"
-            raise FileError(where, problem, "check that its instrument measures and sends, and measure again")
+            problem = f"{name} contains no valid number in any of its {len(bad)} rows"
+            raise FileError(where, problem, "check that its instrument measures and sends, and repeat the measurement")
         row = int(np.argmax(bad)) + 1
         raise FileError(where, f"{name} of row {row} is not a number ({bad.sum()} such rows)", "remove such rows")
 
@@ -128,7 +128,7 @@ def hold_alive(where: str, **readings: Array) -> None:
     """Raise FileError if a gauge has constant readings: real gauges never do."""
     for name, values in readings.items():
         if len(values) > 1 and np.ptp(values) == 0:
-            remedy = "check that the gauge touches and sends (a simulation needs noise), and measure again"
+            remedy = "check that the gauge touches and sends (a simulation needs noise), and repeat the measurement"
             raise FileError(where, f"{name} reads {values[0]:g} mm in all {len(values)} rows", remedy)
 
 

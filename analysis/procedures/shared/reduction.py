@@ -204,16 +204,16 @@ def of_rows(laps: Laps, rows: LapRows) -> Reduced:
     nodes, notes = _steady(nodes[:, order])
     if odd.any():
         burst = round(float(hats.rows[odd].sum()))
-        notes = (f"{burst} readings beside bursts of wild readings are left out: the other laps replace them", *notes)
+        notes = (f"{burst} readings near bursts of outliers are ignored: the other laps replace them", *notes)
     coarse = (
         f"g{k} reads in steps of {1e3 * step:.3g} µm and moves by {1e3 * moves:.3g} µm only, which is too "
-        "coarse to show the curve: use a finer gauge or set its resolution"
+        "coarse to show the curve: use a finer gauge or set the resolution"
         for k, (moves, step) in enumerate(zip(rows.range_mm, rows.step_mm, strict=True), start=1)
         if moves < _COARSEST * step
     )
     notes = (*coarse, *notes)
     if any(rows.wild):
-        wild = f"wild readings are left out: {', '.join(map(str, rows.wild))} of {rows.count} (g1, g2)"
+        wild = f"outliers are ignored: {', '.join(map(str, rows.wild))} of {rows.count} (g1, g2)"
         notes = (wild, *notes)
     return Reduced(
         nodes,
@@ -279,5 +279,5 @@ def _steady(nodes: Array) -> tuple[Array, tuple[str, ...]]:
         steady.append(whole)
         if slips:
             sizes = ", ".join(f"{1e3 * slip:+.1f}" for slip in slips)
-            notes.append(f"{name} slipped between its laps by {sizes} µm, which was taken out: check its clamp")
+            notes.append(f"{name} slipped between the laps by {sizes} µm, which was removed: check the clamp")
     return np.stack(steady, axis=2), tuple(notes)

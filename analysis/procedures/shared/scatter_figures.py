@@ -77,7 +77,7 @@ def assumed(scatter: Scatter | None) -> tuple[str, ...]:
     """Return the note that the scatter was not measured, if so."""
     if scatter is None or scatter.noise != "assumed":
         return ()
-    return ("too few targets were visited again to show their scatter, which is assumed; visit each twice or more",)
+    return ("too few targets were repeated to show the scatter, which is assumed; measure each target twice or more",)
 
 
 def coarse(scatter: Scatter | None) -> tuple[str, ...]:

@@ -18,7 +18,7 @@ class TouchChecks(Checks[TouchTable]):
         return ((WILDNESS, wild_touches),)
 
     def cannot_tell(self, table: TouchTable, rig: Rig) -> str:
-        return "a touch has no place of its own"
+        return "a touch does not have a measured place"
 
     def off_path(self, table: TouchTable, rig: Rig, T_tool: Array) -> PathDeviation | None:
         return off_sockets(T_tool, table.socket)

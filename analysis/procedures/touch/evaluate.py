@@ -110,11 +110,11 @@ def evaluate(table: TouchTable, model: Model, where: str = "the touch table") ->
         figures["socket_distance_mm"] = distances[0].distance
     singular = np.linalg.svd(design / np.linalg.norm(design, axis=0), compute_uv=False)
     if singular[-1] <= _BLIND * singular[0]:
-        words = "the tool turned too little to distinguish the ball's place on it from the sockets: turn the wrist more"
+        words = "the tool turned too little to separate the ball from the sockets: turn the wrist more"
         notes = (*notes, words)
     notes = (*notes, *known_otherwise(distances), *unknown_distance(distances))
     if once := ", ".join(names[np.bincount(socket.ravel()) < 2].tolist()):
-        notes = (*notes, f"{once} touched once only, which shows nothing: touch each in many postures")
+        notes = (*notes, f"{once} touched only once, which is not evaluable: touch each socket in many postures")
     shown = np.argsort(rows)
     return TouchResult(off[shown], terms[:3], sockets, distances, figures, len(off), notes, rows[shown])
 

@@ -213,18 +213,18 @@ def _acts(report: Report, texts: Texts) -> list[str]:
     return [words.sentence(act, corrected=bool(after and after.driven)) for act in _open_acts(report.found, after)]
 
 
-def _open_acts(found: Diagnosis, after: BeforeAfter | None) -> list[Act]:
+def _open_acts(diagnosis: Diagnosis, after: BeforeAfter | None) -> list[Act]:
     """Return the actions that the correction of the robot has not done."""
     way = after.way if after and after.driven else None
     elsewhere = bool(way or (after and after.joined))
-    every = without_idle_mounts(found.acts)
+    every = without_idle_mounts(diagnosis.acts)
     return [act for act in every if not is_done(act.kind, act.why, way=way, elsewhere=elsewhere)]
 
 
-def _summary(found: Diagnosis, after: BeforeAfter | None, texts: Texts) -> Summary:
+def _summary(diagnosis: Diagnosis, after: BeforeAfter | None, texts: Texts) -> Summary:
     """Return headline and tiles; the error of a corrected robot is that measured with the correction."""
     driven, judged = (after.driven, after.judged if after.joined else None) if after else (None, None)
-    return summarise(found, texts, acts=_open_acts(found, after), driven=driven, judged_elsewhere=judged)
+    return summarise(diagnosis, texts, acts=_open_acts(diagnosis, after), driven=driven, judged_elsewhere=judged)
 
 
 def _scripts(pictures: Sequence[Picture]) -> dict[str, Any]:

@@ -38,7 +38,7 @@ less than that of a rotor with a gear, which is some tenths (MuJoCo Menagerie, u
 """
 _HEAD = (
     "Lengths are in metres and angles in radians. The hinge with a joint's name turns by the angle that the controller "
-    "reports. Moments of inertia are not known: each link is a ball of aluminium of its mass."
+    "reports. Moments of inertia are unknown: each link is a ball of aluminium of its mass."
 )
 
 

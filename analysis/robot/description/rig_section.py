@@ -129,7 +129,7 @@ def checked_section(
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         place = ".".join(map(str, first["loc"]))
-        raise FileError(str(path), f"{place}: {first['msg']}", "correct it: its units are metres and radians") from None
+        raise FileError(str(path), f"{place}: {first['msg']}", "correct it: the units are metres and radians") from None
     text = "".join(f"# {plain(line)}\n" for line in head) + section
     robot = parsed(text)
     q = random_postures(robot)

@@ -72,7 +72,7 @@ class CalibratedArm:
 def calibrated(arm: Arm, path: Path) -> CalibratedArm:
     """Apply the calibration in a file to an arm of the library. Raises FileError."""
     if arm.maker != MAKER:
-        raise FileError(arm.name, "has no calibration.conf: only the arms of Universal Robots do", "leave it out")
+        raise FileError(arm.name, "has no calibration.conf: only the arms of Universal Robots do", "remove it")
     by, nominal = read_calibration(path), arm_of(arm.robot)
     # The classic constants of a joint are the modified constants of the link before it.
     a, alpha = np.append(nominal.a[1:], 0.0), np.append(nominal.alpha[1:], 0.0)

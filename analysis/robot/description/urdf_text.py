@@ -41,7 +41,7 @@ def joint_senses(arm: Arm, where: str, kind: str) -> list[int]:
         axis = int(np.flatnonzero(wrong)[0]) + 1
         problem = f"axis {axis} does not turn with joint {axis} alone and one to one, and {kind} has no way to say so"
         remedy = (
-            "in a copy, set coupling to its signs, and turn the controller's angles into those of the axes beforehand"
+            "in a copy, set coupling to the signs, and turn the controller's angles into those of the axes beforehand"
         )
         raise FileError(f"{where}, robot.coupling", problem, remedy)
     return [int(sense) for sense in senses]
@@ -78,9 +78,9 @@ _HYPHENS = re.compile("-(?=-)")
 """Consecutive hyphens, which would end an XML comment."""
 _HEAD = (
     "Lengths are in metres and angles in radians. Joints turn by the angles that the controller reports. Moments of "
-    "inertia and torques are not known: they are written as 0."
+    "inertia and torques are unknown: they are written as 0."
 )
-_RAIL_HEAD = f"The joint {RAIL_JOINT} moves the arm in metres. Its speed is not known: it is written as 1 m/s."
+_RAIL_HEAD = f"The joint {RAIL_JOINT} moves the arm in metres. Its speed is unknown: it is written as 1 m/s."
 
 
 def urdf_text(robot: Robot, arm: Arm, where: str, remarks: Sequence[str] = ()) -> str:
@@ -124,7 +124,7 @@ def require_names(robot: Robot, where: str) -> None:
             problem = f"axis {k} has the name {name!r}, which no joint of a URDF can have"
             raise FileError(f"{where}, robot.axes", problem, "give it a name of printable characters")
         if name in (*names[: k - 1], *_fixed_joints(robot), *([RAIL_JOINT] if robot.rail else [])):
-            raise FileError(f"{where}, robot.axes", f"two joints would be named {name!r}", "rename one of them")
+            raise FileError(f"{where}, robot.axes", f"two joints would be named {name!r}", "rename an existing effect")
     if not robot.name.isprintable():
         problem = f"{robot.name!r} is a name that no URDF can have"
         raise FileError(f"{where}, robot.name", problem, "give it a name of printable characters")

@@ -46,7 +46,7 @@ def follow(arm: Arm, poses: Array, posture: Array, where: str) -> Array:
             raise PathError(
                 where,
                 f"axis {axis + 1} would move {np.degrees(low[axis]):.1f}° … {np.degrees(high[axis]):.1f}°, "
-                f"its limits are {np.degrees(arm.limits[axis]).round(1).tolist()}°",
+                f"the limits are {np.degrees(arm.limits[axis]).round(1).tolist()}°",
                 "move the path or choose another posture_deg",
                 "limits",
             )

@@ -94,7 +94,7 @@ def _fetch(run: RemotePath, into: Path) -> None:
         store, folder = opened(run)
         files = [file for file in entries(store, folder)[0] if is_read(file.name)]
         if not files:
-            raise FileError(str(run), "holds no run", "give a run, or a directory of runs")
+            raise FileError(str(run), "contains no run", "give a run, or a directory of runs")
         needed, free = sum(file.size for file in files), shutil.disk_usage(into).free
         if needed > free:
             room = f"{tempfile.gettempdir()} has room for {free / 1e6:.1f} MB"
@@ -103,4 +103,4 @@ def _fetch(run: RemotePath, into: Path) -> None:
         for file in files:
             if (into / file.name).stat().st_size != file.size:
                 problem = f"has changed while it was read: {file.name} is not as it was listed"
-                raise FileError(str(run), problem, "give this command again")
+                raise FileError(str(run), problem, "repeat this command")

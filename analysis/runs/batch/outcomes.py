@@ -11,7 +11,7 @@ from rigs.errors import CellError, FileError, RigError
 
 Item = TypeVar("Item")
 Value = TypeVar("Value")
-_REMEDY = "check those in its rig file and in its readings"
+_REMEDY = "check those in the rig file and in the readings"
 
 
 @dataclass(frozen=True)

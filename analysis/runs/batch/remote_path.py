@@ -69,10 +69,10 @@ def location(text: str) -> Path:
         return Path(text)
     protocol, host, names = url[1].lower(), url[2], url[3]
     if ":" in host.rpartition("@")[0] or _SLASHED_PASSWORD.match(host + names):
-        remedy = "leave it out: credentials are taken from keys, from ~/.aws or from the settings of fsspec"
-        raise FileError(f"{protocol}://…", "holds a password, which others on this computer can see", remedy)
+        remedy = "remove it: credentials are taken from keys, from ~/.aws or from the settings of fsspec"
+        raise FileError(f"{protocol}://…", "contains a password, which others on this computer can see", remedy)
     if protocol in _WEB and "?" in names:
-        raise FileError(f"{protocol}://…", "holds a query, and may hold a key", "give the URL of a directory")
+        raise FileError(f"{protocol}://…", "contains a query, and may hold a key", "give the URL of a directory")
     if host and protocol in _WITHOUT_HOST:
         raise FileError(text, "names a computer, which this protocol cannot", f"give three slashes: {protocol}:///DIR")
     if not host and protocol not in _WITHOUT_HOST:

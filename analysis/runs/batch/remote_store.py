@@ -169,7 +169,7 @@ def _explanation(where: RemotePath, error: Exception) -> RigError:
         (
             "HostKeyNotVerifiable" in kinds,
             CellError,
-            "the computer's host key is not known",
+            "the computer's host key is unknown",
             "compare its key and accept it once by ssh, so that it stands in ~/.ssh/known_hosts",
         ),
         (
@@ -194,7 +194,7 @@ def _explanation(where: RemotePath, error: Exception) -> RigError:
             bool(kinds & _LOST) or (type(error) is OSError and number in _UNREACHABLE),
             StoreLost,
             f"the store does not answer: {message}",
-            "check the network and the store, then give this command again",
+            "check the network and the store, then repeat this command",
         ),
         (True, FileError, f"cannot be read: {message}", "check the URL, the store and the settings of fsspec"),
     )

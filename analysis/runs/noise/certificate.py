@@ -100,7 +100,7 @@ def beyond_certificates(rig: Rig, beyond: Mapping[str, int], rows: int) -> list[
             low, high = certificate.valid_mm
             doubts.append(
                 f"{name}: {count} of {rows} readings lie beyond the {low:g} to {high:g} mm of its "
-                f"certificate {certificate.number}; they are corrected as at its end"
+                f"certificate {certificate.number}; they are corrected as at the end"
             )
     return doubts
 

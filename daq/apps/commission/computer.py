@@ -49,7 +49,7 @@ def examine_computer(runs: Path, unit: str | None) -> Iterator[Finding]:
             "disk", f"{runs}: this user may not write there", "run it as the owner: sudo -u rig rig doctor …"
         )
     except OSError as error:
-        yield wrong("disk", f"{runs}: {error.strerror or error}", "repair the disk, or give another --runs")
+        yield wrong("disk", f"{runs}: {error.strerror or error}", "repair the disk, or choose a different --runs")
     yield wall_clock(clock_state())
     if unit and (properties := unit_properties(unit)):
         yield service(unit, properties)
@@ -98,7 +98,7 @@ def service(unit: str, properties: Mapping[str, str]) -> Finding:
     if sub == "auto-restart" or active == "activating":
         return wrong(unit, f"does not start, {restarts} attempts so far", "see why: rig logs")
     if active != "active":
-        return doubtful(unit, "stopped", f"start it: sudo systemctl enable --now {unit}")
+        return doubtful(unit, "stopped", f"start the service: sudo systemctl enable --now {unit}")
     observation = f"running, restarted {restarts} times since it was started"
     if properties.get("UnitFileState") != "enabled":
         return doubtful(unit, f"{observation}; not started at boot", f"run: sudo systemctl enable {unit}")

@@ -37,7 +37,7 @@ def examine(
         yield from of_daemon(status, streams_of(rig))
     if example and status is None:
         observation = (
-            "this rig file is a shipped example: its ports and addresses are of no cell of yours, and none was asked"
+            "this rig file is a shipped example: the ports and addresses are of no cell of yours, and none was asked"
         )
         yield doubtful(
             "instruments", observation, "write the rig file of your cell with rig init cell.yaml, and give it"
@@ -80,7 +80,9 @@ def of_daemon(status: dict[str, Any], streams: Sequence[Stream]) -> Iterator[Fin
         yield doubtful("rigd", "is older than this rig", "restart it between two recordings")
     elif served != {stream.name: stream.port for stream in streams}:
         ports = ", ".join(f"{name} on {port}" for name, port in served.items())
-        yield wrong("rigd", f"reads {ports}: not what the rig file says", "start rigd again, or give its own file")
+        yield wrong(
+            "rigd", f"reads {ports}: different from the rig file", "restart rigd, or give the matching rig file"
+        )
     for name, stream in status["streams"].items():
         yield _stream(name, stream)
         if stream["connected"]:
@@ -90,7 +92,7 @@ def of_daemon(status: dict[str, Any], streams: Sequence[Stream]) -> Iterator[Fin
 
 def _stream(name: str, stream: dict[str, Any]) -> Finding:
     if not stream["connected"]:
-        return wrong(name, "its port is not open", stream["last_fault"] or "see rig logs")
+        return wrong(name, "the port is not open", stream["last_fault"] or "see rig logs")
     ages_s = {column: age_s for column, age_s in stream["age_s"].items() if column not in CONDITION}
     silent = [column for column, age_s in ages_s.items() if age_s > _FRESH_S]
     if silent or not ages_s:

@@ -214,10 +214,10 @@ def scan_gauge(name: str, gauge: ModbusMap, stream: Stream, say: Callable[[str],
                 if clock.now_s() < until and unit not in asker.heard:
                     asker.read((unit, gauge.function), (gauge.value.address, gauge.value.count), SWEEP_S)
             if asker.heard:
-                say(f"{name}: move its probe to and fro now, about once a second, and no other; units: {_list(asker)}")
+                say(f"{name}: move the probe to and fro now, about once a second, and no other; units: {_list(asker)}")
                 seen = _watch(asker, gauge)
                 return _finding(name, gauge, {} if line == stream.line else {"line": line}, ways(gauge, seen), asker)
-    return wrong(name, f"{stream.port}: no Modbus unit answers", "check the cable, A and B exchanged, and its supply")
+    return wrong(name, f"{stream.port}: no Modbus unit answers", "check the cable, A and B exchanged, and the supply")
 
 
 def _watch(asker: Asker, gauge: ModbusMap) -> dict[tuple[Place, Piece], dict[int, list[int]]]:
@@ -255,15 +255,15 @@ def _finding(name: str, gauge: ModbusMap, line: dict[str, object], moving: list[
     """Describe the result."""
     if not moving:
         around = f"registers {gauge.value.address} ± {_AROUND}"
-        observation = f"units {_list(asker)} answer, but nothing in {around} moves like a probe"
+        observation = f"units {_list(asker)} answer, but no value in {around} moves like a probe"
         return doubtful(
-            name, observation, "move its probe during the scan; check `range_mm`, and the address in its manual"
+            name, observation, "move the probe during the scan; check `range_mm`, and the address in the manual"
         )
     best, *others = moving
     span = f"{best.readings_mm.min():.4f} to {best.readings_mm.max():.4f} mm"
     if rivals := [way for way in others if way.effort == best.effort]:
         choices = "; or ".join(str(way) or "as described" for way in (best, *rivals))
-        return doubtful(name, f"several values move: {choices}", "scan again, and move this probe alone")
+        return doubtful(name, f"several values move: {choices}", "repeat the scan, and move this probe alone")
     changed = line | best.changed
     if not changed:
         return ok(name, f"as the rig file describes it, it moves from {span}")

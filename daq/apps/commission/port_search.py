@@ -226,7 +226,7 @@ def _nothing(report: PortReport, received: int, attempts_made: int, of: int) -> 
     if attempts_made < of:
         problem += f" of {of}; a built-in port is not tried for longer than {_SILENT_S:.0f} s"
     remedy = (
-        "switch it on and check its cable; if it sends at the press of a button alone, press it during a longer "
+        "switch it on and check the cable; if it sends at the press of a button alone, press it during a longer "
         "--listen-s; if a command makes it send, name it: --g1 PORT --key g1.interface=…"
     )
     return _failed(report, problem, remedy)

@@ -165,7 +165,7 @@ def joints_of(robot: Feedback) -> tuple[float, ...]:
     if trial.error:
         raise trial.error
     if not trial.samples:
-        remedy = trial.last_fault or "check that it is on and its program runs"
+        remedy = trial.last_fault or "check that it is on and the program runs"
         raise CellError(robot.port, "reports no joint angles", remedy)
     return trial.samples[-1].values[:6]
 

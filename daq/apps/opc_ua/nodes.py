@@ -158,7 +158,7 @@ def _system_and_robot(feedback: OPCUARobotics) -> Talk[tuple[Children, Children]
         raise Unfit("the server shows no MotionDeviceSystem in its DeviceSet; name `axes` by node ids, or another port")
     if len(chosen) != 1:
         names = ", ".join(name for name, _, _ in robots)[:300]
-        raise Unfit(f"the server shows the robots {names}; name one of them as `device`")
+        raise Unfit(f"the server shows the robots {names}; name an existing effect as `device`")
     (_, node, system) = chosen[0]
     return system, (yield from _below(node))
 
@@ -172,7 +172,7 @@ def _in_order(axes: Children, feedback: OPCUARobotics) -> Children:
         return {axis: axes[axis] for axis in feedback.axes}
     numbers = {int(match[1]): name for name in axes if (match := _NUMBERED.fullmatch(name))}
     if len(axes) != 6 or len(numbers) != 6:
-        raise Unfit(f"which axes are q1 to q6 is not known; the axes are {names}; name six of them as `axes`")
+        raise Unfit(f"which axes are q1 to q6 is unknown; the axes are {names}; name six of them as `axes`")
     return {numbers[number]: axes[numbers[number]] for number in sorted(numbers)}
 
 

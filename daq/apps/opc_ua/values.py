@@ -174,7 +174,7 @@ class RobotValues:
         for position in positions:
             self._positions += 1
             if not are_angles(position.angles_deg):
-                yield Fault(FaultKind.GARBLED, at_ns, f"angles {position.angles_deg} deg; left out")
+                yield Fault(FaultKind.GARBLED, at_ns, f"angles {position.angles_deg} deg; ignored")
                 continue
             if position.apart_s > _APART_S and not self._apart_reported:
                 self._apart_reported = True

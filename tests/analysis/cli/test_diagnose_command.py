@@ -111,7 +111,7 @@ def test_the_files_are_written_and_named(cell: Cell, found: tuple[dict[str, Any]
     assert json.loads((output / "diagnosis.json").read_text()) == answer
     assert (output / "diagnosis.png").read_bytes().startswith(b"\x89PNG")
     extended = output / "paper-fanuc.yaml"
-    (again,) = re.findall(r"next: rig diagnose (.*) --rig (.*)  # is nothing missing", told)
+    (again,) = re.findall(r"next: rig diagnose (.*) --rig (.*)  # verify that the model", told)
     judged = [word for path in cell.left_out for word in ("--hold-out", path)]
     judged += [word for path in cell.elsewhere for word in ("--unseen", path)]
     # The runs by their directory, of which each has a use, not one by one
@@ -129,8 +129,8 @@ def test_the_extended_rig_simulates_and_nothing_more_is_missing(
     done = _rig("diagnose", *cell.runs, cell.runs[0], "--rig", extended)
     assert done.exit_code == 0, (done.output, done.exception)
     plain = " ".join(done.stdout.split())
-    assert plain.startswith("Nothing is missing in the model any more; what is left differs from run to run.")
-    assert "A calibration leaves" not in plain and done.stderr == ""
+    assert plain.startswith("NOTHING UNUSUAL: The model is complete: the remaining error is scatter between runs.")
+    assert "A calibration reduces" not in plain and done.stderr == ""
     assert f"{len(cell.runs)} runs" in done.stdout
 
 
@@ -145,7 +145,7 @@ def test_wrong_input_is_one_line(case: str, cell: Cell, tmp_path: Path) -> None:
         "missing": ([tmp_path / "no-run"], "no-run"),
         "all held out": ([run, "--hold-out", run], "exclude every run"),
         "directory": ([run, "-o", tmp_path / "used"], "not empty"),
-        "robot": ([*cell.runs, "--rig", other], "another robot"),
+        "robot": ([*cell.runs, "--rig", other], "a different robot"),
         "rig file": ([run, "--rig", tmp_path / "no.yaml"], "no such rig file"),
     }[case]
     done = _rig("diagnose", *words)
@@ -173,7 +173,7 @@ def test_a_copy_is_no_repeat_and_judges_nothing(cell: Cell, tmp_path: Path) -> N
     copy = shutil.copytree(cell.runs[0], tmp_path / "copy")
     for words in ((cell.runs[0], copy), (cell.runs[0], cell.runs[1], "--hold-out", copy)):
         error = _rig("diagnose", *words).exception
-        assert isinstance(error, FileError) and f"{copy.name}: holds the same readings as" in str(error)
+        assert isinstance(error, FileError) and f"{copy.name}: contains the same readings as" in str(error)
 
 
 @pytest.mark.parametrize(

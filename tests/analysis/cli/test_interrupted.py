@@ -142,7 +142,7 @@ _KNOWN = {
     "apps/emulate/cli_emulate.py": "the directory of many tables, whose files write_new writes",
     "runs/written_files.py": "the one place where files are made",
     "apps/plant/catalogue.py": "a database, which has its own journal",
-    "apps/plant/fleet_screen.py": "the parent of a file that is renamed at its end",
+    "apps/plant/fleet_screen.py": "the parent of a file that is renamed at the end",
     "apps/plant/history_page.py": "a picture in memory",
     "report/diagnosis_report.py": "writers for write_all_over",
     "apps/paper/pictures.py": "the same",

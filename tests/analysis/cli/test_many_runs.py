@@ -50,7 +50,7 @@ def test_a_page_names_the_run_that_it_lacks(plant: Path, tmp_path: Path) -> None
     page = tmp_path / "page.html"
     done = ran("report", plant, "--no-diagnosis", "-o", page, "--jobs", 2)
     assert done.exit_code == 3
-    assert f"left out: {plant / 'b'}" in page.read_text()
+    assert f"ignored: {plant / 'b'}" in page.read_text()
 
 
 def test_the_history_has_runs_of_directories_below(plant: Path) -> None:

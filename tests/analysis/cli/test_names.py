@@ -70,7 +70,9 @@ def test_the_doctor_touches_no_address_of_a_shipped_example(rig: str, monkeypatc
 
 def test_two_cells_are_not_emulated_in_one_directory(tmp_path: Path) -> None:
     lock = locked_cell(tmp_path / "cell")
-    with pytest.raises(CellError, match=r"cell: another rig emulate or rig replay serves .*; stop that one, or give"):
+    with pytest.raises(
+        CellError, match=r"cell: a different rig emulate or rig replay serves .*; stop that one, or choose"
+    ):
         locked_cell(tmp_path / "cell")
     lock.release()
     locked_cell(tmp_path / "cell").release()

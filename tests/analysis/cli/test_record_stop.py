@@ -13,14 +13,20 @@ from rigs.schema.vocabulary import Direction
 from tests.support.command_line import ran
 from tests.support.recorded_lap import recorded
 
-CUT = "the robot was still driving when the recording ended"
+CUT = "the robot was still moving when the recording ended"
 
 
 @pytest.mark.parametrize(
     ("label", "part", "stands_s", "said", "unsaid"),
     [
         ("acw", 1.0, 3.0, [], [CUT, "cannot be analysed"]),
-        ("acw", 0.3, 0.0, [CUT, "cannot be analysed", "stop the next one when the robot has stood"], ["relabel"]),
+        (
+            "acw",
+            0.3,
+            0.0,
+            [CUT, "cannot be analysed", "stop the next recording after the robot has been at rest"],
+            ["relabel"],
+        ),
         ("acw", 0.6, 0.0, [CUT], ["cannot be analysed", "relabel"]),  # it unwinds: its lap is whole
         ("cw", 0.35, 3.0, ["is labelled cw, the robot moved acw", "rig relabel {run} --direction acw"], [CUT]),
         ("cw", 0.35, 0.0, [CUT, "rig relabel {run} --direction acw"], []),

@@ -211,10 +211,10 @@ def test_a_computer_whose_key_is_not_known_is_refused(written: Path, tmp_path: P
         (tmp_path / "known").touch()
         environment = os.environ | made.environment | {"FSSPEC_SFTP_KNOWN_HOSTS": str(tmp_path / "known")}
         done = subprocess.run([*RIG, "verify", made.url], env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 4 and "host key is not known" in done.stderr and done.stderr.count("\n") == 1
+    assert done.returncode == 4 and "host key is unknown" in done.stderr and done.stderr.count("\n") == 1
 
 
 def test_no_password_is_taken_and_none_is_shown(capfd: pytest.CaptureFixture[str]) -> None:
     done = ran("fleet", "sftp://me:hidden@127.0.0.1/plant")
-    assert done.returncode == 3 and "holds a password" in done.stderr and "hidden" not in done.stderr
+    assert done.returncode == 3 and "contains a password" in done.stderr and "hidden" not in done.stderr
     assert done.stderr.count("\n") == 1

@@ -38,7 +38,7 @@ def test_versions_are_listed_newest_first(robot: tuple[Path, Path]) -> None:
 
 def test_a_folder_of_very_many_files_is_refused(robot: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("analysis.correction.versions._MOST", 1)  # private: ten thousand files take long to write
-    with pytest.raises(FileError, match="holds more than 1 YAML files"):
+    with pytest.raises(FileError, match="contains more than 1 YAML files"):
         versions(robot[0], robot[0].parent)
 
 
@@ -73,7 +73,7 @@ def test_another_robot_is_refused(robot: tuple[Path, Path], tmp_path: Path) -> N
     before = now.read_bytes()
     done = ran("versions", now, "--back-to", march)
     assert done.returncode == 3
-    assert "another robot" in done.stderr
+    assert "a different robot" in done.stderr
     assert now.read_bytes() == before
     assert [one["path"] for one in json.loads(ran("versions", now, "--json").stdout)["versions"]] == [str(now)]
     assert ran("versions", now, "--back-to", now).returncode == 3

@@ -24,7 +24,7 @@ from tests.support.command_line import ran
         (("live", "--plain", "--json"), "--plain and --json: exclude each other"),
         (
             ("program", "ur10e", "--for", "ur", "--test", "yaw", "-o", "out", "--dwell-s", "5"),
-            "rig program: Invalid value for --dwell-s: the yaw program stands at no targets",
+            "rig program: Invalid value for --dwell-s: the yaw program has no targets to rest at",
         ),
         (
             ("program", "ur10e", "--for", "ur", "--test", "yaw", "-o", "out", "--outputs", "0,99"),
@@ -42,7 +42,7 @@ from tests.support.command_line import ran
         (("emulate", "ur10e", "--seed", "-5"), "rig emulate: Invalid value for '--seed': it must be greater than"),
         (
             ("import", "t.csv", "--rig", "ur10e", "--test", "radial", "--direction", "cw", "-o", "out"),
-            "--direction: a radial test does not have a direction; leave it out",
+            "--direction: a radial test does not have a direction; remove it",
         ),
         (("fleet", "plant", "-o", "page.pdf"), "page.pdf: is not the name of a page"),
     ],
@@ -54,7 +54,7 @@ def test_an_option_that_would_do_nothing_is_refused(words: tuple[str, ...], line
 
 def test_a_directory_without_runs_is_nothing_to_check(tmp_path: Path) -> None:
     done = ran("check", tmp_path)
-    assert done.returncode == 3 and f"{tmp_path}: holds no run; give the directory of a run" in done.stderr
+    assert done.returncode == 3 and f"{tmp_path}: contains no run; give the directory of a run" in done.stderr
 
 
 def test_a_rig_is_named_by_its_file_and_the_part_of_it(tmp_path: Path) -> None:
@@ -90,7 +90,9 @@ CLOSED = ["sh", "-c", 'exec "$0" "$@" <&-', BIN / "rig"]
 
 def test_nobody_types_where_standard_input_is_closed(tmp_path: Path) -> None:
     done = subprocess.run([*CLOSED, "init", tmp_path / "cell.yaml"], capture_output=True, text=True, check=False)
-    assert done.returncode == 2 and done.stderr.startswith("error: --robot: is not given, and without a terminal")
+    assert done.returncode == 2 and done.stderr.startswith(
+        "error: --robot: is missing, and rig cannot ask without a terminal"
+    )
 
 
 @pytest.mark.nightly  # 3 s; another command without a keyboard stands above
@@ -134,7 +136,7 @@ def test_what_nothing_recovers_is_reported(tmp_path: Path) -> None:
     ledger.write_bytes(b"?" + kept)
     table.rename(run / "elsewhere")
     done = ran("recover", run)
-    assert done.returncode == 3 and "recovered; next" not in done.stdout and "its table is not there" in done.stderr
+    assert done.returncode == 3 and "recovered; next" not in done.stdout and "the table is not there" in done.stderr
     (run / "elsewhere").rename(table)
     ledger.write_bytes(kept)
     table.write_bytes(table.read_bytes()[:-9])

@@ -195,7 +195,9 @@ def test_a_path_and_entries_are_said_to_be_for_one_controller_each(tmp_path: Pat
     zero = _known(JointOffset(axis=3, offset_deg=0.05), 0.002)
     cell.write_text(extended(load("ur10e")[1], [zero], "cell"), encoding="utf-8")
     path.write_text(",".join(JOINTS) + "\n0,-80,100,-20,80,0\n")
-    for k, (option, told) in enumerate({"": "without these values", "--entered": "that has these values"}.items()):
+    for k, (option, told) in enumerate(
+        {"": "without these values", "--entered": "with these values already entered"}.items()
+    ):
         options = [str(cell), "--path", str(path), "-o", f"{tmp_path}/{k}", *([option] if option else [])]
         done = CliRunner().invoke(app, ["correct", *options])
         assert f"corrected-path.csv is for a controller {told}" in (said := " ".join(done.stdout.split()))
@@ -242,7 +244,7 @@ def test_targets_beyond_the_driven_joint_angles_are_marked(tmp_path: Path) -> No
     path.write_text("\n".join([",".join(JOINTS), *rows]) + "\n")
     done = CliRunner().invoke(app, ["correct", str(cell), "--path", str(path), "-o", str(tmp_path / "out")])
     assert done.exit_code == 0, done.output
-    assert "1 of 3 targets stand where no run says how well they are reached" in " ".join(done.stdout.split())
+    assert "1 of 3 targets are at places without a known uncertainty" in " ".join(done.stdout.split())
     with (tmp_path / "out" / "corrected-path.csv").open(encoding="utf-8") as file:
         table = list(csv.DictReader(file))
     assert [row["covered"] for row in table] == ["yes", "yes", "no"]
@@ -263,12 +265,12 @@ def test_work_where_no_run_measured_is_said_to_be_unknown(tmp_path: Path) -> Non
     path = tmp_path / "path.csv"
     path.write_text(",".join(JOINTS) + "\n0,-80,100,-20,80,0\n")
     done = CliRunner().invoke(app, ["correct", str(cell), "--path", str(path), "-o", str(tmp_path / "0")])
-    assert done.exit_code == 3 and "no run says how well its targets are reached, so none are written" in done.stderr
+    assert done.exit_code == 3 and "the uncertainty of the targets is unknown, so none are written" in done.stderr
     assert not (tmp_path / "0" / "corrected-path.csv").exists(), "a guess was written as a correction"
     words = ["correct", str(cell), "--path", str(path), "--anyway", "-o"]
     said = " ".join(CliRunner().invoke(app, [*words, str(tmp_path / "1")]).stdout.split())
     assert "The work area was not measured; the error there is unknown." in said
-    assert "how well they are reached is not known: no run says it" in said and "nan" not in said
+    assert "their uncertainty is unknown" in said and "nan" not in said
     found = json.loads(CliRunner().invoke(app, [*words, str(tmp_path / "2"), "--json"]).stdout)
     assert found["work"]["unknown_share"] == 1.0
     assert found["path"]["largest_mm"]["u"] is None and found["path"]["u_frame_um"] == [None]
@@ -283,7 +285,7 @@ def test_a_path_is_judged_by_its_own_targets(tmp_path: Path, q1: float, status: 
     path.write_text("\n".join([",".join(JOINTS), *(f"{q1},{20 + 9 * k},{10 - 9 * k},0,60,0" for k in range(5))]) + "\n")
     done = CliRunner().invoke(app, ["correct", str(cell), "--path", str(path), "-o", str(tmp_path / "out")])
     assert (done.exit_code, (tmp_path / "out" / "corrected-path.csv").exists()) == (status, not status)
-    in_vain = "corrected targets take away no error there, so none are written"
+    in_vain = "corrected targets do not reduce the error there, so none are written"
     assert (in_vain in done.stderr) == bool(status)
     said = " ".join(done.stdout.split())
     assert ("corrected targets of path.csv: the tool's error at these targets falls from" in said) == (not status)
@@ -291,7 +293,7 @@ def test_a_path_is_judged_by_its_own_targets(tmp_path: Path, q1: float, status: 
 
 def test_u_of_a_program_is_that_of_targets_that_runs_cover() -> None:
     u_mm = np.array([0.1, 0.2])
-    assert reached(u_mm, 2 * u_mm).endswith("± 0.400 mm in its base (standard uncertainty at the worst target)")
+    assert reached(u_mm, 2 * u_mm).endswith("± 0.400 mm in the base (standard uncertainty at the worst target)")
     assert "worst target of those where runs say it" in reached(np.append(u_mm, np.nan), np.append(u_mm, np.nan))
 
 

@@ -21,14 +21,14 @@ SOUND = Judged(
     unexplained_um=20,
 )  # fmt: skip
 NOTHING = [
-    ({"handed_um": 95.0}, "where it had no part it leaves 95 of 90 µm rms, no less than without it"),
+    ({"handed_um": 95.0}, "on runs that it did not use it leaves 95 of 90 µm rms, not less than the nominal arm"),
     (
         {"condition": "outside_library", "handed_um": 85.0},
-        "a cause that is in no library remains, 20 µm; it leaves 85 of 90 µm rms where it had no part",
+        "an unknown cause remains, 20 µm; it leaves 85 of 90 µm rms on runs that it did not use",
     ),
     (
         {"condition": "outside_library", "place": "used"},
-        "a cause that is in no library remains, 20 µm; it leaves 30 of 90 µm rms on the runs used, and none judged it",
+        "an unknown cause remains, 20 µm; it leaves 30 of 90 µm rms on the runs used, without validation",
     ),
 ]
 
@@ -50,8 +50,8 @@ def test_what_is_to_correct_nothing_is_refused_with_the_reason(
     cell, out = _cell(tmp_path, **changed), tmp_path / "out"
     done = ran("correct", cell, "-o", out)
     assert done.returncode == 3 and not out.exists()
-    assert f"{cell}: correct nothing by this model: {why}" in done.stderr
-    assert "--anyway writes it, and the files say so" in done.stderr
+    assert f"{cell}: do not correct by this model: {why}" in done.stderr
+    assert "--anyway writes the files with a remark" in done.stderr
 
 
 def test_anyway_it_is_written_and_each_file_says_so(tmp_path: Path) -> None:
@@ -64,9 +64,9 @@ def test_anyway_it_is_written_and_each_file_says_so(tmp_path: Path) -> None:
     own.write_text("movej([0.3, -1.2, 1.4, -0.3, 1.2, 0.2])\n")
     done = ran("correct", cell, "--path", path, "--program", own, "--for", "ur", "-o", out, "--anyway")
     assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith("Against the verdict: correct nothing by this model: where it had no part")
+    assert done.stdout.startswith("Against the verdict: do not correct by this model: on runs that it did not use")
     text = (out / "corrections.yaml").read_text()
-    assert f"# {ANYWAY[0].upper()}{ANYWAY[1:]}. Why: where it had no part" in text
+    assert f"# {ANYWAY[0].upper()}{ANYWAY[1:]}. Why: on runs that it did not use" in text
     assert yaml.safe_load(text)["verdict"] == "nothing"
     assert (out / "own.script").read_text().endswith(f"\n# {ANYWAY}\n")
     again = ran("correct", cell, "--program", out / "own.script", "--for", "ur", "-o", tmp_path / "again", "--anyway")
@@ -78,7 +78,7 @@ def test_anyway_it_is_written_and_each_file_says_so(tmp_path: Path) -> None:
     words = ("--for", "ur", "--test", "radial", "--path", table, "-o", tmp_path / "programs")
     for rig in (cell, "paper-fanuc"):  # the table says it too
         refused = ran("program", rig, *words)
-        assert refused.returncode == 3 and "correct nothing by this model" in refused.stderr
+        assert refused.returncode == 3 and "do not correct by this model" in refused.stderr
     done = ran("program", "paper-fanuc", *words, "--anyway")
     assert done.returncode == 0, done.stderr
     (program,) = (tmp_path / "programs").glob("*.script")

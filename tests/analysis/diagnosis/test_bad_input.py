@@ -60,10 +60,10 @@ def test_one_direction_only_is_reported() -> None:
 def test_runs_of_different_robots_are_refused_in_one_line() -> None:
     other = RIG.model_copy(update={"robot": RIG.robot.model_copy(update={"payload_kg": 9.0})})
     run, *more = circles(seed=24)
-    with pytest.raises(FileError, match="another robot") as told:
+    with pytest.raises(FileError, match="a different robot") as told:
         found_in([run, replace(more[0], rig=other)])
     assert len(told.value.lines()) == 1 and str(more[0].path) in str(told.value) and "payload_kg" in str(told.value)
-    with pytest.raises(FileError, match="another robot"):
+    with pytest.raises(FileError, match="a different robot"):
         found_in([run], held_out=[replace(more[0], rig=other)])
 
 
@@ -178,7 +178,7 @@ def test_a_wild_pose_is_left_out_and_judges_no_name(held_out: bool) -> None:
     assert found.condition == "named" and [name_of(one.effect) for one in found.standing] == ["joint_offset 3"]
     assert abs(getattr(found.effects[0].effect, "offset_deg", 0.0) - 0.2) < 0.01
     (doubt,) = [doubt for doubt in found.doubts if "left out" in doubt]
-    assert doubt.startswith(f"pose: 1 of 150 poses left out: row {row + 1} is 25 mm from where the arm was")
+    assert doubt.startswith(f"pose: 1 of 150 poses ignored: row {row + 1} is 25 mm from where the arm was")
     assert found.held_out and max(found.held_out.after_um, found.train.after_um) < 500
 
 

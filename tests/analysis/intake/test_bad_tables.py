@@ -145,7 +145,10 @@ def test_the_direction_of_the_command() -> None:
     ]
     rows = plain("yaw")
     del rows["direction"]
-    assert "line 1, direction: this column is missing; add it, or give --direction" in refusal(csv_text(rows), "yaw")[0]
+    assert (
+        "line 1, direction: this column is missing; add the column, or give --direction"
+        in refusal(csv_text(rows), "yaw")[0]
+    )
 
 
 def test_joints_that_jump() -> None:
@@ -173,17 +176,16 @@ def test_columns_missing_or_misnamed() -> None:
         "names and units (--map)"
     )
     assert told("yaw", {"g1_mm": "g1_um", "g2_mm": "G2 [inch]"}) == [
-        "t.csv, line 1, g1_mm: this column is missing; does the file contain it as 'g1_um'? Then rename the column to "
-        "g1_mm, in mm",
-        "t.csv, line 1, g2_mm: this column is missing; does the file contain it as 'G2 [inch]'? Then rename the "
+        "t.csv, line 1, g1_mm: this column is missing; is 'g1_um' meant? Then rename the column to g1_mm, in mm",
+        "t.csv, line 1, g2_mm: this column is missing; is 'G2 [inch]' meant? Then rename the "
         f"column to g2_mm, in mm; {needs}",
     ]
     assert told("yaw", {"q3_deg": "q3_dge", "g2_mm": None}) == [
         "t.csv, line 1, g2_mm: this column is missing; an angle takes two gauges",
-        "t.csv, line 1, q3_deg: this column is missing; does the file contain it as 'q3_dge'? Then rename the column "
+        "t.csv, line 1, q3_deg: this column is missing; is 'q3_dge' meant? Then rename the column "
         f"to q3_deg, in degrees; {needs}",
     ]
-    assert "is it 'q1_rad'? Then rename the column to q1_deg, in degrees" in told("pose", {"q1_deg": "q1_rad"})[0]
+    assert "is 'q1_rad' meant? Then rename the column to q1_deg, in degrees" in told("pose", {"q1_deg": "q1_rad"})[0]
     assert "round: this column is missing; add the column" in told("repeatability", {"round": None})[0]
     assert (
         "has rx_deg and rz_deg only; give all of rx_deg, ry_deg, rz_deg, or none" in told("pose", {"ry_deg": None})[0]

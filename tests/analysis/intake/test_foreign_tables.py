@@ -118,7 +118,7 @@ def test_a_person_at_a_terminal_is_asked(tmp_path: Path, monkeypatch: pytest.Mon
     monkeypatch.setattr(import_map, "has_person", lambda: True)
     done = ran("import", *foreign.written(tmp_path), "--rig", "ur10e", "--test", "pose", "-o", tmp_path / "a")
     assert done.returncode == 0, done.stderr
-    assert "1  x_dif … z_dif is target - measured" in done.stderr and "is no number of the list" in done.stderr
+    assert "1  x_dif … z_dif is target - measured" in done.stderr and "is not a number of the list" in done.stderr
     table = load_run(tmp_path / "a").table
     assert isinstance(table, PoseTable) and foreign.truth
     target = foreign.truth.xyz_mm.round(1)
@@ -138,7 +138,7 @@ def test_a_unit_of_the_header_that_does_not_fit_is_a_question(tmp_path: Path) ->
     path = with_header(p, header, np.degrees(p.q), p.xyz_mm / 1e3, tmp_path=tmp_path)
     proposal = propose_map([path], "ur10e")
     assert [question.key for question in proposal.questions] == ["joints"]
-    assert "header says otherwise" in proposal.questions[0].asks
+    assert "the order of the columns disagrees with the arm" in proposal.questions[0].asks
     assert proposal.table_map.joints and proposal.table_map.joints.unit == "deg"
 
 
@@ -150,7 +150,7 @@ def test_an_arm_with_a_zero_far_wrong_is_imported_and_its_run_says_so(tmp_path: 
     assert [question.key for question in proposal.questions] == []
     assert "a zero or a length of this arm is far wrong" in proposal.table_map.assumed[0]
     farther = with_header(p, [*JOINTS, "x", "y", "z"], q_deg + 3 * off_deg, p.xyz_mm, tmp_path=tmp_path)
-    with pytest.raises(FileError, match="in no reading of its columns to 10 mm and 2 % of how far"):
+    with pytest.raises(FileError, match="in any reading of the columns, to 10 mm and 2 % of the extent"):
         propose_map([farther], "ur10e")
 
 
@@ -167,7 +167,7 @@ def test_places_that_the_nominal_arm_computes_are_in_doubt(tmp_path: Path) -> No
 def test_another_arm_is_refused_with_what_it_leaves(tmp_path: Path) -> None:
     p = poses()
     path = with_header(p, [*JOINTS, "x", "y", "z"], np.degrees(p.q), p.xyz_mm, tmp_path=tmp_path)
-    with pytest.raises(FileError, match="fits the arm of the rig file in no reading"):
+    with pytest.raises(FileError, match="does not fit the arm of the rig file, in any reading"):
         propose_map([path], "paper-fanuc")
 
 
@@ -179,7 +179,7 @@ def test_another_arm_is_refused_with_what_it_leaves(tmp_path: Path) -> None:
             lambda lines: [*lines[:5], lines[5].replace(lines[5].split(",")[2], "nan", 1), *lines[6:]],
             "line 6, joint_3: 'nan'",
         ),
-        (lambda lines: lines[:8], "too few for the arm to show"),
+        (lambda lines: lines[:8], "too few to determine the meaning"),
         (lambda lines: [line.rsplit(",", 1)[0] for line in lines], "the columns x, y, z of a place are missing"),
     ],
 )

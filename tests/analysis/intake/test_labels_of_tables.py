@@ -88,7 +88,7 @@ def test_the_difference_of_commanded_and_measured_angles_is_reported(tmp_path: P
 def test_an_uneven_header_is_named_and_two_publishers_are_not() -> None:
     came = np.arange(200) * 20_000_000 + np.rint(RNG.normal(0, 1e5, 200)).astype(np.int64)
     uneven = came + np.rint(RNG.uniform(-3e7, 3e7, 200)).astype(np.int64)
-    assert "clock of its header is uneven" in uneven_header(came, uneven)
+    assert "clock of the header is uneven" in uneven_header(came, uneven)
     assert uneven_header(came, came - 5_000_000) == ""
     both = np.where(np.arange(200) % 2 == 0, came, came - 4_000_000_000)  # the second is late, each is even
     assert uneven_header(came, both) == ""

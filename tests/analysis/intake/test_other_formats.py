@@ -28,14 +28,14 @@ HEADER = "t_s,direction,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,g1_mm,g2_mm"
 @pytest.mark.parametrize(
     ("data", "told"),
     [
-        (b"#ROSBAG V2.0\n\xff\x00\x01", "is a bag of ROS 1; convert it to MCAP"),
+        (b"#ROSBAG V2.0\n\xff\x00\x01", "is a bag of ROS 1; convert the file to MCAP"),
         (b"\x28\xb5\x2f\xfd\x00\xff", r"is compressed \(zstd\); unpack the file first: zstd -d lap"),
         (b"\x1f\x8b\x08\x00\xff", r"is compressed \(gzip\)"),
         (b"PK\x03\x04\xff", "is a workbook or a zip file"),
-        (b"kinematics:\n  shoulder:\n    x: 0\n", "as ur_calibration of ROS writes it"),
+        (b"kinematics:\n  shoulder:\n    x: 0\n", "(ur_calibration of ROS)"),
         (f"# a\n# b\n{HEADER}\n".encode(), "begins with 2 lines of comment .*sed '/\\^#/d' lap"),
-        (f"# {HEADER}\n0,cw\n".encode(), "has the header in line 1 behind a #.*sed 's/"),
-        (f"# a\n# {HEADER}\n0,cw\n".encode(), "has the header in line 2 behind a #.*sed '1,1d; s/"),
+        (f"# {HEADER}\n0,cw\n".encode(), "has the header in line 1 after a #.*sed 's/"),
+        (f"# a\n# {HEADER}\n0,cw\n".encode(), "has the header in line 2 after a #.*sed '1,1d; s/"),
         (b"# nothing else\n", "begins with a line of comment"),
     ],
 )

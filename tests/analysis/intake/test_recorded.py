@@ -99,7 +99,7 @@ def test_what_is_exported_goes_in_again(tmp_path: Path) -> None:
 def test_rows_left_out_are_told(tmp_path: Path) -> None:
     measured = measured_of(read_run(recorded(tmp_path, "yaw", "acw", hole=True)))
     columns, notes = measured.to_table(), list(measured.doubts)
-    assert notes in (["g2: 9 rows are left out at gaps"], ["g2: 10 rows are left out at gaps"])
+    assert notes in (["g2: 9 rows are ignored at gaps"], ["g2: 10 rows are ignored at gaps"])
     assert columns.num_rows < len(circle_values("yaw", "acw")[0])
 
 
@@ -161,7 +161,7 @@ def test_targets_of_a_repeatability_run_at_which_nothing_was_read_are_told(tmp_p
     measured = measured_of(read_run(stopped(tmp_path, share=0.5)))
     assert isinstance(measured.table, RepeatabilityTable)
     assert set(measured.table.target.tolist()) == {1, 14}
-    assert measured.doubts == ("the run has no stand at target 29, 35",)
+    assert measured.doubts == ("the run lacks a stop at target 29, 35",)
 
 
 def test_an_import_that_never_held_its_table(tmp_path: Path) -> None:
@@ -174,6 +174,6 @@ def test_an_import_that_never_held_its_table(tmp_path: Path) -> None:
     with pytest.raises(FileError, match=r"crashed; run `rig recover"):
         read_run(tmp_path / "r")
     recover(tmp_path / "r")
-    assert verify(tmp_path / "r") == [f"{tmp_path / 'r'}: its table is not there; import t.csv again"]
-    with pytest.raises(FileError, match="its table has no rows; import the table again"):
+    assert verify(tmp_path / "r") == [f"{tmp_path / 'r'}: the table is not there; import t.csv again"]
+    with pytest.raises(FileError, match="the table has no rows; import the table again"):
         measured_of(read_run(tmp_path / "r"))

@@ -37,7 +37,7 @@ def test_a_lag_is_found_where_nothing_else_reverses(lag_s: float) -> None:
     acw, cw = (distance(rig, direction, None, effects) for direction in ("acw", "cw"))
     found = lag_of([(acw, cw)], [1.0], 100)
     assert found.value == pytest.approx(1e3 * lag_s, abs=0.2)
-    assert 1 < found.u < 60, "another run never meets the ball at quite the same place"
+    assert 1 < found.u < 60, "a different run never meets the ball at quite the same place"
 
 
 def test_play_widens_the_uncertainty_that_covers_the_lag() -> None:
@@ -63,7 +63,7 @@ def test_the_lag_is_told_of_two_directions_and_one_alone_says_that_it_cannot(tmp
     words = [str(part) for part in as_tables(results).renderables]  # type: ignore[attr-defined]
     assert any(line.startswith(("the gauges lag the robot by ", "a lag of the gauges behind")) for line in words)
     alone = [str(part) for part in as_tables(results[:1]).renderables]  # type: ignore[attr-defined]
-    assert "one direction cannot show a lag between gauges and robot: analyse acw and cw together" in alone
+    assert "a single direction cannot show a lag between gauges and robot: analyse acw and cw together" in alone
     assert as_object(results[:1])["acw_against_cw"] == []
 
 

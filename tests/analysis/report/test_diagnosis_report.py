@@ -79,7 +79,7 @@ def test_the_screen_tells_fault_size_gap_and_remedy() -> None:
         "1. Inspect and repair the cause of the play of axis 1 (Theta), 0.0521 ± 0.0011 °. The error then falls from",
         "joint_offset 1 6, link_geometry 6.a, time_lag",
         "joint_offset 5 or link_geometry 5.a",
-        "angle: their difference; a jump is from one side to the other",  # 637 µm stood beside "at most 219 µm"
+        "angle: difference of the gauges; a jump is the step at a reversal",  # 637 µm stood beside "at most 219 µm"
     ):
         assert words in text, words
 

@@ -66,7 +66,7 @@ def test_runs_of_other_poses_have_no_common_mean(tmp_path: Path) -> None:
         (together,) = pooled(order)
         assert {run.measured.path.name for run in together.runs} == {"many", "again"}
         ((other, why),) = together.left_out
-        assert other.measured.path.name == "few" and "its poses are not those of" in why
+        assert other.measured.path.name == "few" and "the poses are not those of" in why
 
 
 def test_every_repeat_is_paired_and_runs_of_a_direction_become_a_mean(laps: list[Result]) -> None:
@@ -106,18 +106,18 @@ def test_a_kind_with_gauges_of_which_a_rig_file_has_no_part_is_of_one_place(
 
 def test_one_run_says_what_is_not_in_its_uncertainty(laps: list[Result]) -> None:
     words = [str(part) for part in as_tables(laps[:1]).renderables]  # type: ignore[attr-defined]
-    assert any(line.startswith("one run only: what differs between runs is not in u; expect ") for line in words)
+    assert any(line.startswith("single run, so u lacks the scatter between runs: ") for line in words)
     answer = as_object(laps[:1])
     assert answer["between_runs"] == []
-    assert any(line.startswith("one run only: ") for line in answer["remarks"])
+    assert any(line.startswith("single run, so u lacks") for line in answer["remarks"])
 
 
 def test_a_single_run_beside_repeated_ones_says_it_too(laps: list[Result]) -> None:
     acw = [result for result in laps if result.title == "yaw acw"]
     cw = next(result for result in laps if result.title == "yaw cw")
-    (remark,) = (line for line in as_object([*acw, cw])["remarks"] if "one run only" in line)
-    assert remark.startswith("2 runs yaw acw: mean") and "yaw cw: one run only: " in remark
-    assert not any("one run only" in line for line in as_object(laps)["remarks"])
+    (remark,) = (line for line in as_object([*acw, cw])["remarks"] if "single run, so" in line)
+    assert remark.startswith("2 runs yaw acw: mean") and "yaw cw: single run, so " in remark
+    assert not any("single run, so" in line for line in as_object(laps)["remarks"])
 
 
 def test_a_run_of_another_set_up_has_no_part_in_the_mean(laps: list[Result], tmp_path: Path) -> None:
@@ -127,7 +127,7 @@ def test_a_run_of_another_set_up_has_no_part_in_the_mean(laps: list[Result], tmp
     (one,) = as_object(three)["between_runs"]
     assert len(one["runs"]) == 2
     (why,) = one["left_out"].values()
-    assert "another set-up, left out of the mean" in why
+    assert "another set-up, excluded from the mean" in why
 
 
 def _with_ball_at(rig: Rig, ball_mm: tuple[float, float, float]) -> Rig:

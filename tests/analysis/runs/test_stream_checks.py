@@ -41,7 +41,7 @@ def with_column(stream: str, column: str, rows: Any, value: Any) -> Run:
         ("first_byte_ns", 0, FIRST, "row 1 of {} has an impossible stamp"),
         ("last_byte_ns", -1, LAST, "has an impossible stamp"),
         ("last_byte_ns", 40, 0, "row 41 of {} has a first byte later than the last"),
-        ("requested_ns", 40, LAST, "row 41 of {} has a request later than its answer"),
+        ("requested_ns", 40, LAST, "row 41 of {} has a request later than the answer"),
         ("last_byte_ns", 40, 2**60, "row 42 of {} has a stamp earlier than that of the row before"),
         ("size", 40, -1, "row 41 of {} has an impossible message size"),
         ("size", 40, 2**31 - 1, "row 41 of {} has an impossible message size"),
@@ -61,7 +61,7 @@ def test_stamps_that_rigd_cannot_have_written_are_refused(
 def test_what_is_no_reading_is_left_out_and_counted(value: float) -> None:
     """200 mm is further than a link between the two sides of the circle can be."""
     measured = measured_of(with_column("g1", "g1_mm", [100, 200, 201], value))
-    assert "g1: 3 rows are left out for want of a valid reading; check it and its connection" in measured.doubts
+    assert "g1: 3 rows are ignored for want of a valid reading; check it and the connection" in measured.doubts
     usual = measured_of(lap())
     assert len(usual.table.q) - 3 <= len(measured.table.q) < len(usual.table.q)
     assert not [doubt for doubt in usual.doubts if "no reading" in doubt]
@@ -70,14 +70,14 @@ def test_what_is_no_reading_is_left_out_and_counted(value: float) -> None:
 @pytest.mark.parametrize("value", [np.nan, np.inf, 1e300])
 def test_joints_that_no_robot_has_are_left_out_and_counted(value: float) -> None:
     measured = measured_of(with_column("robot", "q3_deg", [100], value))
-    assert "robot: 1 row is left out for want of a valid reading; check it and its connection" in measured.doubts
+    assert "robot: 1 row is ignored for want of a valid reading; check it and the connection" in measured.doubts
     assert np.isfinite(measured.table.q).all()
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, 1e300])
 @pytest.mark.parametrize(("stream", "column"), [("g1", "g1_mm"), ("g2", "g2_mm"), ("robot", "q6_deg")])
 def test_an_instrument_without_a_reading_is_missed(stream: str, column: str, value: float) -> None:
-    with pytest.raises(FileError, match="holds no readings of"):
+    with pytest.raises(FileError, match="contains no readings of"):
         measured_of(with_column(stream, column, slice(None), value))
 
 
@@ -96,7 +96,7 @@ def test_a_clock_that_does_not_advance_is_not_used_and_is_said_to_be(stream: str
     )
     without = measured_of(with_column(stream, "device_time_s", slice(None), np.nan))
     (doubt,) = set(measured.doubts) - set(without.doubts)
-    assert doubt.startswith(f"{stream}: its own clock does not advance and is not used")
+    assert doubt.startswith(f"{stream}: the instrument clock does not advance and is not used")
     assert measured.u_lag_s == without.u_lag_s and np.array_equal(measured.table.q, without.table.q)
 
 

@@ -82,7 +82,7 @@ def test_the_daemon_keeps_what_it_sends_and_hears_and_refuses_a_file_that_is_the
         marks = [piece.mark for piece in capture.of("robot") if piece.mark in (Mark.OPENED, Mark.LOST)]
         assert marks[:3] == [Mark.OPENED, Mark.LOST, Mark.OPENED]
         said = bench.fails("rigd", bench.rig, "--capture", "cell.log", code=FileError.exit_code)
-        assert "give --capture another file" in said
+        assert "give --capture a different file" in said
 
 
 def test_a_capture_that_grows_too_long_or_loses_its_disk_ends_and_says_so(

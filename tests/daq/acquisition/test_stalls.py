@@ -130,7 +130,7 @@ def test_faults_that_find_no_room_keep_their_kind_and_count(
     buffer.deliver([Fault(FaultKind.GARBLED, 5, "noise", 7), Fault(FaultKind.GARBLED, 6, "noise", 2)])
     found = faults_of(buffer.drain())
     assert [(fault.kind, fault.count) for fault in found] == [(FaultKind.DROPPED, 1), (FaultKind.GARBLED, 9)]
-    assert all("no room while the disk was behind" in fault.detail for fault in found)
+    assert all("were dropped while the disk was slow" in fault.detail for fault in found)
     assert buffer.state().counters == {"samples": 3, "dropped": 1, "garbled": 9}
     assert buffer.drain() == []
 

@@ -273,7 +273,7 @@ def test_orbit_without_its_status_is_no_reading() -> None:
     script.wake()
     (fault,) = script.taken()
     assert isinstance(fault, Fault) and fault.kind is FaultKind.SILENT
-    assert script.wake().send == _rtu(1, 3, 0x1F, 0x42, 0, 1), "a probe: its answer is told by its length"
+    assert script.wake().send == _rtu(1, 3, 0x1F, 0x42, 0, 1), "a probe: the answer is told by the length"
     assert script.receive(_rtu(1, 3, 2, 0, 0)).send == READ
     assert script.receive(_float(2.5)).send == STATUS
     script.receive(_float(0))

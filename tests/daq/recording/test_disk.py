@@ -232,7 +232,7 @@ def test_what_a_run_has_lost_is_counted_where_it_closes_after_the_recording_was_
         disk.submit(closing.wait)
         written.deliver()
         written.recorder._round()
-        with pytest.raises(CellError, match="nothing is being recorded"):
+        with pytest.raises(CellError, match="no recording is active"):
             written.recorder.stop_run()
     closing.set()
     disk.submit(lambda: None).result()
@@ -280,7 +280,7 @@ def test_a_run_that_is_deleted_is_followed_by_another_and_counts_as_dropped(
     shutil.rmtree(written.path)
     written.round()
     written.until_it_goes_on()
-    assert "the directory was removed during the recording" in caplog.text and "another run follows" in caplog.text
+    assert "the directory was removed during the recording" in caplog.text and "a new run follows" in caplog.text
     assert not any(word in caplog.text for word in ("make room", "rig recover", "no such run"))
     (follower,) = written.runs.iterdir()
     read, counters = read_run(follower).streams["g1"]["g1_mm"], load_manifest(follower).counters["g1"]

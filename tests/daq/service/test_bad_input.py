@@ -178,7 +178,7 @@ def test_a_robot_that_hangs_up_is_reconnected_and_the_gap_told(bench: Bench) -> 
 
 def test_a_second_daemon_on_the_same_rig_is_refused(running: Bench) -> None:
     told = running.fails("rigd", running.rig, code=4)
-    assert "another rigd" in told and str(running.daemon.pid if running.daemon else "") in told
+    assert "a different rigd" in told and str(running.daemon.pid if running.daemon else "") in told
     running.all_reading()
 
 
@@ -191,7 +191,7 @@ def test_a_full_disk_ends_the_recording_and_not_the_daemon(bench: Bench) -> None
     assert "File too large" in state["last_end"] and "rig recover" in state["last_end"]
     with Client(bench.socket) as client, pytest.raises(RigError) as told:  # soon, before another run follows
         client.ask("record_stop")
-    assert "nothing is being recorded" in told.value.what and "File too large" in told.value.what
+    assert "no recording is active" in told.value.what and "File too large" in told.value.what
     assert "is given up" in told.value.what
     bench.all_reading()
     # The writer lets go of its files after the state says that the recording has ended.
@@ -266,14 +266,14 @@ def test_a_robot_that_stood_still_is_no_lap(bench: Bench) -> None:
 @pytest.mark.parametrize(
     ("command", "code", "told"),
     [
-        (("record", "stop"), 4, "nothing is being recorded"),
+        (("record", "stop"), 4, "no recording is active"),
         (
             ("record", "start", "a/b", "--test", "yaw", "--direction", "cw"),
             2,
             "name 'a/b' is not valid; use up to 64 letters",
         ),
         (("record", "start", "x", "--test", "yaw"), 2, "needs its direction"),
-        (("record", "start", "x", "--test", "radial", "--direction", "cw"), 2, "has no direction"),
+        (("record", "start", "x", "--test", "radial", "--direction", "cw"), 2, "does not have a direction"),
         (("status", "--rig", "other"), 4, "no daemon runs for other"),
     ],
 )
@@ -291,7 +291,7 @@ def test_a_second_recording_is_refused_and_the_first_goes_on(bench: Bench) -> No
 
 
 def test_no_daemon_is_told(bench: Bench) -> None:
-    assert "start it: rigd RIG" in bench.fails("rig", "status", code=4)
+    assert "start rigd: rigd RIG" in bench.fails("rig", "status", code=4)
 
 
 def test_live_into_a_pipe_tells_the_state_once_and_ends(bench: Bench) -> None:
@@ -416,7 +416,7 @@ def test_a_second_daemon_with_another_socket_is_refused(bench: Bench, alike: str
         other.write_text(bench.rig.read_text())
     runs = "other-runs" if alike == "rig file" else "runs"
     done = bench.run("rigd", other, "--runs", runs, "--socket", bench.folder / "other" / "second.sock")
-    assert done.returncode == 4 and "another rigd" in done.stderr and "Traceback" not in done.stderr
+    assert done.returncode == 4 and "a different rigd" in done.stderr and "Traceback" not in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
     bench.signalled(signal.SIGKILL)
     bench.start().all_reading()

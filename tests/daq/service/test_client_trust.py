@@ -97,7 +97,9 @@ def test_an_answer_that_is_not_rigds_is_one_line(tmp_path: Path, line: bytes) ->
             done = ran(*command, XDG_RUNTIME_DIR=str(tmp_path))
             assert done.returncode == 4 and done.stdout == "", done.stdout
             told = done.stderr.splitlines()
-            assert len(told) == 1 and "does not answer as rigd does" in told[0] and told[0].isprintable(), told
+            assert len(told) == 1 and "a program other than rigd answers here" in told[0] and told[0].isprintable(), (
+                told
+            )
 
 
 @pytest.mark.parametrize(
@@ -171,7 +173,7 @@ def test_a_socket_that_another_user_put_there_is_refused(tmp_path: Path) -> None
     tmp_path.chmod(0o1777)
     with answering(tmp_path / "rigd" / "cell.sock", json.dumps(STATUS).encode() + b"\n") as path:
         os.chown(path.parent, SOMEBODY, SOMEBODY)
-        with pytest.raises(CellError, match=rf"belongs to another user \(number {SOMEBODY}\)"), Client(path):
+        with pytest.raises(CellError, match=rf"belongs to a different user \(number {SOMEBODY}\)"), Client(path):
             pass
         link = tmp_path / "link"
         link.symlink_to(path.parent)
@@ -180,7 +182,7 @@ def test_a_socket_that_another_user_put_there_is_refused(tmp_path: Path) -> None
         with Client(link / "cell.sock") as client:
             assert client.ask("status")["rig"] == "cell"
         os.chown(link, SOMEBODY, SOMEBODY, follow_symlinks=False)
-        with pytest.raises(CellError, match="belongs to another user"), Client(link / "cell.sock"):
+        with pytest.raises(CellError, match="belongs to a different user"), Client(link / "cell.sock"):
             pass
 
 
@@ -214,7 +216,7 @@ def test_a_program_of_another_user_behind_a_trusted_name_is_refused(tmp_path: Pa
         for place in (folder, folder / "s"):
             os.chown(place, 0, 0)
         with (
-            pytest.raises(CellError, match=rf"a program of another user \(number {SOMEBODY}\) answers here"),
+            pytest.raises(CellError, match=rf"a program of a different user \(number {SOMEBODY}\) answers here"),
             Client(folder / "s"),
         ):
             pass

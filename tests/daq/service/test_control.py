@@ -23,7 +23,7 @@ def test_what_is_no_socket_is_left_where_it_is(tmp_path: Path) -> None:
     file.write_text("precious")
     folder.mkdir()
     for path in (file, folder):
-        with pytest.raises(CellError, match="is not a socket; give another --socket"):
+        with pytest.raises(CellError, match="is not a socket; choose a different --socket"):
             ControlServer(path, lambda _: {}).start()
     assert file.read_text() == "precious"
 
@@ -58,7 +58,7 @@ def test_a_rig_file_and_a_rig_in_a_directory_of_runs_have_one_daemon(tmp_path: P
     file.write_text("name: cell")
     for take in (lambda: InstanceLock.take_rig_file(file), lambda: InstanceLock.take_runs("cell", tmp_path)):
         first = take()
-        with pytest.raises(CellError, match="another rigd"):
+        with pytest.raises(CellError, match="a different rigd"):
             take()
         first.release()
         take().release()

@@ -78,7 +78,7 @@ def test_odd_directories_are_left_alone_and_told(tmp_path: Path, caplog: pytest.
     StartupRecovery(tmp_path / "none").run()
     assert sorted(tmp_path.rglob("*")) == before
     (told,) = caplog.messages
-    assert "not recovered: " in told and "newer" in told and "another version" in told
+    assert "not recovered: " in told and "newer" in told and "a different version" in told
 
 
 def test_a_directory_that_nobody_may_look_into_keeps_no_run_from_being_recovered(
@@ -127,7 +127,7 @@ def test_a_small_real_disk_fills_up_and_is_cleared(bench: Bench) -> None:
     assert bench.daemon is not None
     inside = Path(f"/proc/{bench.daemon.pid}/root")
     if not os.access(inside / str(bench.folder)[1:], os.W_OK):
-        pytest.skip("the small disk of another process cannot be reached here")
+        pytest.skip("the small disk of a different process cannot be reached here")
     first = inside / str(bench.record())[1:]
     bench.recorded(20)
     ballast = first.parent / "ballast"

@@ -344,7 +344,7 @@ def test_counters_are_compared_only_where_the_run_ended_in_order(tmp_path: Path)
 
 def test_a_run_that_is_being_recorded_is_not_to_be_recovered(tmp_path: Path) -> None:
     writer = record(tmp_path)
-    assert verify(writer.path) == [f"{writer.path}: is being recorded; wait for its end, or end it: rig record stop"]
+    assert verify(writer.path) == [f"{writer.path}: is being recorded; wait for the end, or end it: rig record stop"]
     crash(writer)
     assert any("the recording crashed; run `rig recover" in line for line in verify(writer.path))
 
@@ -366,10 +366,10 @@ def test_a_run_whose_end_was_cut_off_is_never_said_to_lack_nothing(tmp_path: Pat
         (run / json.loads(line)["chunk"]["file"]).unlink()
     (run / "ledger.jsonl").write_bytes(b"".join(lines[:-4]))
     done = CliRunner().invoke(app, ["recover", str(run)])
-    assert done.exit_code == 0 and "its end was never sealed" in done.stdout
+    assert done.exit_code == 0 and "the end was not sealed" in done.stdout
     assert END_UNKNOWN in said(run) and not judge(run).end_known
     verified_as = CliRunner().invoke(app, ["verify", str(run), "--seal", was.seal])
-    assert verified_as.exit_code == 3 and "not the one given" in verified_as.output
+    assert verified_as.exit_code == 3 and "different from the given seal" in verified_as.output
 
 
 def test_the_seal_stays_the_one_that_was_printed(run: Path, tmp_path: Path) -> None:

@@ -74,7 +74,7 @@ def test_damaged_head_loses_nothing(tmp_path: Path) -> None:
     path = crash(record(tmp_path))
     data = (path / "g1-0001.arrow").read_bytes()
     (path / "g1-0001.arrow").write_bytes(bytes(64) + data[64:])
-    assert "its head is damaged" in recover(path).losses["g1-0001.arrow"]
+    assert "the head is damaged" in recover(path).losses["g1-0001.arrow"]
     assert_recovered(path, 12)
 
 

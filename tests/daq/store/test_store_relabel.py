@@ -63,7 +63,7 @@ def test_a_run_that_is_no_circle_any_more_has_no_direction(run: Path) -> None:
 
 def test_what_makes_no_sense_is_refused_and_changes_nothing(run: Path) -> None:
     before = (run / MANIFEST).read_bytes()
-    with pytest.raises(UseError, match="a radial test does not have a direction; leave it out"):
+    with pytest.raises(UseError, match="a radial test does not have a direction; remove it"):
         relabel(run, test="radial", direction="acw")
     with pytest.raises(FileError, match="data of a yaw test, which cannot be of a pose test"):
         relabel(run, test="pose")

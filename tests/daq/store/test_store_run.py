@@ -150,9 +150,9 @@ def test_missing_run_and_manifest(tmp_path: Path) -> None:
             act(tmp_path / "none")
     with pytest.raises(FileError, match="File name too long"):
         read_run(tmp_path / ("x" * 300))
-    with pytest.raises(FileError, match="holds no run"):
+    with pytest.raises(FileError, match="contains no run"):
         read_run(tmp_path)
-    assert "holds no run" in verify(tmp_path)[0]
+    assert "contains no run" in verify(tmp_path)[0]
 
 
 def test_flipped_bit_in_parquet(run: Path) -> None:
@@ -303,7 +303,7 @@ def test_a_directory_that_holds_runs_is_told_from_a_run_without_manifest(tmp_pat
     with pytest.raises(FileError, match="is not a run but holds runs; give one of them"):
         read_run(path.parent)
     (tmp_path / "empty").mkdir()
-    with pytest.raises(FileError, match="holds no run; give the directory of a run"):
+    with pytest.raises(FileError, match="contains no run; give the directory of a run"):
         read_run(tmp_path / "empty")
     (path / "manifest.json").unlink()
     with pytest.raises(FileError, match=r"has no manifest\.json; run `rig recover"):

@@ -103,7 +103,7 @@ def run(given: argparse.Namespace) -> None:
             command = [*ENTRIES[entry], str(directory / "tasks"), str(answers)]
             ended = subprocess.run(command, check=False, env=os.environ | {"PATH": path_outside()})
             if ended.returncode:
-                raise SystemExit(f"error: {entry} ended with {ended.returncode}, then repeat the command")
+                raise SystemExit(f"error: {entry} ended with {ended.returncode}; the same command goes on")
             (answers / "done").write_text(f"{children_s() - before:.0f}\n", encoding="utf-8")
         seconds[entry] = int((answers / "done").read_text(encoding="utf-8"))
         found[entry] = scored(directory, answers)

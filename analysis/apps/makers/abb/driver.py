@@ -164,7 +164,7 @@ class _Controller:
             case [name, *_] if name.startswith("EGM"):
                 form = " ".join("@" if self._data.get(word) == "egmident" else word for word in words)
                 if form not in _STREAMS:
-                    raise ProgramError(f"{' '.join(words)} is not known")
+                    raise ProgramError(f"{' '.join(words)} is unknown")
             case _:
                 raise ProgramError(f"{' '.join(words)} is not an instruction")
 

@@ -206,7 +206,7 @@ class Reader:
     def called(self, begin: int, name: str) -> Statement:
         """Return the call of a routine, or `Forget` if the name is not unique or not known."""
         routines = self.defined(name)
-        why = self.why(begin, f"{name} is called" if len(routines) == 1 else f"{name} is not known here")
+        why = self.why(begin, f"{name} is called" if len(routines) == 1 else f"{name} is unknown here")
         return Call(routines[0], why) if len(routines) == 1 else Forget(why)
 
     def literal(self, file: int, kind: str, begin: int, end: int, name: str) -> tuple[Target | None, Reason | None]:
@@ -414,7 +414,7 @@ def _statement(reader: Reader, begin: int, end: int) -> None:
         return
     instruction = _INSTRUCTION.fullmatch(text, begin, end)
     if instruction is None:
-        blocks.add(Forget(reader.why(begin, f"{text[begin:end]} is not known here")))
+        blocks.add(Forget(reader.why(begin, f"{text[begin:end]} is unknown here")))
         return
     name, at = instruction["name"].lower(), instruction.start("name")
     _functions(reader, instruction.start("rest"), end)
@@ -440,7 +440,7 @@ def _statement(reader: Reader, begin: int, end: int) -> None:
             reader, instruction.start("rest"), end
         )  # Incr, Add, UnpackRawBytes and others write to their arguments.
     else:
-        blocks.add(Forget(reader.why(at, f"{instruction['name']} is not known here")))
+        blocks.add(Forget(reader.why(at, f"{instruction['name']} is unknown here")))
 
 
 def _switch(name: str, rest: str) -> Set | None:

@@ -149,7 +149,7 @@ class _Controller:
             raise ProgramError(f"P[{number}] is not taught")
         position = self._positions[int(number)]
         if (position.user_frame, position.tool) != (self._frame, self._tool):
-            raise ProgramError(f"P[{number}] belongs to another frame or tool")
+            raise ProgramError(f"P[{number}] belongs to a different frame or tool")
         return position
 
     def _pose_at(self, number: str) -> Pose:

@@ -148,7 +148,7 @@ class _Reader:
     def called(self, name: str) -> Statement:
         """Return the call of another program, or `Forget` if the name is not unique or not known."""
         files = self.programs.get(name.upper(), [])
-        why = self.why(f"{name} is called" if len(files) == 1 else f"{name} is not known here")
+        why = self.why(f"{name} is called" if len(files) == 1 else f"{name} is unknown here")
         return Call(str(files[0]), why) if len(files) == 1 else Forget(why)
 
 
@@ -253,7 +253,7 @@ def _statement(reader: _Reader, text: str, last_line: int) -> None:
         return
     _mentioned(reader, text)
     if not (_flow(reader, text, last_line) or _sets(reader, text) or _NOTHING.fullmatch(text) or _POINT.match(text)):
-        reader.blocks.add(Forget(reader.why(f"{text} is not known here")))
+        reader.blocks.add(Forget(reader.why(f"{text} is unknown here")))
 
 
 def _flow(reader: _Reader, text: str, last_line: int) -> bool:
@@ -437,7 +437,7 @@ def _target(reader: _Reader, kind: str, text: str, line: int, modifiers: str) ->
         blocks.add(Set(part, "on" if re.search(pattern, options, re.IGNORECASE) else OFF))
         options = re.sub(pattern, "", options, flags=re.IGNORECASE)
     unknown = _OPTIONS.sub("", options).strip(", ")
-    blocks.add(Set("option here", reader.why(f"{unknown} is not known here") if unknown else OFF))
+    blocks.add(Set("option here", reader.why(f"{unknown} is unknown here") if unknown else OFF))
     target = reader.points.target(point[1])
     tool, frame = (
         str(name) if name == "0" or not str(name).isdigit() else Ref(f"{family}[{name}]")

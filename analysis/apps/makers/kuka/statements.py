@@ -148,7 +148,7 @@ class Reader:
     def called(self, file: int, begin: int, name: str) -> Statement:
         """Return the call of a routine, or `Forget` if the name is not unique or not known."""
         routines = self.defined(file, name)
-        why = self.why(file, begin, f"{name} is called" if len(routines) == 1 else f"{name} is not known here")
+        why = self.why(file, begin, f"{name} is called" if len(routines) == 1 else f"{name} is unknown here")
         return Call(routines[0], why) if len(routines) == 1 else Forget(why)
 
     def why(self, file: int, begin: int, fact: str) -> Unknown:
@@ -415,7 +415,7 @@ def _other(reader: Reader, blocks: Blocks, file: int, begin: int, line: str) -> 
     if NOTHING.fullmatch(line) or _CALL.match(line.strip()):
         _functions(reader, file, begin, line)
         return
-    blocks.add(Forget(reader.why(file, begin, f"{line.strip()} is not known here")))
+    blocks.add(Forget(reader.why(file, begin, f"{line.strip()} is unknown here")))
 
 
 def _bas(reader: Reader, file: int, begin: int, command: str, argument: str) -> list[Statement]:
@@ -434,7 +434,7 @@ def _bas(reader: Reader, file: int, begin: int, command: str, argument: str) -> 
         return [Set("tool", why), Set("base", why), Set("external_tcp", OFF), Set("switch", OFF)]
     if command in _BAS_NOTHING:
         return []
-    return [Forget(reader.why(file, begin, f"BAS(#{command}) is not known here"))]
+    return [Forget(reader.why(file, begin, f"BAS(#{command}) is unknown here"))]
 
 
 def _assigned(reader: Reader, file: int, begin: int, left: str, right: str) -> list[Statement]:
@@ -457,7 +457,7 @@ def _assigned(reader: Reader, file: int, begin: int, left: str, right: str) -> l
             taken = _fdat(reader, file, begin, right.strip() if left == name else "a part of FDAT_ACT")
             return [*taken, Set("tool", why), Set("base", why)]
     if name.startswith("$") and not SYSTEM.fullmatch(name):
-        return [Forget(reader.why(file, begin, f"{left} is not known here"))]
+        return [Forget(reader.why(file, begin, f"{left} is unknown here"))]
     return []
 
 
@@ -484,7 +484,7 @@ def _fdat(reader: Reader, file: int, begin: int, right: str) -> list[Statement]:
     name = right.upper()
     text = right[1:-1] if right.startswith("{") and right.endswith("}") else reader.fdat.get(name)
     if text is None or name in reader.fdat_written:
-        why = reader.why(file, begin, f"{right} is not known here")
+        why = reader.why(file, begin, f"{right} is unknown here")
         return [Set("fdat tool", why), Set("fdat base", why), Set("fdat ipo", why)]
     statements: list[Statement] = []
     for key, part, family in (("TOOL_NO", "fdat tool", "TOOL_DATA"), ("BASE_NO", "fdat base", "BASE_DATA")):

@@ -96,7 +96,7 @@ def _with_targets(plan: Plan, targets: Sequence[Target], lines: Sequence[int], w
     for line, target in zip(lines, targets, strict=True):
         for axis in np.flatnonzero((target.q < plan.arm.limits[:, 0]) | (target.q > plan.arm.limits[:, 1])):
             at_deg, (low, high) = np.degrees(target.q[axis]), np.degrees(plan.arm.limits[axis])
-            problem = f"axis {axis + 1} would stand at {at_deg:.3f}°, its limits are {low:g}° and {high:g}°"
+            problem = f"axis {axis + 1} would be at {at_deg:.3f}°, the limits are {low:g}° and {high:g}°"
             raise FileError(f"{where}, line {line}", problem, "move the test away from the limit")
     new = {id(old_target): new_target for old_target, new_target in zip(old, targets, strict=True)}
     steps: list[Step] = [Comment(f"the targets are corrected, by up to {farthest:.2f} mm")]
@@ -154,7 +154,7 @@ def _followed(plan: Plan, way: Way, begin: Target) -> Array:
     arm, where = plan.arm, f"the corrected program {plan.name}"
     q = follow(arm, arm.T_world_base @ way.poses, begin.q, where)
     for axis in np.flatnonzero(way.joint_speeds(q) > arm.speed):
-        raise FileError(where, f"axis {axis + 1} is too slow for its path", "move the test away from the singularity")
+        raise FileError(where, f"axis {axis + 1} is too slow for the path", "move the test away from the singularity")
     return q
 
 

@@ -111,7 +111,7 @@ def heading(plan: Plan, demand: Demand, shown: str) -> list[str]:
         f"CHECK: override 10 % in the first run, 100 % to measure. Keep {space} mm (base frame) clear for "
         f"{tool}, and the way of the arm free",
         f"{plan.name}: written by rig program, no robot has run it before you",
-        f"{link} the robot stands at its start: joints {joints} deg",
+        f"{link} the robot stands at the start: joints {joints} deg",
         f"the pendant then shows {shown}. If it does not, stop: base, tool or arm differ from the rig file",
         f"payload {plan.payload_kg:g} kg: set it on the controller",
     ]

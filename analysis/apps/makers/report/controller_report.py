@@ -55,7 +55,7 @@ def base_note(base_u_um: float, after_um: float) -> str:
     if base_u_um**2 <= _THIRD * (base_u_um**2 + after_um**2):
         return ""
     return (
-        f" (The place of the whole arm on its base is known only to ± {base_u_um / 1e3:.2g} mm from these runs; teach "
+        f" (The place of the whole arm on the base is known only to ± {base_u_um / 1e3:.2g} mm from these runs; teach "
         "the frame of the work with the robot.)"
     )
 
@@ -76,7 +76,7 @@ def as_table(entries: ControllerEntries, rig: Rig, entered: bool = False) -> Ren
         parts.append(Text(f"with --scale, six {entries.controller.scale}: the same as {entries.controller.unit}"))
     parts += [Text(f"known only together, so divided by usual sizes: {', '.join(group)}") for group in entries.twins]
     kept = [each for each in entries.not_entered if each.worth_um >= _REPORTED_UM]
-    stays = "µm rms: no constant and no target holds it"
+    stays = "µm rms: neither a constant nor a target can correct this"
     parts += [Text(f"not entered: {plain(rig, each.effect)}, {each.worth_um:.0f} {stays}") for each in kept]
     before, after = entries.elsewhere_um
     if entries.entries:

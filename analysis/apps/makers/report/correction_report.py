@@ -35,18 +35,18 @@ from rigs.schema.effect import label_of
 _REPORTED_MM = 1e-3
 """Minimum displacement of a target, in mm, for an uncorrected effect to be reported."""
 _count = program_report.targets_in_words
-_HEAD = "Corrections for the cell {name} by the effects of its rig file and the calibration beside it, {date}."
+_HEAD = "Corrections for the cell {name} by the effects of the rig file and the calibration beside it, {date}."
 _WAYS = {
     "joint_zeros": "master each axis so that it reads `add_deg` more where it stands.",
     "link_constants": "enter these into the controller if it accepts them; dh.csv is the whole table.",
     "controller": "changes of the controller's own parameters that hold most of the whole model.",
     "path": "the corrected targets hold the whole model, for a controller that keeps its zeros and constants.",
-    "programs": "they hold the whole model, too; no real controller has run one: a person tries each at reduced speed.",
+    "programs": "they hold the whole model, too; no real controller has run one: try each at reduced speed.",
 }
 _NOTHING = (
     "Nothing to enter is here: --for MAKER writes values to enter, --program FILE or --path FILE corrected targets."
 )
-_ONE = "Zeros and constants, or the controller's parameters, or corrected targets: one of them, or it corrects twice."
+_ONE = "Use only one: zeros and constants, or the parameters of the controller, or corrected targets."
 
 
 def as_table(corrections: Corrections) -> RenderableType:
@@ -95,7 +95,7 @@ def _first(corrections: Corrections) -> str:
         first = controller_report.first_sentence(corrections.at_controller, entered=corrections.entered)
         return first + _never_both(corrections) + of_work
     if corrections.programs and all(program.held for program in corrections.programs) and not corrections.path:
-        return "No program is written: places were left, and --all-or-nothing writes only whole programs."
+        return "No program is written: some places are uncorrected, and --all-or-nothing writes only complete programs."
     errors, options = corrections.errors, "--program FILE, or " * corrections.rig.takes_programs + "--path TARGETS.csv"
     send = "Send the controller to the corrected targets of"
     sentences = [_falls(f"{send} {path.name}", error, of_work=False) for path, error in errors.items() if error]
@@ -113,8 +113,8 @@ def _falls(how: str, error: WorkError, *, of_work: bool) -> str:
     where, unknown = "over the work", texts_of("en").not_known(error.unknown)
     if not of_work:
         where, share = "at these targets", max(100 * error.unknown, 1)
-        guess = f" No run says how well the other {share:.0f} % of these targets are reached: a guess of the model "
-        guess += "corrects them, and they may be farther off than before; measure there first, or leave them."
+        guess = f" The uncertainty of the other {share:.0f} % of these targets is unknown: a guess of the model "
+        guess += "corrects them, and the error may become larger. Measure there first, or keep them unchanged."
         unknown = guess if error.unknown else ""
     falls = f"{how}: the tool's error {where} falls from"
     if error.before_um - error.after_um >= GAIN_UM:
@@ -128,15 +128,15 @@ def _falls(how: str, error: WorkError, *, of_work: bool) -> str:
             f"taught with the robot it is {before} µm as it is.{unknown}"
         )
     return (
-        f"Leave the targets as they are: what can be corrected moves the tool by {error.model_um:.0f} µm rms {where}, "
+        f"Do not change the targets: the correctable effects move the tool by {error.model_um:.0f} µm rms {where}, "
         f"and is known to ± {error.u_um:.0f} µm, with frame and tool taught with the robot. The error would go from "
-        f"{before} to {after} µm. More runs, at another place or of another test, would make it surer.{unknown}"
+        f"{before} to {after} µm. More runs, at a different place or of a different test, would make it surer.{unknown}"
     )
 
 
 def why_not(corrections: Corrections) -> str:
     """Return the reason for correcting nothing; empty if there are corrections."""
-    why = "" if corrections.work.gains else "corrected targets take away no error over the work"
+    why = "" if corrections.work.gains else "corrected targets do not reduce the error over the work"
     if corrections.errors:
         why = next((f"{path.name}: {of_it}" for path, of_it in corrections.in_vain.items()), "")
     return why_nothing(corrections.rig) or why
@@ -151,7 +151,10 @@ def _never_both(corrections: Corrections) -> str:
         return ""
     if not corrections.path:
         return " Programs, targets and mastering then stay as they are, as two corrections correct twice."
-    has, lacks = "that has these values already: it holds the rest", "without these values: use one of both"
+    has, lacks = (
+        "with these values already entered: the targets correct the rest",
+        "without these values: use one of both",
+    )
     state = has if corrections.entered else lacks
     return f" corrected-{corrections.path[0].name} is for a controller {state}."
 
@@ -286,7 +289,7 @@ def write(corrections: Corrections, directory: Path) -> list[Path]:
     head = "".join(f"# {line}\n" for line in lines)
     against = [*(corrections.errors if why_nothing(corrections.rig) else corrections.in_vain)]
     if why := why_not(corrections) if corrections.errors else why_nothing(corrections.rig):
-        head += f"# {ANYWAY[0].upper()}{ANYWAY[1:]}. Why: {why.removeprefix('correct nothing by this model: ')}.\n"
+        head += f"# {ANYWAY[0].upper()}{ANYWAY[1:]}. Why: {why.removeprefix('do not correct by this model: ')}.\n"
     text = head + yaml.safe_dump(contents, sort_keys=False, allow_unicode=True, width=10_000)
     files = {"corrections.yaml": holding(text.encode())}
     if corrections.constants:

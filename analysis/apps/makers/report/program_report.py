@@ -31,7 +31,9 @@ def lines(program: CorrectedProgram) -> list[str]:
     count, moved = len(program.names), program.moved_mm
     text_lines = [_head(program)]
     if program.held:
-        text_lines.append("  not written: places were left, and --all-or-nothing writes only whole programs")
+        text_lines.append(
+            "  not written: some places are uncorrected, and --all-or-nothing writes only complete programs"
+        )
     if steps := len(program.beside_left_mm):
         text_lines.append(
             f"  half corrected: where one of two neighbours was left ({_steps(steps)}), they now stand "
@@ -51,7 +53,7 @@ def lines(program: CorrectedProgram) -> list[str]:
         start = ", ".join(f"{angle:g}" for angle in np.degrees(program.start).round(6))
         text_lines.append(
             f"  --start-joints states that the arm stands at {start}° whenever this program begins; "
-            "if it comes from another posture, its first targets are corrected for the wrong one"
+            "if it comes from a different posture, its first targets are corrected for the wrong one"
         )
     if count:
         text_lines.append(
@@ -80,10 +82,10 @@ def reached(u_frame_mm: Array, u_mm: Array) -> str:
     An uncertainty is NaN if the runs do not cover the target.
     """
     if np.isnan(u_mm).all():
-        return "how well they are reached is not known: no run says it"
+        return "their uncertainty is unknown"
     return (
         f"reached to ± {np.nanmax(u_frame_mm):.3f} mm after with frame and tool taught with the robot, to "
-        f"± {np.nanmax(u_mm):.3f} mm in its base (standard uncertainty at the worst target"
+        f"± {np.nanmax(u_mm):.3f} mm in the base (standard uncertainty at the worst target"
         f"{' of those where runs say it' if np.isnan(u_mm).any() else ''})"
     )
 
@@ -94,7 +96,7 @@ def _head(program: CorrectedProgram) -> str:
     head = f"{program.path.name} ({program.maker}): {targets_in_words(count)} corrected"
     between = f", {_steps(steps)} from one to the other" if steps else ""
     places = len(program.left)
-    stay = f"{places or 'no'} place left as it was" if places < 2 else f"{places} places left as they were"
+    stay = f"{places or 'no'} place unchanged" if places < 2 else f"{places} places unchanged"
     return f"{head}, {stay}{between}"
 
 
@@ -112,7 +114,7 @@ def _left_lines(program: CorrectedProgram) -> list[str]:
         why = f"{WHY[left_target.reason]} ({causes})" if causes else WHY[left_target.reason]
         text_lines.append(f"    {_place(program, left_target.file, left_target.line)}: {left_target.name} {why}")
     if len(program.left) > _LISTED:
-        text_lines.append(f"    and {len(program.left) - _LISTED} more, all of them in corrections.yaml")
+        text_lines.append(f"    and {len(program.left) - _LISTED} more, all in corrections.yaml")
     return text_lines
 
 

@@ -91,7 +91,7 @@ def _blank(tokens: Tokens) -> None:
 def _call(tokens: Tokens) -> _Call:
     call = _Call(tokens.take("name"))
     if call.name not in _PARAMETERS:
-        raise ProgramError(f"{call.name} is not known")
+        raise ProgramError(f"{call.name} is unknown")
     names = _PARAMETERS[call.name]
     tokens.take("(")
     while tokens.peek()[1] != ")":

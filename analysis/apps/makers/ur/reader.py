@@ -229,7 +229,7 @@ def _other_computers(reader: _Reader) -> None:
         name = f"{call[1]}.{call[2]}"
         if call[2] not in _OF_LISTS and name not in seen:
             seen.add(name)
-            fact = f"{name} is a function of another program: rig takes it to move nothing and to set no tool"
+            fact = f"{name} is a function of a different program: rig takes it to move nothing and to set no tool"
             reader.points.notices.append(Notice(0, reader.lines.at(call.start()), fact))
 
 
@@ -368,7 +368,7 @@ def _call(reader: _Reader, event: re.Match[str]) -> None:
     elif name in _ELSEWHERE:
         blocks.add(Elsewhere())
     elif name not in _NOTHING:
-        blocks.add(Forget(reader.why(at, f"{name} is not known here")))
+        blocks.add(Forget(reader.why(at, f"{name} is unknown here")))
         for place in arguments(reader.text, event.end(), end) if end else ():
             if _list(reader.text, *place):
                 reader.points.leave(reader.left(place[0], "handed", reader.text[slice(*place)]))

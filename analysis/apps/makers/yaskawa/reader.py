@@ -144,7 +144,7 @@ class _Reader:
         jobs = self.jobs.get(name.upper(), [])
         jobs_of_program = [job for job in jobs if job.startswith("0:")]
         callees = jobs_of_program if len(jobs_of_program) == 1 else jobs
-        why = self.why(f"{name} is called" if len(callees) == 1 else f"{name} is not known here")
+        why = self.why(f"{name} is called" if len(callees) == 1 else f"{name} is unknown here")
         return Call(callees[0], why) if len(callees) == 1 else Forget(why)
 
 
@@ -274,7 +274,7 @@ def _instruction(reader: _Reader, text: str) -> None:
     elif word in _SWITCHES:
         blocks.add(Set(*_SWITCHES[word]))
     elif not _flow(blocks, word, text) and word not in _NOTHING:
-        blocks.add(Forget(reader.why(f"{text} is not known here")))
+        blocks.add(Forget(reader.why(f"{text} is unknown here")))
 
 
 def _heading(reader: _Reader, text: str) -> None:
@@ -306,7 +306,7 @@ def _jump(reader: _Reader, text: str, *, falls: bool) -> None:
         if not falls:
             reader.blocks.add(End())
     else:
-        reader.blocks.add(Forget(reader.why(f"{text} is not known here")))
+        reader.blocks.add(Forget(reader.why(f"{text} is unknown here")))
 
 
 def _call(reader: _Reader, call: re.Match[str]) -> None:
@@ -317,7 +317,7 @@ def _call(reader: _Reader, call: re.Match[str]) -> None:
         return
     statements = [statement]
     if re.search(r"\bUF#", call["rest"]):  # A relative job, in the user frame of the call
-        elsewhere = reader.why(f"{call['job']} is called in another user frame")
+        elsewhere = reader.why(f"{call['job']} is called in a different user frame")
         statements = [Set("relative", elsewhere), statement, Set("relative", OFF)]
     (reader.blocks.perhaps if re.search(r"\bIF\b", call["rest"]) else reader.blocks.add)(*statements)
 
@@ -349,11 +349,11 @@ def _move(reader: _Reader, move: re.Match[str]) -> None:
     unknown = _MODIFIERS.sub("", _UNTIL.sub("", re.sub(r"\bCV#\([^)]*\)|\bSYNC\b", "", options))).strip()
     blocks.add(Set("tracking here", "on" if tracked else Ref("tracking")))
     blocks.add(Set("coordinated here", "on" if move["kind"].startswith("S") else OFF))
-    blocks.add(Set("option here", reader.why(f"{unknown} is not known here") if unknown else OFF))
+    blocks.add(Set("option here", reader.why(f"{unknown} is unknown here") if unknown else OFF))
     target = reader.points.target(key)
     tool = Ref(f"TOOL[{int(str(target.tool))}]") if str(target.tool).isdigit() else str(target.tool)
     user = str(target.frame)
-    frame: Value | Built = reader.why("the job is relative to another frame than that of its positions")
+    frame: Value | Built = reader.why("the job is relative to a different frame than that of its positions")
     if target.joints:
         frame = user
     elif reader.frame in (None, user):

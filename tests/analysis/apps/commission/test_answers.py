@@ -71,7 +71,7 @@ def test_a_directory_or_a_pipe_in_their_place(tmp_path: Path) -> None:
 def test_answers_of_somebody_else(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     keep_answers(tmp_path / "cell.yaml", ANSWERS)
     monkeypatch.setattr(os, "geteuid", lambda: 4242)
-    with pytest.raises(FileError, match="belongs to another user"):
+    with pytest.raises(FileError, match="belongs to a different user"):
         load_answers(tmp_path / "cell.yaml")
 
 

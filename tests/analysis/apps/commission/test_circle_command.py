@@ -49,7 +49,7 @@ def test_the_block_is_printed_with_its_uncertainties_and_nothing_is_written(run:
     assert all("# u " in line for line in done.stdout.splitlines()[2:] if "posture" not in line)
     assert re.search(r"centre_mm: .* # u .* mm$", done.stdout, re.M)
     assert re.search(r"normal: .* # u .*°$", done.stdout, re.M)
-    assert "nothing is written" in done.stderr and cell.read_text() == before
+    assert "the rig file is unchanged" in done.stderr and cell.read_text() == before
     assert list(cell.parent.iterdir()) == [cell]
 
 
@@ -103,7 +103,7 @@ def test_the_ball_of_a_circle_and_of_stands(run: Path, cell: Path, tmp_path: Pat
     done = ran("ball", "fit", save_run(radial, tmp_path / radial.path), "--rig", cell)
     assert yaml.safe_load(done.stdout)["tests"]["hemisphere"]["centre_mm"] == pytest.approx([-800, -200, 0], abs=0.05)
     mixed = ran("ball", "fit", tmp_path / radial.path, run)
-    assert mixed.returncode == 3 and "one kind" in mixed.stderr
+    assert mixed.returncode == 3 and "the same kind" in mixed.stderr
 
 
 @pytest.mark.parametrize(
@@ -113,7 +113,7 @@ def test_the_ball_of_a_circle_and_of_stands(run: Path, cell: Path, tmp_path: Pat
         (("RUN", "--live"), 2, "both runs and --live"),
         (("RUN", "--write"), 2, "give it with --rig FILE"),
         (("RUN", "--rig", "ur10e", "--write"), 3, "shipped rig"),
-        (("RUN", "--rig", "paper-fanuc"), 3, "another robot"),
+        (("RUN", "--rig", "paper-fanuc"), 3, "a different robot"),
         (("nothing",), 3, "nothing"),
         (("RUN", "--rig", "nothing.yaml"), 3, "no such rig file"),
     ],
@@ -171,7 +171,7 @@ def test_points_that_a_daemon_reads_are_fitted_when_ctrl_c_ends_it(tmp_path: Pat
             text=True,
             env=bench.env,
         ) as watch:
-            assert watch.stderr is not None and "jog or lead" in watch.stderr.readline()
+            assert watch.stderr is not None and "jog or guide" in watch.stderr.readline()
             for number, point in enumerate(points, start=1):
                 bench.motion.deg = point
                 wanted = "stood still" if number == 1 else f"{number} points"

@@ -111,7 +111,7 @@ def test_an_approach_a_stop_and_wild_rows_do_not_count() -> None:
     found = driven_circle([replace(whole, q=q)], blank())
     centre, angle, radius = off(found)
     assert centre < 0.03 and angle < 0.03 and abs(radius) < 0.03
-    assert any("rows lie far from the circle" in doubt for doubt in found.doubts), found.doubts
+    assert any("rows are outliers of the circle" in doubt for doubt in found.doubts), found.doubts
 
 
 @pytest.mark.parametrize("count", [3, 5, 8])
@@ -163,7 +163,7 @@ def test_a_tool_that_is_not_held_as_the_test_holds_it_is_reported() -> None:
     tool = rig.robot.tool.model_copy(update={"rpy_deg": (0.0, 90.0, 40.0)})
     rig = rig.model_copy(update={"robot": rig.robot.model_copy(update={"tool": tool})})
     found = driven_circle([program()], rig)
-    assert any("the tool was held" in doubt for doubt in found.doubts)
+    assert any("the tool was " in doubt for doubt in found.doubts)
 
 
 def test_a_longer_arc_is_surer() -> None:
@@ -188,7 +188,7 @@ def test_a_robot_that_stood_is_refused() -> None:
 @pytest.mark.parametrize("t_s", [[0.0, 0.01, 0.02], [0.0, 0.01, 0.02, 5.0]])
 def test_a_few_rows_are_refused(t_s: list[float]) -> None:
     q = around(np.arange(len(t_s)) * 90.0)
-    assert "too few to find a circle" in refused(RobotMotion("run", np.array(t_s), q)).what
+    assert "too few for a circle" in refused(RobotMotion("run", np.array(t_s), q)).what
 
 
 def test_two_points_are_refused() -> None:
@@ -246,12 +246,12 @@ def test_a_stand_at_home_before_and_after_is_not_used(count: int) -> None:
     q = around(np.arange(count) * 360 / count)
     found = driven_circle([sampled(*stops(np.concatenate([at_home(), q, at_home()]), dwell_s=1.5))], blank())
     assert off(found)[0] < 0.05 and f"{count} points" in found.used
-    assert any("2 stands are not used" in doubt for doubt in found.doubts)
+    assert any("2 stops are not used" in doubt for doubt in found.doubts)
 
 
 def test_three_points_and_a_fourth_elsewhere_are_refused() -> None:
     q = np.concatenate([around(np.arange(3) * 120.0), at_home()])
-    assert "off one circle" in refused(sampled(*stops(q, dwell_s=1.5))).what
+    assert "mm from a circle" in refused(sampled(*stops(q, dwell_s=1.5))).what
 
 
 def test_a_motion_without_a_circle_is_refused() -> None:

@@ -51,7 +51,7 @@ def asked(monkeypatch: pytest.MonkeyPatch, typed: str, *ports: str, terminal: bo
 def test_a_port_is_chosen_before_it_is_opened(monkeypatch: pytest.MonkeyPatch) -> None:
     searched, said = asked(monkeypatch, "")
     assert not searched
-    assert "1 /dev/ttyUSB0 (FT232R)" in said and "3 /dev/ttyS0 (CNC)" in said and "Leave out" in said
+    assert "1 /dev/ttyUSB0 (FT232R)" in said and "3 /dev/ttyS0 (CNC)" in said and "Do not choose ports" in said
 
 
 @pytest.mark.parametrize(
@@ -90,5 +90,5 @@ def test_a_question_of_several_lines_is_said_line_by_line(monkeypatch: pytest.Mo
             ask_gauges(Answers(), options(), dialogue)
     finally:
         os.close(master)
-    assert "leads to another kind of machine: it may take a request for a command." in given
+    assert "of other machines: a machine may execute the request as a command." in given
     assert [line for line in given if "\n" in line] == []

@@ -65,7 +65,7 @@ def test_from_a_cell_to_a_checked_rig_file(tmp_path: Path, gauges: str, robot: s
             person.answers("Arm: ", "ur10e")
             person.answers("The ball on the flange", "0,0,150,0,90,0")
             person.answers("5 times a repeatability of 0.05 mm, that of the arm's data sheet", "")
-            person.answers("Does the robot stand at the start", "")
+            person.answers("Is the robot at the start", "")
             assert terminal.ended() == 0, terminal.text()
     rig, text = load(path)
     names = {name: gauge.port if gauges != "keyence" else f"#{gauge.channel}" for name, gauge in rig.gauges}
@@ -186,7 +186,7 @@ QUESTIONS = [
     "Arm: ",
     "The ball on",
     "Allowed error",
-    "Does the robot",
+    "Is the robot",
 ]
 
 
@@ -225,7 +225,7 @@ def test_wrong_answers_are_asked_again(tmp_path: Path) -> None:
         person.answers("Robot: its", "tcp://127.0.0.1:1")
         person.answers("connection refused", unknown.robot)
         person.answers("Push gauge 1", "7")
-        person.answers("is not a gauge", "2")
+        person.answers("is not a remaining gauge", "2")
         person.answers("Distance", "-3")
         person.answers("is not a distance", "60")
         person.answers("Arm: ", "nonsense")
@@ -235,7 +235,7 @@ def test_wrong_answers_are_asked_again(tmp_path: Path) -> None:
         person.answers("Allowed error in mm", "0,3")
         person.answers("is not an error in mm", "-1")
         person.answers("is not an error in mm", "0.3")
-        person.answers("Does the robot", "perhaps")
+        person.answers("Is the robot", "perhaps")
         person.answers("is not y or n", "n")
         assert terminal.ended() == 0
     rig, _ = load(tmp_path / "cell.yaml")
@@ -246,17 +246,17 @@ def test_wrong_answers_are_asked_again(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("given", "code", "says"),
     [
-        ([], 2, "--robot: is not given"),
+        ([], 2, "--robot: is missing"),
         (["--robot", "tcp://127.0.0.1:1"], 4, "connection refused"),
         (["--g2", "/dev/none"], 2, "--g1"),
         (["--key", "nonsense"], 2, "SECTION.KEY=VALUE"),
         (["--key", "g3.units=mm"], 2, "SECTION.KEY=VALUE"),
         (["--key", "g1.units=[", "--robot", "x"], 3, "not YAML"),
         (["--baseline-mm", "0"], 2, "baseline-mm"),
-        (["--baseline-mm", "5", "--robot", "x"], 3, "nearer than two gauges stand: their bodies alone are 8 mm thick"),
+        (["--baseline-mm", "5", "--robot", "x"], 3, "too small for two gauges, whose bodies are 8 mm thick"),
         (["--name", "My Cell", "--robot", "x"], 3, "--name"),
         (["--key", "g1.interface=tesa_tt", "--robot", "x"], 2, "give --g1 PORT"),
-        (["--measured-by", "tracker", "--robot", "x"], 2, "--robot: is not read beside a tracker"),
+        (["--measured-by", "tracker", "--robot", "x"], 2, "--robot: is not used with a tracker"),
         (
             ["--measured-by", "tracker", "--port", "/dev/none"],
             2,
@@ -287,7 +287,7 @@ def test_a_file_that_appears_meanwhile_is_left_alone(tmp_path: Path) -> None:
         with Terminal(command(path, *given, *QUICK), 80, 60, {}) as terminal:
             person = Person(terminal)
             person.answers("Allowed error", "0")
-            person.asked("Does the robot")
+            person.asked("Is the robot")
             path.write_text("mine")
             person.types("n")
             assert terminal.ended() == 3

@@ -96,7 +96,7 @@ def test_a_circle_from_one_pose_has_that_pose() -> None:
         ("name: x\n", "lacks the section robot"),
         ("- 1\n", "lacks the section robot"),
         ("robot: [\n", "not YAML"),
-        ("<robot name='x'/>\n", "is a URDF .*rig import-urdf .*arm.yaml"),
+        ("<robot name='x'/>\n", "is a URDF, .*rig import-urdf .*arm.yaml"),
     ],
 )
 def test_arm_files_that_are_wrong(tmp_path: Any, text: str, says: str) -> None:

@@ -62,7 +62,7 @@ def test_stands_at_home_are_not_used() -> None:
     place = run.table.column_names.index("q1_deg")
     found = touched_ball([replace(run, table=run.table.set_column(place, "q1_deg", pa.array(q1)))], load("ur10e")[0])
     assert np.abs(found.centre - [-800, -200, 0]).max() < 0.02
-    assert any("2 stands are not used" in doubt for doubt in found.doubts)
+    assert any("2 stops are not used" in doubt for doubt in found.doubts)
 
 
 def rows_of(run: Run, rows: list[int]) -> Run:
@@ -83,4 +83,4 @@ def test_places_in_one_plane_are_refused() -> None:
 
 
 def test_a_run_of_poses_is_refused() -> None:
-    assert "without stands" in refused(simulate("ur10e", "yaw", "acw", seed=None).run)
+    assert "lacks stops" in refused(simulate("ur10e", "yaw", "acw", seed=None).run)

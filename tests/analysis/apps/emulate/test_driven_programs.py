@@ -187,7 +187,7 @@ def test_outputs_and_registers_are_the_signal(tmp_path: Path) -> None:
         ("yaw_still", "it moves nothing"),
         ("yaw_tool", "the program moves before it has a tool"),
         ("yaw_far", "out of reach"),
-        ("yaw_limit", "axis 1 is sent to 572.96°, beyond its limits"),
+        ("yaw_limit", "axis 1 is sent to 572.96°, beyond the limits"),
         ("yaw_list", "a joint move has no six joint angles"),
         ("yaw_arc", "it is not understood"),
         ("yaw_huge", "no place of an arm"),

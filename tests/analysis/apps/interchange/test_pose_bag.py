@@ -239,7 +239,7 @@ def test_a_topic_of_the_controller_is_asked_about(
     arm = soft_arm.wrong(soft_arm.nominal("ur10"), rng)
     drive_points(tmp_path / "bag", rng, JOINTS, q, arm.tool_mm(q, np.array([0.0, 0.0, 150.0])) + 400, topic)
     done = ran("import", tmp_path / "bag", "--rig", "ur10", "--test", "pose", "-o", tmp_path / "run")
-    assert done.returncode == 3 and f"{topic} sounds like what the robot says of itself" in done.stderr
+    assert done.returncode == 3 and f"{topic} looks like poses reported by the robot" in done.stderr
 
 
 LEFT = [f"left_{name}" for name in JOINTS]

@@ -61,7 +61,7 @@ def test_rows_at_a_gap_of_the_joints_are_left_out_and_counted() -> None:
     gone = [one for one in WHOLE if not (one[0] == "/joint_states" and 300 < one[2] < 500)]
     _, rows, doubts = read(bag(*gone))
     assert not ((rows[:, 0] > 0.29) & (rows[:, 0] < 0.48)).any()
-    assert "robot: 10 rows are left out at gaps" in doubts[0]
+    assert "robot: 10 rows are ignored at gaps" in doubts[0]
 
 
 def test_both_byte_orders_are_read() -> None:

@@ -111,7 +111,7 @@ def test_meshes_are_not_needed_and_a_gripper_is_left_out(tmp_path: Path) -> None
     )
     arm = import_urdf(urdf(tmp_path, text))
     assert arm.section.robot == import_urdf(urdf(tmp_path, GOOD)).section.robot
-    assert arm.doubts == ("further moving joints are left out, with the masses on them: grip",)
+    assert arm.doubts == ("further moving joints are ignored, with the masses on them: grip",)
 
 
 def test_ends_that_are_not_on_their_axes_are_named(tmp_path: Path) -> None:
@@ -182,8 +182,8 @@ BAD = {
     "a speed in words": (GOOD.replace('velocity="3.5"', 'velocity="fast"', 1), "velocity='fast'; write a number that"),
     "no type": (GOOD.replace('type="revolute"', "", 1), "joint joint_1 has no type; write type revolute"),
     "a word": (GOOD.replace('"0.0 0.0 0.4"', '"0.4 high"', 1), "joint joint_1 has origin xyz='0.4 high'; write three"),
-    "millimetres": (GOOD.replace('"0.0 0.0 0.4"', '"0 0 400"', 1), "correct it: its units are metres and radians"),
-    "limits in degrees": (GOOD.replace('upper="2.5"', 'upper="170"'), "correct it: its units are metres and radians"),
+    "millimetres": (GOOD.replace('"0.0 0.0 0.4"', '"0 0 400"', 1), "correct it: the units are metres and radians"),
+    "limits in degrees": (GOOD.replace('upper="2.5"', 'upper="170"'), "correct it: the units are metres and radians"),
     "a negative mass": (
         GOOD.replace('<link name="link_1"/>', '<link name="link_1"><inertial><mass value="-1"/></inertial></link>'),
         "link link_1 has mass value='-1'; write a number that an arm has",

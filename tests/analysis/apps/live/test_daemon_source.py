@@ -165,7 +165,7 @@ def test_an_older_rigd_is_named(path: Path) -> None:
 def test_what_is_not_rigds_is_said_and_asked_again(path: Path) -> None:
     with fake(path) as daemon, DaemonSource(path) as source:
         daemon.answers = lambda request: {"ok": True, "streams": {}}
-        watched_until(source, LiveView(), lambda view: "does not answer as rigd does" in view.lost)
+        watched_until(source, LiveView(), lambda view: "a program other than rigd answers here" in view.lost)
         daemon.answers = daemon.usual
         watched_until(source, LiveView(), lambda view: len(view.rows))
 

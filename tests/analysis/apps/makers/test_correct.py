@@ -263,7 +263,7 @@ def test_targets_where_nothing_was_measured_are_doubted(tmp_path: Path) -> None:
     near = _found(offset_deg=0.002).model_copy(update={"joints_deg": ((-40.0, 20.0), *[(-180.0, 180.0)] * 4, (0, 5.0))})
     targets = correct_rig(_rig(ZERO_3.model_copy(update={"found": near})), _path(tmp_path)).path
     assert targets and len(targets[2].doubts) == 2
-    assert "2 of 3 targets stand where no run says how well they are reached" in targets[2].doubts[0]
+    assert "2 of 3 targets are at places without a known uncertainty" in targets[2].doubts[0]
     assert "axis 6 stands at 0.0° to 100.0°, 2 of 3 outside 0.0° to 5.0°" in targets[2].doubts[1]
     assert targets[2].covered is not None and targets[2].covered.tolist() == [True, False, False]
     assert np.isnan(targets[2].u_mm).tolist() == np.isnan(targets[2].u_frame_mm).tolist() == [False, True, True]
@@ -304,7 +304,7 @@ def test_each_effect_is_corrected_only_where_a_target_can_and_the_uncertainty_al
 
 def test_an_effect_that_was_not_measured_is_not_corrected() -> None:
     (support,) = supports(_rig(JointOffset(axis=2, offset_deg=0.1)))
-    assert support.use == "none" and "without where it came from" in support.reason
+    assert support.use == "none" and "without provenance" in support.reason
 
 
 def test_the_command_writes_files_and_says_why_not(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -338,7 +338,7 @@ def test_the_command_writes_files_and_says_why_not(tmp_path: Path, monkeypatch: 
     [
         (HEAD, "A,0,20,ten,0,60,0", "line 2, q3_deg: 'ten' is not a number"),
         (HEAD, "A,0,20,10,0,60", "line 2: has 6 fields, the header 7"),
-        (HEAD, "A,0,20,10,0,200,0", "line 2: axis 5 would stand at 200.000°, its limits are -140° and 140°"),
+        (HEAD, "A,0,20,10,0,200,0", "line 2: axis 5 would be at 200.000°, the limits are -140° and 140°"),
         ("x_mm,y_mm,z_mm", "900,0,0", "has no column rx_deg, ry_deg, rz_deg"),
         ("x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg", "9000,0,0,0,180,0", "line 2: is out of the nominal arm's reach"),
         (f"{HEAD},u_um", "A,0,20,10,0,60,0,1", "is the path corrected already?"),
@@ -371,7 +371,7 @@ def test_a_target_that_cannot_be_corrected_stays_as_it_was_and_the_others_are_co
     done = CliRunner().invoke(app, ["correct", str(cell), "--path", str(path), "-o", str(out)])
     assert done.exit_code == FileError.exit_code
     assert "line 3: cannot be corrected: the arm is at a singularity" in done.stderr
-    assert "line 4: axis 5 would stand at 400.000°" in done.stderr
+    assert "line 4: axis 5 would be at 400.000°" in done.stderr
     with (out / "corrected-path.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert [row["corrected"] for row in rows] == ["yes", "no", "no", "yes"]

@@ -161,7 +161,7 @@ def test_the_runs_that_are_drawn_give_the_figures_of_the_table(
 
 def test_a_picture_that_cannot_be_written_is_one_line(rows: dict[tuple[str, str], Row], tmp_path: Path) -> None:
     (tmp_path / "taken").write_text("a file")
-    with pytest.raises(FileError, match="give another --plot"):
+    with pytest.raises(FileError, match="choose a different --plot"):
         pictures.save(RIG, TEXT, list(rows.values()), tmp_path / "taken" / "pictures")
 
 

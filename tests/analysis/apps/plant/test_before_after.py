@@ -46,7 +46,7 @@ def test_one_run_a_side_shows_no_spread_and_says_so(runs: list[Path]) -> None:
 
 def test_without_a_known_spread_it_is_not_said_that_nothing_differs(runs: list[Path]) -> None:
     (line,) = headlines(differences(runs[3:4], runs[:1]))
-    assert line.startswith("The spread between runs is not known") and "record two or more runs" in line
+    assert line.startswith("The spread between runs is unknown") and "record two or more runs" in line
     several = headlines(differences(runs[1:3], [runs[0]]))
     assert several == ["No figure differs by more than the spread between runs explains."]
     assert "known" not in " ".join(headlines(differences(runs[3:], runs[:3])))

@@ -115,7 +115,7 @@ def test_a_run_that_lost_its_manifest_is_named(runs: Path) -> None:
     (runs / "deeper" / "001-acw" / "manifest.json").unlink()
     found = collect(runs, "ur10e", silent)
     assert [run.name for run in found.broken] == ["000-acw", "deeper/001-acw"]
-    assert all("its manifest is missing" in run.problem for run in found.broken)
+    assert all("the manifest is missing" in run.problem for run in found.broken)
 
 
 def test_a_copy_counts_once(runs: Path) -> None:
@@ -136,9 +136,9 @@ def test_a_table_that_was_imported_twice_counts_once(runs: Path) -> None:
     found = collect(runs, "ur10e", silent)
     assert len(found.runs) == 3
     assert {"000-acw", "one"} & {run.name for run in found.runs} == set()  # the newest import is kept
-    assert {"000-acw is a copy of one and is left out", "one is a copy of two and is left out"} <= {*found.notes}
+    assert {"000-acw is a copy of one and is ignored", "one is a copy of two and is ignored"} <= {*found.notes}
     one, two = (load_measured(runs / name) for name in ("one", "two"))
-    with pytest.raises(FileError, match=r"two: holds the same readings as .*one"):
+    with pytest.raises(FileError, match=r"two: contains the same readings as .*one"):
         refuse_copies((run.path, run.run.readings_sha256) for run in (one, two))
 
 

@@ -51,7 +51,7 @@ def test_where_no_run_measured_both_there_is_no_u_and_the_reason_is_said(tmp_pat
     known = "found: {date: 2026-11-20, runs: [a], sd: {offset_deg: 0.01}"
     for name, driven, doubts in (
         ("all", "[-360, 360]", []),
-        ("part", "[0, 1]", ["no u: at 200 of 200 postures no run says how well both arms are known"]),
+        ("part", "[0, 1]", ["no u: at 200 of 200 postures the uncertainty of both arms is unknown"]),
     ):
         joints = ", ".join([driven] * 6)
         effect = f"{{effect: joint_offset, axis: 2, offset_deg: 0.1, {known}, joints_deg: [{joints}]}}}}"
@@ -63,7 +63,7 @@ def test_where_no_run_measured_both_there_is_no_u_and_the_reason_is_said(tmp_pat
 def test_arms_of_two_models_are_refused_in_a_line(tmp_path: Path) -> None:
     done = ran("compare", arm(tmp_path, "one"), arm(tmp_path, "other", shipped="paper-fanuc"))
     assert done.returncode == 3
-    assert "compare arms of one model" in " ".join(done.stderr.split())
+    assert "compare arms of the same model" in " ".join(done.stderr.split())
 
 
 def test_with_runs_it_says_which_of_a_rig_file_and_a_urdf_fits(tmp_path: Path) -> None:

@@ -55,7 +55,7 @@ def test_the_robots_are_listed_what_needs_attention_first() -> None:
     printed = fleet("plant")
     names = re.findall(r"^ (robot-\d+) +(\w+)", printed, re.M)
     assert names[0] == ("robot-003", "beyond") and len(names) == 3
-    assert "1 run has no figures and is left out" in printed and "the ledger lists this chunk" in printed
+    assert "1 run has no figures and is ignored" in printed and "the ledger lists this chunk" in printed
     assert "30 runs, 30 of them read (new, changed, or unreadable the last time)" in printed
 
 
@@ -133,10 +133,10 @@ def test_the_table_has_every_figure_of_every_run(work: Path) -> None:
         (("empty",), "error: empty: does not contain runs; give the directory that holds the plant's runs"),
         (("plant", "--catalogue", "letter"), "error: letter: is not a catalogue of rig fleet; give another"),
         (("plant", "-o", "page.txt"), "error: page.txt: is not the name of a page; give --output FILE.html"),
-        (("plant", "--parquet", "empty"), "error: empty: Is a directory; give another --parquet"),
+        (("plant", "--parquet", "empty"), "error: empty: Is a directory; choose a different --parquet"),
         (("plant", "--parquet", "letter"), "error: letter: exists already, and rig did not make it; give another"),
         (("plant", "--parquet", "own.parquet"), "error: own.parquet: exists already, and rig did not make it; give"),
-        (("plant", "--parquet", "letter/x"), "error: letter/x: Not a directory; give another --parquet"),
+        (("plant", "--parquet", "letter/x"), "error: letter/x: Not a directory; choose a different --parquet"),
     ],
 )
 def test_what_is_wrong_is_one_line(

@@ -124,12 +124,12 @@ def test_a_bad_run_costs_its_own_row(plant: Path, file: Path) -> None:
     assert "changed since it was recorded" in healthy.without_figures[0][1]
     assert "cut off" in healthy.without_figures[1][1]
     assert found.strays == (
-        (str(unreadable.relative_to(plant)), "its manifest is missing, or it or the marks cannot be read"),
+        (str(unreadable.relative_to(plant)), "the manifest is missing, or it or the marks cannot be read"),
     )
     assert gathered(plant, file).robots == found.robots
     (unreadable / "manifest.json").unlink()
     assert gathered(plant, file).strays == (
-        (str(unreadable.relative_to(plant)), "its manifest is missing, or it or the marks cannot be read"),
+        (str(unreadable.relative_to(plant)), "the manifest is missing, or it or the marks cannot be read"),
     )
     shutil.copytree(runs_of(plant, 1)[5], unsealed, dirs_exist_ok=True)
     mended = next(one for one in gathered(plant, file).robots if one.robot == "robot-001")
@@ -178,13 +178,13 @@ def test_a_catalogue_of_another_version_is_made_again(plant: Path, file: Path, m
         first = gathered(plant, file)
     again = gathered(plant, file)
     assert (again.robots, again.examined) == (first.robots, 3 * VISITS)
-    assert any("another version" in note for note in again.notes)
+    assert any("a different version" in note for note in again.notes)
 
 
 def test_a_file_of_somebody_else_is_left_alone(tmp_path: Path, plant: Path, file: Path) -> None:
     for held in (b"a letter", b"SQLite format 3\0" + bytes(100)):
         file.write_bytes(held)
-        with pytest.raises(FileError, match="is not a catalogue of rig fleet; give another --catalogue"):
+        with pytest.raises(FileError, match="is not a catalogue of rig fleet; choose a different --catalogue"):
             catalogue.refuse_foreign(file)
         assert file.read_bytes() == held
     file.unlink()
@@ -199,12 +199,12 @@ def test_a_file_of_somebody_else_is_left_alone(tmp_path: Path, plant: Path, file
 
 def test_a_catalogue_that_cannot_be_made_is_one_line(plant: Path, tmp_path: Path) -> None:
     (tmp_path / "blocked").write_text("")
-    with pytest.raises(CellError, match=r"catalogue cannot be written: .*; give another file: --catalogue FILE"):
+    with pytest.raises(CellError, match=r"catalogue cannot be written: .*; choose a different file: --catalogue FILE"):
         gathered(plant, tmp_path / "blocked" / "catalogue.sqlite")
 
 
 def test_a_plant_without_runs_is_refused(tmp_path: Path, file: Path) -> None:
-    with pytest.raises(FileError, match="holds no runs"):
+    with pytest.raises(FileError, match="contains no runs"):
         gathered(tmp_path, file)
     with pytest.raises(FileError, match="no such directory"):
         gathered(tmp_path / "nowhere", file)

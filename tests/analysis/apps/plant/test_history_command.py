@@ -49,7 +49,7 @@ def test_recorded_files_become_a_sentence_a_table_and_a_page(runs: Path, tmp_pat
     shown = " ".join(ran("history", "ur10e", "--runs", runs, "-o", page).split())
     assert re.search(r"Play of axis 3 rose from 0\.010?\d* to 0\.0[12]\d* ° between 5 and 6 May 2026", shown)
     assert (
-        "1 run has no figures and is left out: odd: its manifest is missing, or it or the marks cannot be read" in shown
+        "1 run has no figures and is ignored: odd: the manifest is missing, or it or the marks cannot be read" in shown
     )
     html = page.read_text()
     assert html.count("<svg") >= 5 and "Play of axis 3 rose" in html
@@ -109,7 +109,7 @@ def test_a_copy_is_no_run_after_a_repair(runs: Path, tmp_path: Path) -> None:
     copy = shutil.copytree(run, tmp_path / "copy")
     for words in (("compare", run, "--against", copy), ("calibrate", run, "--hold-out", copy, "--fit", "backlash:1")):
         done = command_line.ran(*words)
-        assert done.returncode == 3 and "holds the same readings as" in done.stderr
+        assert done.returncode == 3 and "contains the same readings as" in done.stderr
 
 
 def test_compare_takes_every_run_after_against(runs: Path) -> None:

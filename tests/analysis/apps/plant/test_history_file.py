@@ -93,7 +93,7 @@ def test_a_damaged_file_is_made_again(file: Path, harm: object) -> None:
 @pytest.mark.parametrize("statement", ["pragma user_version = 99", "update made_by set rig = 'older'"])
 def test_a_file_of_another_version_is_made_again(file: Path, statement: str) -> None:
     change(file, statement)
-    assert read_records(file) == ({}, "was made by another version of rig")
+    assert read_records(file) == ({}, "was made by a different version of rig")
     write_records(file, [RECORD], [], from_new=True)
     assert set(read_records(file)[0]) == {"lap-1"}
 
@@ -102,7 +102,7 @@ def test_the_database_of_another_program_is_left_alone(tmp_path: Path) -> None:
     path = tmp_path / FILE
     change(path, "create table theirs (x)")
     before = path.read_bytes()
-    with pytest.raises(Unusable, match="another program"):
+    with pytest.raises(Unusable, match="a different program"):
         read_records(path)
     assert path.read_bytes() == before
 

@@ -173,4 +173,4 @@ def test_a_program_that_began_unrecorded_is_asked_for_again(bench: Bench) -> Non
     cell = Cell(bench.time, lambda now_s: once(now_s) if now_s < 75 else again(now_s))
     cell.refusals = [CellError("disk", "nearly full", "free some space")] * 8
     assert bench.drive(cell).why == ""
-    assert any("began before it was recorded" in line for line in bench.screen.lines)
+    assert any("started before the recording" in line for line in bench.screen.lines)

@@ -30,7 +30,7 @@ def test_u_stands_where_the_runs_of_the_model_were_and_nowhere_else(most_deg: fl
     before = Deviation(um=50, largest_um=90, u_um=1, runs=2)
     correction = Correction(way="programs", sentence="Load them.", before_um=50, expected_um=12.3)
     line = list(correction_lines(correction, [Side("elsewhere", before, before, expected)]))[1]
-    assert ("without u" in line) != is_known
+    assert ("uncertainty unknown" in line) != is_known
 
 
 @pytest.mark.parametrize(("unknown", "said"), [(0.0, ""), (0.82, "82 % of the work"), (1.0, "The work area was not")])

@@ -132,7 +132,7 @@ def test_a_session_killed_at_each_step_has_the_same_end(whole: Whole, place: Pat
             continue
         break
     else:
-        pytest.fail("it never came to its end")
+        pytest.fail("it never came to the end")
     finished(session, place)
     assert mortal.driven == whole.driver.driven, "no program is driven twice: its run is found and taken"
     same = {"tries", "began"}
@@ -173,7 +173,7 @@ def test_an_ambiguous_answer_puts_the_separating_test_next(place: Path, tmp_path
 def test_a_run_in_vain_is_driven_again_and_the_third_ends_with_a_line(aim: Aim, place: Path, tmp_path: Path) -> None:
     begun(cell_file(tmp_path), place, aim=aim)
     driver = Simulated(place, {1: "g1: 3 silent", 2: "g1: 3 silent", 3: "g1: 3 silent"})
-    with pytest.raises(CellError, match=r"p02-yaw-cw: failed 3 times, the last time: g1: 3 silent; look at the cell"):
+    with pytest.raises(CellError, match=r"p02-yaw-cw: failed 3 times, the last time: g1: 3 silent; check the cell"):
         gone_on(place, driver, Oracle())
     kept = Place(place).read()
     assert kept is not None and [len(step.tries) for step in kept.steps[:2]] == [1, 3]
@@ -259,5 +259,5 @@ def test_a_computer_that_is_held_up_is_named_before_the_cell(place: Path, tmp_pa
         def drive(self, step: Step, wait: Callable[[], None]) -> Run:
             return replace(super().drive(step, wait), why="the lap has no data from 59° to 83°", held_up=2)
 
-    with pytest.raises(CellError, match=r"this computer: was held up, .* p01-yaw-acw, .*; end what keeps it busy"):
+    with pytest.raises(CellError, match=r"this computer: was delayed, .* p01-yaw-acw, .*; close other programs"):
         gone_on(place, HeldUp(place), Oracle())

@@ -76,7 +76,7 @@ def test_too_little_time_is_said_with_what_it_takes(rig: Rig) -> None:
 
 
 def test_a_rig_without_gauges_is_not_sent_around_the_ball() -> None:
-    with pytest.raises(FileError, match=r"has no gauges, .* measure poses \(rig plan RIG --poses 60\)"):
+    with pytest.raises(FileError, match=r"does not have gauges, .* measure poses \(rig plan RIG --poses 60\)"):
         planned(
             parse(f"name: cell\nrobot: {load_arm('ur5').robot.model_dump_json()}\n", "cell.yaml"),
             "faults",

@@ -80,7 +80,7 @@ def test_runs_are_listed_filtered_evaluated_and_compared(one: Served) -> None:
     assert "&lt;b&gt;bold" in page.text and "<b>bold" not in page.text and "link" not in page.text.split("<tbody>")[1]
     assert "damaged" in page.text and "pass" in page.text
     assert "good" in one.ask("/runs?q=yaw+good").text.split("<tbody>")[1]
-    assert "There are no such runs." in one.ask("/runs?q=roll").text
+    assert "Nothing matches the filter." in one.ask("/runs?q=roll").text
     told = one.ask("/metrics").text
     assert "rig_up 0" in told
     figure = 'rig="ur10e",test="yaw",direction="acw",figure="band_deg"'

@@ -74,7 +74,7 @@ def test_two_placements_calibrate_as_one_arm(
     assert len(setups) == 2
     tools = [setup.T_tool_target for setup in setups.values()]
     np.testing.assert_allclose(tools[0], tools[1], atol=1e-9)
-    said = [doubt for doubt in found.doubts if "do not share one frame" in doubt]
+    said = [doubt for doubt in found.doubts if "do not share a frame" in doubt]
     assert len(said) == (0 if named else 1)
     assert named or "fitted as 3 placements (first; second; judge)" in said[0]
 
@@ -89,7 +89,7 @@ def test_a_placement_of_three_poses_takes_the_tool_of_the_others(
     found = calibrate(runs, "joint_offset", rig=RIG)
     assert found.train.calibrated_um < 500
     assert set(found.calibrated.setups) == {"pose at door", "pose at wall"}
-    words = "pose at floor is left out: its 6 readings are too few for the 6 terms of the set-up alone"
+    words = "pose at floor is ignored: its 6 readings are too few for the 6 terms of the set-up alone"
     assert words in found.doubts
     with pytest.raises(FileError, match="6 readings are too few"):
         calibrate(runs[2:], "joint_offset", rig=RIG)
@@ -153,5 +153,5 @@ def test_two_placements_are_diagnosed_as_one_arm(tmp_path: Path, named: bool) ->
     assert frames == (
         {"pose at door", "pose at wall", "pose at floor"} if named else {"pose", "pose, frame 2", "pose, frame 3"}
     )
-    said = [doubt for doubt in answer["doubts"] if "do not share one frame" in doubt]
+    said = [doubt for doubt in answer["doubts"] if "do not share a frame" in doubt]
     assert len(said) == (0 if named else 1)

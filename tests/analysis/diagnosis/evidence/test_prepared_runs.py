@@ -52,7 +52,7 @@ def test_a_circle_with_another_tool_on_the_same_arm_is_a_set_up_and_not_a_robot(
     (used,), told = prepare_runs(RIG, [run, other])
     assert [one.setup for one in used] == ["yaw", "yaw 2"] and told == []
     assert [one.model.arm.T_flange_tool[0, 3] for one in used] == [0.0, 40.0]
-    with pytest.raises(FileError, match="another robot"):
+    with pytest.raises(FileError, match="a different robot"):
         prepare_runs(beside, [run, like])
 
 
@@ -93,4 +93,4 @@ def test_a_placement_that_takes_up_all_its_readings_is_left_out() -> None:
     two = replace(two, run=replace(two.run, manifest=placed))
     (used,), told = prepare_runs(RIG, [run, two])
     assert [run.setup for run in used] == ["pose"]
-    assert told == ["pose at wall is left out: its 6 readings are too few for the 6 terms of the set-up alone"]
+    assert told == ["pose at wall is ignored: its 6 readings are too few for the 6 terms of the set-up alone"]

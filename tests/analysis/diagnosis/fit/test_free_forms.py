@@ -38,7 +38,7 @@ def _slips(block: Block) -> Array:
 
 ERRORS: dict[str, tuple[int, Callable[[Block], Array]]] = {
     "an error of axis 2 that goes with its angle": (2, _slips),
-    "an error of axis 4 that goes with its speed, whichever way it turns": (
+    "an error of axis 4 that goes with the speed, whichever way it turns": (
         4,
         lambda block: 3e-3 * np.abs(_rates(block)[:, [3]]),
     ),
@@ -67,7 +67,7 @@ def test_beside_names_and_a_background_a_form_gains_what_the_density_gains() -> 
     other = linear.columns([JointOffset(axis=axis, offset_deg=2e-3) for axis in (2, 3, 4, 5)])
     free = linear.columns([Backlash(axis=axis, width_deg=1e-3) for axis in (1, 2)])
     C = np.eye(len(free)) + other @ other.T + 100 * linear.U @ linear.U.T + 1e6 * free @ free.T
-    words = "an error of axis 4 that goes with its speed, whichever way it turns"
+    words = "an error of axis 4 that goes with the speed, whichever way it turns"
     added = linear.by_joint(4, ERRORS[words][1])[:, 0]
     y = np.random.default_rng(5).normal(size=len(free)) + added * 200 / np.linalg.norm(added)
     found = best_free_form(tuple(free_forms_of(linear)), _beside(linear, y, free, other))

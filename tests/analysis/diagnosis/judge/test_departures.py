@@ -196,7 +196,7 @@ def test_a_spike_that_begins_later_is_larger_from_then_on() -> None:
     found, whole = departure_columns(linear, spike), linear.columns([spike])[:, 0]
     step_s = float(np.median(np.diff(linear.blocks[0].path.t_s)))
     weights, *_ = np.linalg.lstsq(found, whole, rcond=None)
-    assert np.linalg.norm(whole - found @ weights) < 1e-6 * np.linalg.norm(whole), "each of its turns has its own size"
+    assert np.linalg.norm(whole - found @ weights) < 1e-6 * np.linalg.norm(whole), "each of its turns has the own size"
     later = np.abs(weights).max()
     assert 0.2 * step_s < decay_s / later < 0.8 * step_s, "a time of less than a sample"
 

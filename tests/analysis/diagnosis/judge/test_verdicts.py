@@ -168,7 +168,7 @@ def test_more_waves_of_a_joint_than_gears_have_name_no_gear(monkeypatch: pytest.
     screen = Console(width=120, file=io.StringIO())
     with screen.capture() as shown:
         screen.print(as_screen(found))
-    assert "one of more waves than an axis has" in " ".join(shown.get().split())
+    assert "part of a series with more waves than an axis has" in " ".join(shown.get().split())
     waves_in_the_budget = [part for part in found.budget if part.doubt == "series"]
     assert len(waves_in_the_budget) == 2 and {part.rank for part in waves_in_the_budget} == {"undecided"}
     assert "comes from gear error" not in AnswerWords(found).headline, "what imitates something else is no cause"
@@ -291,7 +291,7 @@ def test_a_program_out_of_reach_costs_the_next_test_only() -> None:
     )
     found = diagnose(RIG.model_copy(update={"tests": far}), _ambiguous_runs(), [], [], lambda doing: None)
     assert found.condition == "ambiguous" and found.next_test is None
-    assert any(doubt.startswith("no further test is possible with this rig file") for doubt in found.doubts)
+    assert any(doubt.startswith("further tests are not possible with this rig file") for doubt in found.doubts)
 
 
 def test_no_name_stands_with_which_the_model_explains_no_more() -> None:
@@ -304,7 +304,7 @@ def test_no_name_stands_with_which_the_model_explains_no_more() -> None:
 def test_a_name_that_ends_at_the_limit_of_its_size_is_doubted() -> None:
     most = size_limits(JointOffset(axis=3))[1]
     one = Named(JointOffset(axis=3, offset_deg=most), {}, 1.0, (), 1.0, "", 500.0, None)
-    assert doubts_of_limits([one])[0].startswith("joint_offset 3 ended at the limit of its size")
+    assert doubts_of_limits([one])[0].startswith("joint_offset 3 ended at the limit of the size")
     inside = replace(one, effect=JointOffset(axis=3, offset_deg=0.95 * most))
     assert doubts_of_limits([inside, replace(one, doubt="usual")]) == ()
     nearly = replace(one, effect=JointOffset(axis=3, offset_deg=-most * (1 - 1e-15)))

@@ -115,7 +115,7 @@ def test_a_fit_agrees_that_the_one_stands_in_for_the_other_on_one_circle_and_not
 
 def test_what_the_set_up_takes_up_and_what_does_nothing_is_listed_with_the_reason(circle_alone: Plan) -> None:
     hidden = {one.name: one for one in circle_alone.hidden}
-    assert "set-up absorbs it" in hidden["joint_offset 1"].hidden
+    assert "absorbed by the set-up" in hidden["joint_offset 1"].hidden
     assert hidden["compliance 1"].hidden == "gravity does not load axis 1"
     assert "healthy arm" in hidden["time_lag"].hidden
     assert "axis 6" in hidden["compliance 6"].hidden
@@ -216,7 +216,7 @@ def test_the_command_prints_words_or_one_object(monkeypatch: pytest.MonkeyPatch,
     assert "not possible here: a flight: no wings" in told.stdout
     assert "noise assumed" in told.stdout and "from stop to stop 24.5 µm" in " ".join(told.stdout.split())
     assert "all other errors have their usual size" in " ".join(told.stdout.split())
-    assert "87 names: " in told.stdout, "a gear is one name, whatever its orders"
+    assert "87 names: " in told.stdout, "a gear is one name, regardless of its orders"
     found = json.loads(CliRunner().invoke(app, ["plan", "paper-fanuc", "--tests", "yaw,roll", "--json"]).stdout)
     assert {"tests", "runs", "effects", "groups", "pairs", "further", "not_possible"} <= found.keys()
     by_name = {effect["name"]: effect for effect in found["effects"]}
@@ -238,4 +238,4 @@ def test_an_unknown_test_is_refused_in_one_line() -> None:
     done = CliRunner().invoke(app, ["plan", "paper-fanuc", "--tests", "yaw,jaw"])
     assert isinstance(done.exception, UseError)
     known = "yaw,roll,radial,repeatability,touch"
-    assert done.exception.lines() == [f"--tests: 'jaw' is not a test; give one or more of {known}"]
+    assert done.exception.lines() == [f"--tests: 'jaw' is not a test; give some of {known}"]

@@ -162,7 +162,7 @@ def test_wrong_use_is_one_line(tmp_path: Path) -> None:
         assert isinstance(done.exception, UseError)
         (line,) = done.exception.lines()
         assert line.startswith(told)
-    with pytest.raises(FileError, match=r"has no tests\.circle to begin from"):
+    with pytest.raises(FileError, match=r"needs tests\.circle as a start"):
         propose(_without_circle(), CIRCLE, 3, 60.0)
 
 

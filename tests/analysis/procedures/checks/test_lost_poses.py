@@ -45,7 +45,7 @@ def test_one_lost_point_of_130_is_left_out_and_said(seed: int) -> None:
     sound = table(130, seed)
     found, truth = evaluated(moved(sound, 56, np.zeros(3))), evaluated(sound)
     note = found.notes[0]
-    assert note.startswith("1 of 130 poses left out: row 57 is ") and " m from where the arm was" in note
+    assert note.startswith("1 of 130 poses ignored: row 57 is ") and " m from where the arm was" in note
     assert found.samples == 129 and 56 not in found.rows
     assert found.figures["rms_mm"].value == pytest.approx(truth.figures["rms_mm"].value, rel=0.02)
     assert found.figures["rms_mm"].value == pytest.approx(SPREAD_MM * np.sqrt(3), rel=0.1)
@@ -57,7 +57,7 @@ def test_one_place_far_off_is_left_out(seed: int, count: int) -> None:
     sound = table(count, seed)
     way = np.random.default_rng(seed).normal(size=3)
     found = evaluated(moved(sound, 4, sound.xyz_mm[4] + 600 * way / np.linalg.norm(way)))
-    assert found.notes[0].startswith(f"1 of {count} poses left out: row 5 is ")
+    assert found.notes[0].startswith(f"1 of {count} poses ignored: row 5 is ")
     truth = evaluated(replace(sound, q=np.delete(sound.q, 4, 0), xyz_mm=np.delete(sound.xyz_mm, 4, 0)))
     assert found.figures["rms_mm"].value == pytest.approx(truth.figures["rms_mm"].value)
 
@@ -73,7 +73,7 @@ def test_a_wild_turn_is_left_out_too() -> None:
     rpy = sound.rpy.copy()
     rpy[20] += (0.0, 0.0, 0.2)
     found, truth = evaluated(replace(sound, rpy=rpy)), evaluated(sound)
-    assert "1 of 60 poses left out: row 21" in found.notes[0]
+    assert "1 of 60 poses ignored: row 21" in found.notes[0]
     assert found.figures["rms_deg"].value == pytest.approx(truth.figures["rms_deg"].value, rel=0.05)
 
 

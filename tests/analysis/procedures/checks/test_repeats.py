@@ -57,7 +57,7 @@ def test_the_others_are_diagnosed_and_the_run_is_named() -> None:
     found = found_in(runs)
     assert [name_of(one.effect) for one in found.effects if one.stands] == ["backlash 5"]
     assert any(
-        doubt.startswith("yaw-cw-2 is left out: compared with its repeats, its gauges g1 and g2 are exchanged")
+        doubt.startswith("yaw-cw-2 is ignored: compared with its repeats, the gauges g1 and g2 are exchanged")
         for doubt in found.doubts
     )
     assert not any("may be exchanged" in doubt for doubt in found.doubts)

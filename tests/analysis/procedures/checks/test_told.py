@@ -52,7 +52,7 @@ def test_rig_check_says_what_was_checked_and_found(tmp_path: Path) -> None:
     assert done.returncode == 3
     lines = done.stdout.splitlines()
     assert any(line.startswith("joints:") and "only with J3 + J2" in line for line in lines)
-    assert any(line.startswith("units:") and "nothing against it" in line for line in lines)
+    assert any(line.startswith("units:") and "no objection" in line for line in lines)
     assert any(line.startswith("gauge sign:") and "not shown: " in line for line in lines)
     found = json.loads(ran("check", run, "--json").stdout)
     (joints,) = (one for one in found["conventions"] if one["name"] == "joints")
@@ -104,5 +104,5 @@ def test_poses_that_are_no_measurement_are_left_out_beside_others() -> None:
         table=replace(other.table, q=other.table.q[:, [0, 2, 1, 3, 4, 5]]),
     )
     found = found_in([sound, wrong])
-    assert found.doubts[0].startswith("wrong is left out: only with J2 and J3 exchanged do these poses fit")
+    assert found.doubts[0].startswith("wrong is ignored: only with J2 and J3 exchanged do these poses fit")
     assert found.accuracy.now_um < 100

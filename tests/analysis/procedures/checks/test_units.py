@@ -104,7 +104,7 @@ def test_targets_of_a_gauge_in_micrometres() -> None:
     rows = plain("radial")
     travel = float(np.ptp([float(cell) for cell in rows["g1_mm"]]))
     (doubt,) = check(rows | {"g1_mm": scaled(rows["g1_mm"], 100 / travel)}, "radial")
-    assert doubt.startswith("g1_mm travels 100 mm on a radius of 400 mm, more than any robot error; check its unit")
+    assert doubt.startswith("g1_mm travels 100 mm on a radius of 400 mm, more than any robot error; check the unit")
     with pytest.raises(
         FileError, match=r"g1_mm travels 500 mm on a radius of 400 mm, which is impossible for a link; check"
     ):
@@ -156,7 +156,8 @@ def test_both_gauges_in_another_unit(test: TestName) -> None:
     with pytest.raises(FileError, match="g1_mm and g2_mm are in inches"):
         check(changed(test, {"g1_mm": 1 / 25.4, "g2_mm": 1 / 25.4}), test)
     with pytest.raises(
-        FileError, match=r"g1_mm travels .* which is impossible for a link; convert it to mm: it looks like µm"
+        FileError,
+        match=r"g1_mm travels .* which is impossible for a link; convert it to mm: the values are probably µm",
     ):
         check(changed(test, {"g1_mm": 1000.0, "g2_mm": 1000.0}), test, unknown_ball())
 

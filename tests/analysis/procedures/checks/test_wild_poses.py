@@ -57,7 +57,7 @@ def test_wild_rows_are_named_when_they_are_imported_and_left_out_of_every_fit(sp
     found = far_poses(run.table, without_setup(arm_of(RIG.robot)))  # type: ignore[arg-type]
     assert (np.flatnonzero(found.wild) + 1).tolist() == rows
     (line,) = [one.words for one in findings_of([run]) if one.convention == WILDNESS]
-    assert all(str(row) in line for row in (rows[0], rows[-1])) and f"{len(rows)} of 60 poses left out" in line
+    assert all(str(row) in line for row in (rows[0], rows[-1])) and f"{len(rows)} of 60 poses ignored" in line
     (kept,), said = prepare_runs(RIG, [run])
     assert (np.setdiff1d(np.arange(60), kept[0].rows) + 1).tolist() == rows and line.split(";")[0] in said[0]
     clean, _ = _run(seed, "none")
@@ -103,4 +103,4 @@ def test_a_wild_row_is_said_beside_two_reflectors() -> None:
     xyz[11] += [400.0, 0.0, 0.0]
     lines = [one.words for one in findings_of([run_of(PoseTable(seen.q, xyz, None), "poses", RIG)])]
     assert ["elsewhere than the others" in line for line in lines] == [True, False]
-    assert "1 of 60 poses left out: row 12" in lines[1]
+    assert "1 of 60 poses ignored: row 12" in lines[1]

@@ -188,7 +188,7 @@ def test_a_cycle_without_the_target_is_left_out_and_counted() -> None:
     kept[torn] = False
     found = path.evaluate(PathTable(table.t_s[kept], table.xyz_mm[kept]), CUBE, None, "path")
     assert len(found.driven.paths["line"].places) == CYCLES - 1
-    assert any("1 paths are left out" in note for note in found.notes)
+    assert any("1 paths are ignored" in note for note in found.notes)
 
 
 def test_paths_that_are_not_there_and_those_with_too_few_places_are_said() -> None:

@@ -231,7 +231,7 @@ def test_what_is_no_radial_run_is_refused() -> None:
     for said, changes in (
         ("reads 0 mm in all", {"g_mm": np.zeros_like(g)}),
         ("g1_mm of row 4 is not a number", {"g_mm": np.where(np.arange(len(g)) == 3, np.nan, g)}),
-        ("g1_mm holds no valid number in any of its 111 rows", {"g_mm": np.full(len(g), np.nan)}),
+        ("g1_mm contains no valid number in any of its 111 rows", {"g_mm": np.full(len(g), np.nan)}),
         ("too large for a radius of 400 mm", {"g_mm": g + 400}),
         ("beyond 180°", {"polar": np.degrees(TABLE.polar)}),
         ("target 1 has two directions", {"polar": TABLE.polar + 0.1 * (np.arange(len(g)) == 1)}),
@@ -268,7 +268,7 @@ def test_repeatability_leaves_out_what_has_one_side_and_refuses_what_has_none() 
     assert list(result.targets) == [1, 3]
     assert "target 2 left out" in result.notes[0]
     for said, changes in (
-        ("no target was read twice from each side", {"approach": np.full(18, "out")}),
+        ("the targets were not read twice from each side", {"approach": np.full(18, "out")}),
         ("is not a side", {"approach": np.full(18, "left")}),
         ("reads 1 mm in all 18 rows", {"g_mm": np.ones(18)}),
     ):

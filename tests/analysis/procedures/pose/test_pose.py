@@ -54,8 +54,8 @@ def test_a_planted_set_up_is_found_and_leaves_nothing() -> None:
     assert result.figures["rms_mm"].value < 1e-6
     assert result.figures["rms_deg"].value < 1e-6
     assert result.notes == (
-        "no pose was visited twice: repeatability is not reported, and the noise of instrument and robot is assumed",
-        "how well the instrument measures a rotation is not known: figures of the orientation have no u",
+        "every pose was measured once: repeatability is not reported, and the noise of instrument and robot is assumed",
+        "the uncertainty of the instrument in rotation is unknown: figures of the orientation lack u",
     )
     assert str(result.figures["rms_deg"]) == "0.0000 °"
     assert {figure.noise for figure in result.figures.values()} == {"assumed"}

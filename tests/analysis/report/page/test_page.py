@@ -165,8 +165,10 @@ def test_what_stays_has_a_row_for_each_thing_that_it_was_held_against(report: Re
     text = _text(rendered(replace(report, results=(last,), found=found), texts_of("en")))
     assert f"· {last.test} " not in text, "a place that is named as its test is said once"
     assert "has a residual of 108 µm; the readings scatter by 25" in text
-    assert "it goes with: the side from which joints came 31 %. Looked for and not found: the posture." in text
-    rows = "the posture nothing the side from which joints came 31 % temperature not known of these runs"
+    assert (
+        "The residual depends on: the direction of arrival of the joints 31 %. No dependence on: the posture." in text
+    )
+    rows = "the posture not detected the direction of arrival of the joints 31 % temperature unknown for these runs"
     assert rows in text
 
 

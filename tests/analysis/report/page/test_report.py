@@ -88,7 +88,7 @@ def test_a_pdf_without_its_library_is_one_line_with_what_to_do(
     assert (done.returncode, list(tmp_path.iterdir())) == (CellError.exit_code, [])
     assert done.stderr == (
         f"error: monday.pdf: needs weasyprint, which is missing; {to_install('weasyprint')}, or write monday.html and "
-        "print it from a browser\n"
+        "print the page from a browser\n"
     )
 
 

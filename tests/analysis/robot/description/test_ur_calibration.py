@@ -94,7 +94,7 @@ BAD = {
     "nan": (re.sub(r"delta_a = \[[^,]*,", "delta_a = [NaN,", GOOD), "delta_a is not a list of six numbers"),
     "huge": (re.sub(r"delta_a = \[[^,]*,", "delta_a = [1" + "0" * 400 + ",", GOOD), "delta_a is not a list of six"),
     "1e308": (re.sub(r"delta_a = \[[^,]*,", "delta_a = [1e308,", GOOD), "delta_a is not a list of six numbers"),
-    "100 km": (re.sub(r"delta_a = \[[^,]*,", "delta_a = [1e5,", GOOD), "correct it: its units are metres and radians"),
+    "100 km": (re.sub(r"delta_a = \[[^,]*,", "delta_a = [1e5,", GOOD), "correct it: the units are metres and radians"),
     "words": (re.sub(r"delta_a = .*", "delta_a = small", GOOD), "delta_a is not a list of six numbers"),
     "nested": (re.sub(r"delta_a = .*", "delta_a = " + "[" * 50_000, GOOD), "delta_a is not a list of six numbers"),
     "no header": (GOOD.replace("[mounting]\n", ""), "contains no section headers"),

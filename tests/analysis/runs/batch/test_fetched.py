@@ -78,7 +78,7 @@ def test_an_error_names_the_run_and_not_its_copy(run: Path, place: Path) -> None
         ("vanished", StoreLost, "the store does not answer: Connection reset by peer; check the network"),
         ("grown", FileError, "has changed while it was read"),
         ("nowhere", FileError, "is not there; check the URL"),
-        ("empty", FileError, "holds no run"),
+        ("empty", FileError, "contains no run"),
     ],
 )
 def test_what_cannot_be_fetched_is_one_line(

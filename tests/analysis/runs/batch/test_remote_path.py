@@ -41,11 +41,11 @@ def test_all_else_is_a_path(text: str) -> None:
 @pytest.mark.parametrize(
     ("text", "what"),
     [
-        ("sftp://me:hidden@host/srv", "holds a password"),
-        ("ftp://:hidden@host", "holds a password"),
-        ("https://host/runs?X-Amz-Signature=hidden", "holds a query"),
-        ("sftp://me:hid/hidden@host/srv", "holds a password"),
-        ("sftp://me:/hidden@host/srv", "holds a password"),
+        ("sftp://me:hidden@host/srv", "contains a password"),
+        ("ftp://:hidden@host", "contains a password"),
+        ("https://host/runs?X-Amz-Signature=hidden", "contains a query"),
+        ("sftp://me:hid/hidden@host/srv", "contains a password"),
+        ("sftp://me:/hidden@host/srv", "contains a password"),
         ("zip://runs::s3://hidden/x.zip", "a chain of URLs"),
         ("simplecache::s3://me:hidden@runs/x", "a chain of URLs"),
         ("sftp://[::1]/srv", "a computer by its name"),

@@ -80,7 +80,7 @@ def test_readings_beyond_the_range_are_counted_of_each_gauge() -> None:
     doubts = beyond_certificates(rig, beyond, len(g_mm))
     assert doubts == [
         "g1: 2 of 3 readings lie beyond the -12 to 12 mm of its certificate D-K-1 2025-17; "
-        "they are corrected as at its end"
+        "they are corrected as at the end"
     ]
     assert found[:, 1].tolist() == g_mm[:, 1].tolist() and found[1, 0] == pytest.approx(11.97)
 
@@ -146,7 +146,7 @@ def test_a_certificate_overdue_on_the_day_of_the_run_is_a_doubt(tmp_path: Path) 
         doubt,
     )
     (doubt,) = [doubt for doubt in measured_of(_edited(run, started="yesterday")).doubts if "day" in doubt]
-    assert doubt == "the start time in its manifest is not a date: 'yesterday'"
+    assert doubt == "the start time in the manifest is not a date: 'yesterday'"
 
 
 def test_check_warns_of_a_certificate_that_is_overdue(tmp_path: Path) -> None:

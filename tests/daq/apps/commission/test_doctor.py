@@ -349,7 +349,7 @@ def test_a_daemon_is_asked_in_place_of_the_ports(bench: Bench) -> None:
     bench.cell.stop()
     bench.until(lambda state: not state["streams"]["robot"]["connected"])
     done = bench.run("rig", "doctor", bench.rig)
-    assert done.returncode == 1 and "wrong     robot: its port is not open; " in done.stdout, done.stdout
+    assert done.returncode == 1 and "wrong     robot: the port is not open; " in done.stdout, done.stdout
 
 
 @pytest.mark.real_time

@@ -195,7 +195,7 @@ def test_a_port_that_another_program_has_locked() -> None:
         with Path(port).open("rb") as held:
             fcntl.flock(held, fcntl.LOCK_EX)
             (report,) = searched(port)
-    assert report.problem == "in use by another program" and "stop the other program" in report.remedy
+    assert report.problem == "in use by a different program" and "stop the other program" in report.remedy
 
 
 def test_a_port_without_permission(monkeypatch: pytest.MonkeyPatch) -> None:

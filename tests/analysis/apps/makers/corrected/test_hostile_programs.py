@@ -38,8 +38,8 @@ def cell(tmp_path: Path) -> Path:
 @pytest.mark.parametrize(
     ("name", "data", "told"),
     [
-        ("a.txt", b"movej([0,0,0,0,0,0])", "is no robot program that is known here"),
-        ("a.dat", b"DEFDAT A\nENDDAT\n", "is no robot program that is known here"),
+        ("a.txt", b"movej([0,0,0,0,0,0])", "is not a known kind of robot program"),
+        ("a.dat", b"DEFDAT A\nENDDAT\n", "is not a known kind of robot program"),
         ("a.script", b"\x7fELF\x00\x00", "is a binary file"),
         ("a.ls", "/PROG A".encode("utf-16"), "is a binary file or UTF-16 text"),
         ("a.mod", b"x" * 10_000_001, "is larger than 10 MB"),
@@ -141,9 +141,9 @@ def test_the_command_writes_the_program_beside_what_it_says(tmp_path: Path, cell
     done = ran("correct", cell, "--program", path, "-o", out)
     assert done.returncode == 0, done.stderr
     assert path.read_bytes() == given != (out / "a.script").read_bytes()
-    assert "1 target corrected, 2 places left as they were" in done.stdout
-    assert "line 2: movel is in a tool that is not known: give --tool" in done.stdout
-    assert "nothing was sent to a robot" in done.stderr and "reduced speed" in done.stderr
+    assert "1 target corrected, 2 places unchanged" in done.stdout
+    assert "line 2: movel is in a tool that is unknown: give --tool" in done.stdout
+    assert "rig did not send anything to a robot" in done.stderr and "reduced speed" in done.stderr
     (held,) = yaml.safe_load((out / "corrections.yaml").read_text())["programs"]
     assert held["corrected"] == 1 and [one["line"] for one in held["left"]] == [2, 3]
     again = ran("correct", cell, "--program", path, "-o", out)
@@ -151,7 +151,11 @@ def test_the_command_writes_the_program_beside_what_it_says(tmp_path: Path, cell
     beside = ran("correct", cell, "--program", path, "-o", tmp_path)
     assert beside.returncode == 3 and "exists already" in beside.stderr and path.read_bytes() == given
     whole = ran("correct", cell, "--program", path, "-o", f"{out}2", "--json", "--all-or-nothing")
-    assert whole.returncode == 3 and "a.script: is not written: places" in whole.stderr and "next:" not in whole.stderr
+    assert (
+        whole.returncode == 3
+        and "a.script: is not written: some places" in whole.stderr
+        and "next:" not in whole.stderr
+    )
     found_json = json.loads(whole.stdout)
     assert found_json["programs"][0]["targets"][0]["line"] == 1
 
@@ -181,7 +185,7 @@ def test_a_start_from_which_no_posture_comes_is_said(tmp_path: Path, cell: Path)
     path = tmp_path / "a.script"
     path.write_text("movej([0,-1.4,1.7,-0.3,1.4,0])\n")
     done = ran("correct", cell, "--program", path, "-o", tmp_path / "out", "--start-joints", "0,-80,100,-20,80,0")
-    assert done.returncode == 0 and "a.script: no target takes its posture from --start-joints" in done.stderr
+    assert done.returncode == 0 and "a.script: --start-joints is not needed by any target" in done.stderr
 
 
 @pytest.mark.parametrize(("text", "reasons"), [("x=1\n", []), ("movej([0,-9,0,0,0,0])\n", ["beyond_limits"])])
@@ -225,7 +229,7 @@ def test_where_nothing_is_gained_no_program_is_written(effect: Effect, tmp_path:
     path, out = tmp_path / "a.script", tmp_path / "out"
     path.write_text("movej([0,-1.4,1.7,-0.3,1.4,0])\n")
     done = ran("correct", cell, "--program", path, "-o", out)
-    assert done.returncode == 3 and "take away no error there, so none are written" in done.stderr
+    assert done.returncode == 3 and "do not reduce the error there, so none are written" in done.stderr
     assert "next:" not in done.stderr and [file.name for file in out.iterdir()] == ["corrections.yaml"]
     assert yaml.safe_load((out / "corrections.yaml").read_text())["verdict"] == "nothing"
     assert ran("correct", cell, "--program", path, "-o", tmp_path / "anyway", "--anyway").returncode == 0

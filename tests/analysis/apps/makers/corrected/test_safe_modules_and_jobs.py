@@ -378,7 +378,7 @@ FANUC_ROWS: dict[str, tuple[dict[str, str], list[tuple[str, str]]]] = {
     ),
     "an external tool": ({"a.ls": selecting(L2_ + " RTCP", L4_)}, [("P[2]", "external_tcp")]),
     "another robot": ({"a.ls": selecting(L2_ + " COORD", L4_)}, [("P[2]", "coordinated")]),
-    "an option that is not known": ({"a.ls": selecting(L2_ + " Magic", L4_)}, [("P[2]", "not_understood")]),
+    "an option that is unknown": ({"a.ls": selecting(L2_ + " Magic", L4_)}, [("P[2]", "not_understood")]),
     "a point that is written": ({"a.ls": selecting("P[2,3]=100", L2_, L4_)}, [("P[2]", "changed")]),
     "a point that a register names": (
         {"a.ls": selecting("P[R[1]]=LPOS", L2_, L4_)}, [(f"P[{k}]", "changed") for k in (1, 2, 3, 4)]
@@ -398,7 +398,7 @@ FANUC_ROWS: dict[str, tuple[dict[str, str], list[tuple[str, str]]]] = {
     "an output along the way": ({"a.ls": selecting(L2_ + " TA .10sec,DO[1]=ON", L3_)}, []),
     "no frame selected": ({"a.ls": listing("UTOOL_NUM=1", J1, L2_)}, [("P[2]", "selected")]),
     "no tool selected": ({"a.ls": listing("UFRAME_NUM=3", J1, L2_)}, [("P[2]", "selected")]),
-    "another frame selected": (
+    "a different frame selected": (
         {"a.ls": listing("UFRAME_NUM=3", "UTOOL_NUM=1", J1, L2_, L4_)}, [("P[4]", "selected")]
     ),
     "a frame selected by a register": (
@@ -485,14 +485,14 @@ YASKAWA_ROWS: dict[str, tuple[dict[str, str], list[tuple[int, str]]]] = {
         {"a.jbi": job_of(M1, "CALL JOB:B UF#(5)") + job_of(M1, M3, name="B")},
         [(33, "unknown_frame"), (38, "unknown_frame")],
     ),
-    "a relative job that a job of another frame calls": (
+    "a relative job that a job of a different frame calls": (
         {
             "a.jbi": job_of(M1, M3), "b.jbi": job_of("CALL JOB:C UF#(5) IF IN#(1)=ON", name="B", pos=BARE),
             "c.jbi": job_of("CALL JOB:A", name="C", pos=BARE),
         },
         [(10, "unknown_frame"), (15, "unknown_frame")],
     ),
-    "one with positions of another frame": (
+    "one with positions of a different frame": (
         {"a.jbi": job_of("///ATTR SC,RW,RJ", "////FRAME USER 4", M1, M3)}, [(15, "unknown_frame")]
     ),
     "a shift in one of the cases": (
@@ -507,8 +507,8 @@ YASKAWA_ROWS: dict[str, tuple[dict[str, str], list[tuple[int, str]]]] = {
     ),
     "a conveyor": ({"a.jbi": job_of(M1, "SYSTART CV#(1)", M2, "SYEND CV#(1)", M3)}, [(11, "tracked")]),
     "another robot": ({"a.jbi": job_of(M1, "SMOVL C00002 V=100.0")}, [(11, "coordinated")]),
-    "an option that is not known": ({"a.jbi": job_of(M1, M2 + " MAGIC")}, [(11, "not_understood")]),
-    "an instruction that is not known": (
+    "an option that is unknown": ({"a.jbi": job_of(M1, M2 + " MAGIC")}, [(11, "not_understood")]),
+    "an instruction that is unknown": (
         {"a.jbi": job_of(M1, "MAGIC", M2)}, [(10, "not_understood"), (11, "not_understood")]
     ),
     "a frame that the next cycle keeps": (

@@ -78,10 +78,10 @@ UR_ROWS: dict[str, tuple[str, Left]] = {
     "numbers handed to one whose text is not here": (
         TCP + "movej({q0})\nplace_at({p1}, 3)\n", [(3, "handed")]
     ),
-    "one that sets another tool": (
+    "one that sets a different tool": (
         "def set_down():\n" + OTHER + "end\n" + TCP + "movej({q0})\nset_down()\nmovel({p1})\n", []
     ),
-    "one that sets another tool on one way": (
+    "one that sets a different tool on one way": (
         "def set_down():\nif a:\n" + OTHER + "end\nend\n" + TCP + "movej({q0})\nset_down()\nmovel({p1})\n",
         [(9, "unknown_tool")],
     ),
@@ -225,7 +225,7 @@ STARTS: dict[str, tuple[str, Left]] = {
     "a line": (TCP + "movel({p1})\nmovel({p2})\n", []),
     "of the only program": ("def prog():\ndef grip():\nend\ngrip()\n" + TCP + "movel({p1})\nend\n", []),
     "of one of two programs": ("def prog():\n" + TCP + "movel({p1})\nend\ndef other():\nend\n", [(3, "no_posture")]),
-    "to which a loop comes back from another posture": (
+    "to which a loop comes back from a different posture": (
         TCP + "while a:\nmovel({p1})\nmovej({q7})\nend\n",
         [(3, "two_postures")],
     ),
@@ -355,7 +355,7 @@ KUKA_ROWS: dict[str, tuple[dict[str, str], Left]] = {
         },
         [],
     ),
-    "a point that another file writes": (
+    "a point that a different file writes": (
         {
             "a.src": HEAD + "PTP XP\nEND\n",
             "a.dat": "DEFDAT a PUBLIC\nDECL GLOBAL E6POS XP={p1}\nENDDAT\n",
@@ -363,7 +363,7 @@ KUKA_ROWS: dict[str, tuple[dict[str, str], Left]] = {
         },
         [(2, "changed")],
     ),
-    "a point of the same name in another file": (
+    "a point of the same name in a different file": (
         {
             "a.src": HEAD + "PTP XP\nEND\n",
             "a.dat": "DEFDAT a\nDECL E6POS XP={p1}\nENDDAT\n",
@@ -428,7 +428,7 @@ KUKA_ROWS: dict[str, tuple[dict[str, str], Left]] = {
     "one with a motion": (
         {"a.src": HEAD + "PTP {q0}\nSLIN {p1} WITH $ORI_TYPE=#CONSTANT\nPTP {p1}\nSLIN {p1}\nEND\n"}, [(5, "switched")]
     ),
-    "a point that another file has under another name": (
+    "a point that a different file has under a different name": (
         {
             "a.src": HEAD + "PTP XP\nEND\n",
             "a.dat": "DEFDAT a PUBLIC\nDECL E6POS XP={p1}\nENDDAT\n",
@@ -527,7 +527,7 @@ def test_a_half_corrected_program_is_said_and_held_where_a_person_wants_all_or_n
     assert uncorrected(found) == [(6, "unknown_tool")] and not found.held
     assert found.beside_left_mm.tolist() == pytest.approx([found.moved_mm[-1]])
     first, second, *_ = program_report.lines(found)
-    assert first.endswith("3 targets corrected, 1 place left as it was, 1 step from one to the other")
+    assert first.endswith("3 targets corrected, 1 place unchanged, 1 step from one to the other")
     assert f"{found.moved_mm[-1]:.3f} mm (mean) off" in second
     wrong = known(rig)
     held = correct_program(wrong, supports(wrong), tmp_path / "a.script", NO_FRAMES, None, whole=True)

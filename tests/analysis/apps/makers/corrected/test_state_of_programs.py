@@ -48,7 +48,7 @@ from tests.worlds.interpreters.arms import rig_of
 
 Row = tuple[str, Left]
 UR_ROWS: dict[str, Row] = {
-    "a taught waypoint after a joint move to another posture": (
+    "a taught waypoint after a joint move to a different posture": (
         TCP + "W_p={p1}\nW_q={q1}\nmovej({q7})\nmovel(W_p)\n",
         [],
     ),
@@ -60,7 +60,7 @@ UR_ROWS: dict[str, Row] = {
         TCP + "W_p={p1}\nW_q={q1}\nmovej(get_inverse_kin(W_p, qnear=W_q))\nmovel({p2})\nmovel(W_p)\n",
         [],
     ),
-    "one to which a line leads in another posture, too": (
+    "one to which a line leads in a different posture, too": (
         TCP + "W_p={p1}\nW_q={q1}\nmovej(get_inverse_kin(W_p, qnear=W_q))\nmovej({q7})\nmovel(W_p)\n",
         [(2, "two_postures")],
     ),
@@ -68,7 +68,7 @@ UR_ROWS: dict[str, Row] = {
         TCP + "W_p={p1}\nW_q={q1}\nwhile a:\nmovej(get_inverse_kin(W_p, qnear=W_q))\nspeedj(a)\nmovej(W_p)\nend\n",
         [(2, "no_posture")],
     ),
-    "a line to joint angles of another posture": (TCP + "movej({q7})\nmovel({q1})\n", [(3, "two_postures")]),
+    "a line to joint angles of a different posture": (TCP + "movej({q7})\nmovel({q1})\n", [(3, "two_postures")]),
     "a line to joint angles of the same posture": (TCP + "movej({q0})\nmovel({q1})\nmovel({p2})\n", []),
     "a line to joint angles from nowhere certain": (TCP + "movel({q1})\n", [(2, "no_posture")]),
     "an arc that keeps its orientation": (TCP + "movej({q0})\nmovec({p1},{p2},mode=0)\nmovel({p2})\n", []),
@@ -337,7 +337,7 @@ def test_functions_of_other_programs_are_noticed(tmp_path: Path) -> None:
     )
     found = corrected_files(rig, tmp_path, files)
     assert not found.left and [(one.line, one.text.split()[0]) for one in found.notices] == [(4, "cam.get")]
-    assert any("cam.get is a function of another program" in line for line in program_report.lines(found))
+    assert any("cam.get is a function of a different program" in line for line in program_report.lines(found))
     assert program_report.as_object(found)["notices"][0]["line"] == 4
 
 
