@@ -172,23 +172,27 @@ class CalibratedModel(Part):
     def _whole(self) -> Self:
         for parameter in self.parameters:
             if parameter.term >= len(self.terms):
-                raise ValueError(f"a parameter belongs to term {parameter.term}, and there are {len(self.terms)} terms")
+                raise ValueError(
+                    f"a parameter refers to term {parameter.term}, but there are only {len(self.terms)} terms"
+                )
             effect = self.terms[parameter.term].effect
             if parameter.field != TIMES and not isinstance(getattr(effect, parameter.field, None), float):
-                raise ValueError(f"a parameter is {parameter.field} of {effect.effect}, which has no such number")
+                raise ValueError(
+                    f"a parameter refers to {parameter.field} of {effect.effect}, which is not a number of that effect"
+                )
         frames = [frame for setup in self.setups.values() for frame in (setup.T_instrument_world, setup.T_tool_target)]
         sizes = {(len(frame or ()), *map(len, frame or ())) for frame in frames}
         if self.reach_mm is not None and sizes != {(4, 4, 4, 4, 4)}:
-            raise ValueError("reach_mm is of touches, and a set-up has no frames of instrument and target")
+            raise ValueError("reach_mm applies to touches, which have no frames of instrument and target")
         count = len(self.parameters)
         try:
             packed = base64.b64decode(self.factor, validate=True)
         except ValueError:
             raise ValueError("factor is not base64") from None
         if len(packed) != 2 * count * (count + 1):
-            raise ValueError(f"factor has {len(packed)} bytes, and {count} parameters need {2 * count * (count + 1)}")
+            raise ValueError(f"factor has {len(packed)} bytes, but {count} parameters need {2 * count * (count + 1)}")
         if not np.isfinite(np.frombuffer(packed, dtype="<f4")).all():
-            raise ValueError("factor holds numbers that are not finite")
+            raise ValueError("factor contains numbers that are not finite")
         return self
 
     @cached_property

@@ -32,7 +32,7 @@ _Edit = tuple[int, int, str]
 
 
 def with_values(
-    text: str, values: Mapping[Keys, Value], expected: Rig, where: str, remedy: str = "write them out in the file"
+    text: str, values: Mapping[Keys, Value], expected: Rig, where: str, remedy: str = "write the values out in the file"
 ) -> str:
     """Return the text of a rig file with changed values, verified to give the expected rig.
 
@@ -48,7 +48,7 @@ def with_values(
     except RigFileError:
         reached = None
     if reached != expected:
-        raise FileError(where, "shares values by an anchor, or is laid out so that they cannot be changed", remedy)
+        raise FileError(where, "uses a YAML anchor or a layout that cannot be edited automatically", remedy)
     return edited
 
 
@@ -58,7 +58,7 @@ def with_test(text: str, test: Literal["circle", "hemisphere"], values: Values, 
     Raises RigFileError if a value is out of bounds, and FileError if the text cannot be changed in place.
     """
     rounded = {key: _rounded(value) for key, value in values.items()}
-    remedy = "run the command without --write, and paste the block that it prints"
+    remedy = "run the command without --write, and paste the printed block"
     changes: dict[Keys, Value] = {("tests", test, key): value for key, value in rounded.items()}
     data = data_of(text)
     tests = data.get("tests") or {}

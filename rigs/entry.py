@@ -40,8 +40,10 @@ def _hold_packages(program: str, *packages: str) -> None:
         if spec is None:
             problem, remedy = f"its package {package} is missing", "install rig again"
         elif not (Path(str(spec.origin)).parent / MARKS[package]).is_file():
-            problem = f"another package {package}, in {str(Path(str(spec.origin)).parent)!a}, stands before rig's own"
-            remedy = f"run env -u PYTHONPATH {program}, or take that folder from PYTHONPATH"
+            problem = (
+                f"a different package {package}, in {str(Path(str(spec.origin)).parent)!a}, hides the package of rig"
+            )
+            remedy = f"run env -u PYTHONPATH {program}, or remove that folder from PYTHONPATH"
         else:
             continue
         print(f"error: {program}: {problem}; {remedy}", file=sys.stderr)

@@ -27,7 +27,7 @@ def read_bytes(path: Path, most: int) -> bytes:
     data, _ = read_from(path, 0, most + 1)
     if len(data) > most:
         size = f"{most / 1e6:g} MB" if most < 1e9 else f"{most / 1e9:g} GB"
-        raise FileError(str(path), f"is larger than {size}, which no such file is", "give the file itself")
+        raise FileError(str(path), f"is larger than {size}, the limit for such files", "give the file itself")
     return data
 
 
@@ -62,7 +62,9 @@ def read_text(path: Path, most: int) -> str:
 
 def out_of_memory(path: Path) -> FileError:
     """Return the error for a possibly valid file that exceeds the memory of this computer."""
-    return FileError(str(path), "cannot be read: not enough memory", "close other programs, or read it elsewhere")
+    return FileError(
+        str(path), "cannot be read: not enough memory", "close other programs, or use a different computer"
+    )
 
 
 def of_newer_rig(where: str, error: ValidationError, field: str = "version") -> FileError | None:
@@ -74,5 +76,5 @@ def of_newer_rig(where: str, error: ValidationError, field: str = "version") -> 
     for detail in error.errors(include_url=False, include_context=False):
         if detail["loc"] == (field,) and isinstance(detail["input"], int):
             problem = f"has {field} {detail['input']}, which this rig does not know: a newer one wrote it"
-            return FileError(where, problem, "install the newest rig on this computer, or use it where it was made")
+            return FileError(where, problem, "install the newest rig on this computer, or use the original computer")
     return None

@@ -27,7 +27,7 @@ from rigs.schema.part import Part, Vector
 from rigs.text import as_argument, the_same
 from rigs.yaml_text import read_yaml
 
-_REMEDY = "restore both files of one diagnosis, or diagnose again"
+_REMEDY = "restore both files of the same diagnosis, or repeat the diagnosis"
 _MOST_UM = 1e6
 """One metre, more than the error of any working arm."""
 _MOST_WIDENED = 1000.0
@@ -46,25 +46,25 @@ def _reasons(calibrated: CalibratedModel, rig: Rig) -> Iterator[str]:
     """Yield the contradictions between a calibration and a rig."""
     axes = len(rig.robot.axes)
     if calibrated.rig != rig.name:
-        yield f"is the calibration of {calibrated.rig}, and the rig file is that of {rig.name}"
+        yield f"is the calibration of {calibrated.rig}, but the rig file describes {rig.name}"
     if len(calibrated.joints_deg) != axes:
-        yield f"is of an arm of {len(calibrated.joints_deg)} axes, and that of the rig file has {axes}"
+        yield f"is for an arm of {len(calibrated.joints_deg)} axes, but the rig file has {axes}"
     if not all(_LEAST_DEG <= low <= high <= _MOST_DEG for low, high in calibrated.joints_deg):
-        yield "joints_deg are no ranges of joint angles"
+        yield "joints_deg does not contain valid joint ranges"
     errors_um = (calibrated.before_um, calibrated.calibrated_um, calibrated.held_out_um or 0.0)
     if not all(0 <= error <= _MOST_UM for error in errors_um) or calibrated.widened > _MOST_WIDENED:
-        yield "states errors that no arm has"
+        yield "contains implausibly large errors"
     for number, term in enumerate(calibrated.terms):
         if (axis := getattr(term.effect, "axis", 1)) > axes:
-            yield f"term {number} is of axis {axis}, and the arm has {axes}"
+            yield f"term {number} refers to axis {axis}, but the arm has {axes}"
         name = size_field(term.effect)
         value, bound = abs(term.times * float(getattr(term.effect, name))), _bound(term.effect, name)
         if not value <= bound:
-            yield f"term {number} has {name} {value:g} in all, and an arm at most {bound:g}"
+            yield f"term {number} has a total {name} of {value:g}; the maximum for an arm is {bound:g}"
     spread = np.sqrt((calibrated.root**2).sum(axis=1))
     for parameter, sd in zip(calibrated.parameters, spread.tolist(), strict=True):
         if not 0 < sd <= _widest(calibrated, parameter):
-            yield f"the uncertainty of {parameter.field} of term {parameter.term} is {sd:.3g}, which no readings give"
+            yield f"the uncertainty of {parameter.field} of term {parameter.term} is {sd:.3g}, which is implausible"
 
 
 def _widest(calibrated: CalibratedModel, parameter: Parameter) -> float:
@@ -134,7 +134,7 @@ def _found(
     if file_name := the_same(str(name), files):
         return files[file_name]
     if path.is_dir():
-        raise FileError(str(name), f"is a directory, and no {kind}", "give a file in it")
+        raise FileError(str(name), f"is a directory, not a {kind}", "give a file in that directory")
     arms = ", or an arm of the library" if offered else ""
     remedy = f"give a path, or the name of a shipped {short}: {', '.join(offered or files)}{arms}"
     raise FileError(str(name), f"no such {kind}", remedy)
@@ -182,13 +182,13 @@ def _read_calibration(path: Path, digest: str) -> CalibratedModel:
     try:
         data = read_bytes(path, MOST_CALIBRATION_BYTES)
     except OSError as error:
-        problem = f"is named by the rig file beside it and cannot be read: {error.strerror or error}"
+        problem = f"is referenced by the rig file in the same directory, but cannot be read: {error.strerror or error}"
         raise FileError(
-            str(path), problem, "copy it there too, or remove the key calibration from the rig file"
+            str(path), problem, "copy the file there, or remove the key calibration from the rig file"
         ) from None
     if hashlib.sha256(data).hexdigest() != digest:
         problem = "is not the file that the rig file names: its SHA-256 differs, so it was changed or replaced"
-        raise FileError(str(path), problem, "restore both files of one diagnosis, or diagnose again")
+        raise FileError(str(path), problem, "restore both files of the same diagnosis, or repeat the diagnosis")
     try:
         return CalibratedModel.read(data)
     except ValidationError as error:
@@ -196,7 +196,7 @@ def _read_calibration(path: Path, digest: str) -> CalibratedModel:
             raise newer from None
         first = error.errors(include_url=False, include_input=False)[0]
         place = ".".join(map(str, first["loc"])) or "the file"
-        raise FileError(str(path), f"is no calibration: {place}: {first['msg']}", "diagnose again") from None
+        raise FileError(str(path), f"is not a calibration: {place}: {first['msg']}", "diagnose again") from None
 
 
 _calibrations: dict[str, CalibratedModel] = {}
@@ -258,14 +258,14 @@ def _refuse_other_texts(text: str, where: str) -> None:
     """Raise FileError with a specific message for a text that is empty or a table."""
     lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith(("#", "---"))]
     if not lines:
-        raise FileError(where, "is empty, and no rig file", "write one with rig init cell.yaml")
+        raise FileError(where, "is empty, not a rig file", "create a rig file with rig init cell.yaml")
     for separator in _SEPARATORS:
         columns = lines[0].count(separator)
         if columns > 1 and ":" not in lines[0] and all(line.count(separator) == columns for line in lines[:_LOOKED_AT]):
             names = [name.strip() for name in lines[0].split(separator)]
             shown = f"{', '.join(names[:3])} …"
-            remedy = f"make a run of it: rig import {as_argument(where)} --rig RIG --test TEST -o RUN"
-            raise FileError(where, f"is a table of {columns + 1} columns ({shown}), and no rig file", remedy)
+            remedy = f"import the table as a run: rig import {as_argument(where)} --rig RIG --test TEST -o RUN"
+            raise FileError(where, f"is a table of {columns + 1} columns ({shown}), not a rig file", remedy)
 
 
 _LOOKED_AT = 3
@@ -284,7 +284,9 @@ def load_hidden(name: str | Path) -> Hidden:
         data = {"effects": data}
     if not isinstance(data, dict) or not {"effects", "eccentricity_mm", "robot"} & data.keys():
         # A misspelt key would otherwise silently give an ideal robot.
-        raise FileError(str(path), "lacks the key effects", "write effects: [{effect: …}], or effects: [] for none")
+        raise FileError(
+            str(path), "lacks the key effects", "write effects: [{effect: …}], or effects: [] without effects"
+        )
     if "robot" in data:
         data = {"effects": data.get("effects")}
     try:

@@ -26,7 +26,7 @@ Place = tuple[int | str, ...]
 _PLAIN = {
     "missing": "missing; add it",
     "model_type": "must be a mapping of keys to values",
-    "union_tag_not_found": "lacks the key that says what it is, `interface` or `effect`; add it",
+    "union_tag_not_found": "is missing the key `interface` or `effect`; add the key",
     "model_attributes_type": "must be a mapping of keys to values",
 }
 """Replacements for Python terms in messages of pydantic."""
@@ -142,13 +142,13 @@ def _message(detail: ErrorDetails, place: Place, model: type[BaseModel]) -> str:
         return f"unknown key{_nearest(str(place[-1]), _keys_at(detail['loc'][:-1], model))}"
     if kind == "union_tag_invalid":
         tag, choices, _ = _tag_error(detail)
-        return BROKEN.get(tag) or f"{tag!r} is not known{_nearest(tag, choices)}"
+        return BROKEN.get(tag) or f"{tag!r} is unknown{_nearest(tag, choices)}"
     if kind == "literal_error":
         choices = [name.strip().strip("'") for name in detail["ctx"]["expected"].replace(" or ", ", ").split(",")]
         tag = _short(value).strip("'")
-        return f"{tag!r} is not known{_nearest(tag, choices)}"
+        return f"{tag!r} is unknown{_nearest(tag, choices)}"
     if kind == "too_short":
-        return f"has {detail['ctx']['actual_length']} entries, needs {detail['ctx']['min_length']} or more"
+        return f"has {detail['ctx']['actual_length']} entries, but needs at least {detail['ctx']['min_length']}"
     message = _PLAIN.get(kind, detail["msg"]).removeprefix("Value error, ").removeprefix("Input ")
     if not isinstance(value, int | float | str):
         return message
@@ -167,7 +167,7 @@ def _short(value: object) -> str:
 
 def _nearest(name: str, names: list[str]) -> str:
     close = difflib.get_close_matches(name, names, n=1, cutoff=_CLOSE)
-    return f"; did you mean {close[0]}?" if close else f"; known here: {', '.join(sorted(names))}"
+    return f"; did you mean {close[0]}?" if close else f"; available: {', '.join(sorted(names))}"
 
 
 def _keys_at(loc: Place, model: type[BaseModel]) -> list[str]:

@@ -16,10 +16,10 @@ from rigs.schema.vocabulary import CIRCLES, DRIVEN_AXES, TEST_PARTS, DrivenTest,
 
 P = TypeVar("P")
 _ADD_PART: dict[PartName, str] = {
-    "circle": "add it: centre, posture, radius; rig circle fit --live --rig FILE --write finds them from a motion",
-    "hemisphere": "add it: centre, posture, radius",
-    "touch": "add it: touch: {sockets: [A, B]}",
-    "iso9283": "add it: tests: {iso9283: {}} looks for a cube by itself",
+    "circle": "add centre, posture and radius; rig circle fit --live --rig FILE --write determines them from a motion",
+    "hemisphere": "add centre, posture and radius",
+    "touch": "add touch: {sockets: [A, B]}",
+    "iso9283": "add tests: {iso9283: {}}, and rig finds a suitable cube",
 }
 
 
@@ -60,9 +60,9 @@ def missing_gauges(rig: Rig, test: TestName) -> tuple[Missing, ...]:
     if not lacking:
         return ()
     if not present:
-        problem = f"has no gauges, which {', '.join(get_args(DrivenTest))} are measured with"
+        problem = f"has no gauges, which are needed for {', '.join(get_args(DrivenTest))}"
         return (Missing("gauges", problem, "add gauges and feedback to the rig file"),)
-    problem = f"has one gauge, and {' and '.join(CIRCLES)} need two: an angle is the difference of two distances"
+    problem = f"has only one gauge, but {' and '.join(CIRCLES)} need two: an angle is the difference of two distances"
     return (Missing("gauges.g2", problem, "add gauges.g2 with its interface, port and offset_mm"),)
 
 
@@ -117,8 +117,8 @@ def require_instruments(rig: Rig, test: TestName) -> None:
 def missing_arm(rig: Rig) -> Iterator[Missing]:
     """Yield the reasons for an arm that cannot drive the tests of the ball link."""
     if (axes := len(rig.robot.axes)) != DRIVEN_AXES:
-        problem = f"is an arm of {axes} axes, and circles, hemispheres and their programs are of {DRIVEN_AXES}"
-        yield Missing("robot.axes", problem, "measure it by poses or touches: docs/any-arm.md")
+        problem = f"is an arm of {axes} axes, but circles, hemispheres and their programs need {DRIVEN_AXES}"
+        yield Missing("robot.axes", problem, "measure poses or touches: docs/any-arm.md")
     if rig.robot.rail:
-        problem = "is an arm on a rail, and circles, hemispheres and their programs are of one that stands"
-        yield Missing("robot.rail", problem, "measure it by poses or touches, or leave out robot.rail")
+        problem = "is an arm on a rail, but circles, hemispheres and their programs need a fixed arm"
+        yield Missing("robot.rail", problem, "measure poses or touches, or remove robot.rail")

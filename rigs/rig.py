@@ -63,8 +63,8 @@ class Rig(Part):
         if self.calibration and self._calibrated is None:
             raise FileError(
                 self.name,
-                f"names the calibration {self.calibration.file}, which is not beside this rig file",
-                "give the rig file beside its calibration with --rig",
+                f"names the calibration {self.calibration.file}, which is missing in the directory of this rig file",
+                "put rig file and calibration into the same directory, and give the rig file with --rig",
             )
         return self._calibrated
 
@@ -113,7 +113,7 @@ class Rig(Part):
             lengths = (
                 f"the link is {link.length_mm:g} mm long and the hemisphere's radius_mm {tests.hemisphere.radius_mm:g}"
             )
-            raise ValueError(f"{lengths}, more than {_LINK_OFF_MM:g} mm apart; correct one of them")
+            raise ValueError(f"{lengths}; the difference exceeds {_LINK_OFF_MM:g} mm; correct one of them")
         return tests
 
     @field_validator("effects")
@@ -123,7 +123,7 @@ class Rig(Part):
         for effect in effects:
             seat = max(getattr(effect, key, 0) for key in ("axis", "from_axis", "to_axis"))
             if seat > axes:
-                raise ValueError(f"{name_of(effect)} is of axis {seat}, and the robot has {axes}; correct it")
+                raise ValueError(f"{name_of(effect)} refers to axis {seat}, but the robot has {axes}; correct the axis")
         return effects
 
     @model_validator(mode="after")
@@ -131,19 +131,19 @@ class Rig(Part):
         axes = len(self.robot.axes)
         driven = self.tests.circle or self.tests.hemisphere or not isinstance(self.feedback, NoFeedback)
         if axes != DRIVEN_AXES and driven:
-            problem = f"an arm of {axes} axes is measured by poses and touches that are imported"
-            raise ValueError(f"{problem}: circle, hemisphere, gauges and feedback are of six axes; leave them out")
+            problem = f"an arm of {axes} axes can be measured only with imported poses and touches"
+            raise ValueError(f"{problem}: circle, hemisphere, gauges and feedback need six axes; remove them")
         if self.robot.rail and (driven or self.tests.iso9283):
-            problem = "an arm on a rail is measured by poses and touches that are imported"
-            stands = "circle, hemisphere, iso9283, gauges and feedback are of an arm that stands"
-            raise ValueError(f"{problem}: {stands}; leave them out, or leave out the rail while it stands")
+            problem = "an arm on a rail can be measured only with imported poses and touches"
+            stands = "circle, hemisphere, iso9283, gauges and feedback need a fixed arm"
+            raise ValueError(f"{problem}: {stands}; remove them, or remove the rail if it does not move")
         return self
 
     @model_validator(mode="after")
     def _read_together(self) -> Rig:
         if dict(self.gauges) and isinstance(self.feedback, NoFeedback):
-            problem = "gauges without feedback: rigd records both together"
-            raise ValueError(f"{problem}; add feedback, or leave out gauges where a tracker alone measures")
+            problem = "gauges without feedback: rigd always records both"
+            raise ValueError(f"{problem}; add feedback, or remove the gauges if only a tracker is used")
         return self
 
     @field_validator("automatic")
@@ -153,7 +153,7 @@ class Rig(Part):
             return automatic
         gauges = len(list(info.data["gauges"]))
         if not gauges or isinstance(info.data["feedback"], NoFeedback):
-            raise ValueError("nothing is recorded without gauges and feedback; add both, or leave it out")
+            raise ValueError("without gauges and feedback, there is nothing to record; add both, or remove the key")
         if lacking := automatic.lacking(signal=carries_signal(info.data["feedback"]), gauges=gauges):
             raise ValueError("; ".join(lacking))
         return automatic

@@ -42,8 +42,8 @@ class UnsignedReadings:
     def words(self) -> str:
         """Description of the problem with the largest value and its signed equivalent."""
         return (
-            f"a signed value was read as unsigned: readings jump by 2^{self.bits} counts ({self.jump:.6g}), so that "
-            f"{self.largest:.6g} is {self.meant:.6g}"
+            f"a signed value was read as unsigned: readings jump by 2^{self.bits} counts "
+            f"({self.jump:.6g}), so {self.largest:.6g} means {self.meant:.6g}"
         )
 
     @property

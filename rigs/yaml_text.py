@@ -54,7 +54,7 @@ def read_yaml(text: str, where: str) -> tuple[yaml.Node | None, Any]:
             return None, None
         _refuse_repeats_and_long_numbers(root, where)
         if _parts(root, {}) > _MOST_PARTS:
-            problem = f"aliases (*name) make more than {_MOST_PARTS} parts of it; write out what they stand for"
+            problem = f"aliases (*name) expand to more than {_MOST_PARTS} parts; write the values out"
             raise RigFileError(where, [Problem(1, "", problem)])
         return root, loader.construct_document(root)
     except yaml.YAMLError as error:

@@ -62,7 +62,7 @@ def set_up(gauges: str, robot: str, cell: Cell, hand: Pushed, path: Path) -> int
             person.answers("range_mm of g2", "10")
         person.answers("Distance between", "")
         person.answers("Arm: ", "ur10e")
-        person.answers("The ball on the flange", "0,0,150,0,90,0")
+        person.answers("Pose of the ball on the flange", "0,0,150,0,90,0")
         person.answers("Allowed error in mm", "")
         person.answers("Is the robot at the start", "y")
         assert terminal.ended() == 0, terminal.text()

@@ -31,8 +31,8 @@ JOBS = {
         "arms": "List the arm library, or show one arm as the robot section of a rig file.",
         "import-urdf": "Turn a URDF into the robot section of a rig file, equal to it within 1e-9 mm and rad.",
         "parts": "Write the parts of touches and of the link as STL, with a drawing and a list of what to buy.",
-        "circle": "Find the circle of a rig file from the robot's motion.",
-        "ball": "Find the ball of the hemisphere from the robot's stands.",
+        "circle": "Fit the circle of a rig file to recorded robot motion.",
+        "ball": "Fit the ball position of the hemisphere test to recorded robot poses.",
     },
     "Measure": {
         "session": "Measure, understand, correct and verify a robot, one program after the other.",

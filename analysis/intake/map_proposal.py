@@ -249,7 +249,7 @@ def _refuse_missing(raw: RawTable, groups: Groups, axes: int) -> None:
         if groups.near:
             nears = f"{len(groups.near)} columns of joints ({groups.near[0]} … {groups.near[-1]})"
             problem = f"has {nears}, the arm of the rig file {axes} axes"
-            raise FileError(raw.where, problem, "give the rig file of the arm that was measured")
+            raise FileError(raw.where, problem, "give the rig file of the measured arm")
         problem = f"has no {axes} columns that may be joints; {has}"
         remedy = (
             "add the joint angles of each pose (several files: --join), or name them in a map (--map); stops of the "

@@ -56,7 +56,7 @@ def _loaded(offer: EntryPoint) -> StreamReader:
         return cast("StreamReader", offer.load())
     except Exception as reason:
         problem = f"{offer.value}, which a package offers, cannot be used: {reason}"
-        remedy = "install another version of that package, or uninstall it"
+        remedy = "install a different version of that package, or uninstall the package"
         raise FileError(f"reader {offer.name}", problem, remedy) from reason
 
 

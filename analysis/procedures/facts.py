@@ -55,7 +55,7 @@ class Labels:
     along: str = "place"
     setup: str = "the ball's position and the gauges' zeros"
     no_repeats: str = ""
-    joints_fit: str = "rows lie on the path of the test"
+    joints_fit: str = "rows match the path of the test"
     rows: str = "targets"
     distance_from: str = ""
     outlier_check: str = ""

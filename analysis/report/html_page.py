@@ -110,7 +110,9 @@ def _weasyprint(file: Path) -> ModuleType:
         import weasyprint  # noqa: PLC0415 - an extra of the package
     except ModuleNotFoundError as error:
         raise CellError(
-            str(file), f"needs {error.name}, which is missing", f"{to_install('weasyprint')}, {browser}"
+            str(file),
+            f"needs the Python package {error.name}, which is missing",
+            f"{to_install('weasyprint')}, {browser}",
         ) from None
     except OSError:  # the text library Pango is not a Python package
         raise CellError(str(file), "needs the library Pango, which is missing", f"{_PANGO}, {browser}") from None

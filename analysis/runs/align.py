@@ -43,7 +43,7 @@ def require_sound(path: Path, instrument: str, columns: Mapping[str, np.ndarray[
         "an impossible stamp": (first < 0) | (last > _LATEST_NS),
         "a first byte later than the last": first > last,
         "a request later than the answer": requested > last,
-        "a stamp earlier than that of the row before": np.append(False, last[1:] < last[:-1]),
+        "a timestamp earlier than the timestamp of the previous row": np.append(False, last[1:] < last[:-1]),
         "an impossible message size": (columns["size"] < 0) | (columns["size"] > _LONGEST_MESSAGE),
     }
     for words, broken in rules.items():
@@ -80,7 +80,7 @@ _STALLED = 5.0
 """Threshold of a doubtful row time: this multiple of the usual individual uncertainty, and at least _STALLED_S."""
 _TOGETHER = {
     True: "arrival together with a later one; have each message sent at once (TCP_NODELAY), or with its own time",
-    False: "the same time as that of one before; have the instrument send its time in finer steps",
+    False: "the same timestamp as the previous message; use timestamps with a finer resolution",
 }
 """Reasons for rows with equal times, with remedies; the key states whether the times are arrivals."""
 _STALLED_S = 1e-3
@@ -301,13 +301,13 @@ def doubts_of(seen: Mapping[str, Seen], rows: int) -> list[str]:
 def _doubts_of(name: str, seen: Seen) -> list[str]:
     doubts = timing_doubts(name, seen)
     if seen.doubtful:
-        doubts.append(f"{name}: the gauge itself marks {counted(seen.doubtful, 'reading')} as doubtful")
+        doubts.append(f"{name}: the gauge marked {counted(seen.doubtful, 'reading')} as doubtful")
     if seen.odd:
         doubts.append(f"{_left_out(name, seen.odd)} for want of a valid reading; check it and the connection")
     if seen.stalled:
         doubts.append(
-            f"{_left_out(name, seen.stalled)} because the time is too uncertain: "
-            "the computer was held up, or a stamp was wrong"
+            f"{_left_out(name, seen.stalled)} because the time is too uncertain: the computer was too "
+            "busy, or a timestamp was wrong"
         )
     if seen.dropped:
         doubts.append(f"{_left_out(name, seen.dropped)} because of {_TOGETHER[seen.arrived]}")

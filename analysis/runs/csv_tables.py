@@ -60,17 +60,17 @@ def hold_table(table: Table, where: str) -> None:
         name = "g1_mm" if field == "g_mm" and values.ndim == 1 else field
         rows = values.reshape(len(values), -1)
         if values.dtype.kind == "f":
-            _hold_rows(np.abs(rows) <= LARGEST, name, rows, "which is no measured value", where)
+            _hold_rows(np.abs(rows) <= LARGEST, name, rows, "which is not a plausible measured value", where)
             if name.startswith("u_"):
                 _hold_rows(rows >= 0, name, rows, "below zero", where)
         elif values.dtype.kind == "i":
-            _hold_rows(rows >= 1, name, rows, "and it counts from 1", where)
+            _hold_rows(rows >= 1, name, rows, "but counting starts at 1", where)
     if table.in_order_of_time:
         t_s = columns["t_s"]
         back = np.flatnonzero(np.diff(t_s) <= 0)
         if len(back):
             row = int(back[0]) + 1
-            problem = f"row {row + 1}: time does not increase, {t_s[row]:g} after {t_s[row - 1]:g} s"
+            problem = f"row {row + 1}: time does not increase, {t_s[row]:g} s after {t_s[row - 1]:g} s"
             raise FileError(where, problem, _REMEDY)
 
 

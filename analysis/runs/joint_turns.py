@@ -102,8 +102,8 @@ def _counted_further(table: Table, axis: int, turns: Integers, count: int) -> st
     way = f"{abs(count)} whole turn{'s' * (abs(count) > 1)} {'further' if count > 0 else 'back'}"
     low, high = np.degrees([table.q[rows, axis - 1].min(), table.q[rows, axis - 1].max()])
     return (
-        f"axis {axis} is counted {way} {_row_words(table, rows)} ({low:.1f}° to {high:.1f}°): the postures are the "
-        "same and are taken within one turn; check how the angle was exported"
+        f"axis {axis} is counted {way} {_row_words(table, rows)} ({low:.1f}° to {high:.1f}°): the postures "
+        "are equal, and the angles are reduced to a single turn; check the export of the angle"
     )
 
 

@@ -106,7 +106,7 @@ def laps_of(table: CircleTable, rig: Rig, where: str) -> Laps:
         row = int(np.argmin(np.isfinite(table.q).all(axis=1))) + 1
         raise FileError(where, f"row {row} has a joint angle that is not a number", "remove such rows")
     if np.ptp(table.q[:: max(1, len(table.q) // _SEEN)], axis=0).max() < STOOD_RAD:
-        raise FileError(where, "the robot stood still", "start the recording first, then the circle program")
+        raise FileError(where, "the robot stood still", "start the recording before the circle program")
     laps = _cut_out(table, rig, where)
     asked: Callable[[], Laps | None] = ref(laps) if len(table.q) > _KEPT_ROWS else lambda: laps
     _LAPS[key] = (ref(table, lambda _: _LAPS.pop(key, None)), cell, asked)
@@ -177,8 +177,8 @@ def _ways_along(
     if back > forth + np.radians(10):
         drove: Direction = "acw" if table.direction == "cw" else "cw"
         relabel = f"rig relabel {as_argument(where)} --direction {drove}"
-        remedy = f"correct it: {relabel}, or import the table again without a direction column"
-        raise DirectionError(where, f"is labelled {table.direction}, the robot moved {drove}", remedy, drove)
+        remedy = f"correct the label: {relabel}, or import the table without a direction column"
+        raise DirectionError(where, f"is labelled {table.direction}, but the robot moved {drove}", remedy, drove)
     return ways
 
 
@@ -303,7 +303,5 @@ def _require_covered(where: str, ahead: Array, sense: float, start: float) -> No
     if gaps[widest] > max(_GAP_RAD, min(_STEPS * float(np.median(gaps)), _WIDEST_RAD)):
         begin, end = (np.degrees(start + sense * edges[k]) % 360 for k in (widest, widest + 1))
         problem = f"the lap has no data from {begin:.0f}° to {end:.0f}° ({np.degrees(gaps[widest]):.0f}° wide)"
-        remedy = (
-            "record the whole circle, from before the lead-in to after the lead-out, on a computer that is less busy"
-        )
+        remedy = "record the whole circle, including lead-in and lead-out, on a less busy computer"
         raise FileError(where, problem, remedy)

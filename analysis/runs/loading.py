@@ -38,8 +38,8 @@ from rigs.rig import Rig
 from rigs.schema.vocabulary import Direction
 
 ONLY_COMMANDED = (
-    "only commanded joint angles are known: an angle that was not reached, by deflection under gravity or by a "
-    "following error, cannot be distinguished from an error of zeros, lengths, compliance or gears"
+    "only commanded joint angles are available: angles not reached (deflection under gravity, following "
+    "error) cannot be distinguished from errors of zeros, lengths, compliance or gears"
 )
 """Doubt about a run with commanded joint angles only."""
 SIMULATED = "simulated, "
@@ -140,7 +140,7 @@ def measured_of(run: Run, rig: Rig | None = None) -> Measured:
             problem = f"has {RAIL}, and the arm of the rig file has no rail"
             raise FileError(str(path), problem, "add robot.rail to it")
         problem = f"has no {RAIL}, and the arm of the rig file is on a rail"
-        raise FileError(str(path), problem, f"add {RAIL}, where the rail stood in each row")
+        raise FileError(str(path), problem, f"add {RAIL}, the rail position of each row")
     table, counted_further = without_whole_turns(one_row_a_stand(table), rig)
     doubts += [*counted_further, *beyond_limits(table, rig)]
     return Measured(path, run, rig, table, u_lag_s_of(run.table), tuple(doubts), _systematic(rig, table))
@@ -153,12 +153,12 @@ def known_doubts(run: Run, rig: Rig) -> list[str]:
     """
     seconds = {stream: counted.get("out_of_step", 0) for stream, counted in run.manifest.counters.items()}
     if out_of_step := ", ".join(f"{stream} for {count} s" for stream, count in seconds.items() if count):
-        problem = f"was made from a replay out of step ({out_of_step}), so its figures would be wrong"
-        remedy = "replay the capture again on a computer that is less busy, and record that"
+        problem = f"was made from a replay out of step ({out_of_step}), so the results would be wrong"
+        remedy = "repeat the replay on a less busy computer, and record that replay"
         raise FileError(str(run.path), problem, remedy)
     certified, started = format_of(run.manifest.test).certified, run.manifest.started
     for missing in missing_gauges(rig, run.manifest.test):
-        remedy = f"{missing.remedy}, and import it again"
+        remedy = f"{missing.remedy}, then repeat the import"
         raise FileError(str(run.path), f"is a {run.manifest.test} run, and the rig file {missing.problem}", remedy)
     if not certified:
         return _doubts(run)
@@ -192,14 +192,16 @@ def _taken_as_corrected(run: Run, rig: Rig) -> list[str]:
         if name in names and gauge.certificate and gauge.certificate.valid_mm
     ]
     if "link" in table_format.certified and link_excess_mm(rig):
-        missing.append(f"the link's {link_excess_mm(rig):+.4f} mm beyond the radius")
+        missing.append(f"the difference of {link_excess_mm(rig):+.4f} mm between link and radius")
     towards = [name for name, gauge in rig.gauges if name in names and gauge.sign < 0]
-    turned = f"imported readings are taken to grow with the distance from the ball: counts of {' and '.join(towards)} "
-    turned += "is not applied; if they are as shown, change their sign in the table and import it again"
+    turned = (
+        f"imported readings are assumed to increase with the distance from the ball: counts of {' and '.join(towards)} "
+    )
+    turned += "is not applied; otherwise change the sign in the table and repeat the import"
     if not missing:
         return [turned] if towards else []
-    fact = f"imported readings are taken as corrected: {' and '.join(missing)} is not added"
-    return [f"{fact}; if they are raw, correct g1_mm in the table and import it again", *[turned] * bool(towards)]
+    fact = f"imported readings are assumed to be corrected: {' and '.join(missing)} is not added"
+    return [f"{fact}; for raw readings, correct g1_mm in the table and repeat the import", *[turned] * bool(towards)]
 
 
 def _systematic(rig: Rig, table: Table) -> Systematic:
@@ -209,7 +211,7 @@ def _systematic(rig: Rig, table: Table) -> Systematic:
 def _doubts(run: Run) -> list[str]:
     manifest = run.manifest
     doubts = [
-        f"{stream}: {count} {kind} while recording"
+        f"{stream}: {count} {kind} during the recording"
         for stream, counted in manifest.counters.items()
         for kind, count in counted.items()
         if kind != "samples" and count
@@ -224,7 +226,7 @@ def _doubts(run: Run) -> list[str]:
         f"{name} {old or 'none'} to {new or 'none'}" for name, (old, new) in old_and_new.items() if old != new
     ]:
         day = manifest.relabelled[-1].at[:10]
-        doubts.append(f"relabelled on {day} after it was recorded: {', '.join(changes)}")
+        doubts.append(f"relabelled on {day} after the recording: {', '.join(changes)}")
     if manifest.table:
         doubts += [*manifest.table.assumed, *([ONLY_COMMANDED] if manifest.table.only_commanded else [])]
     if sha256(manifest.rig_text.encode()).hexdigest() != manifest.rig_sha256:
@@ -254,6 +256,6 @@ def motion_in(run: Run) -> RobotMotion:
         return RobotMotion(str(path), t_s, q, direction, doubts)
     table = table_from(run.table, run.manifest.test, direction, str(path))
     if not isinstance(table, CircleTable):
-        problem = f"is a {run.manifest.test} table: it has single readings and no motion"
-        raise FileError(str(path), problem, "give a run of the circle, or a recorded run")
+        problem = f"is a {run.manifest.test} table, which has single readings without motion"
+        raise FileError(str(path), problem, "give a circle run, or a recorded run")
     return RobotMotion(str(path), table.t_s, table.q, direction)

@@ -31,7 +31,7 @@ def rule_of(run: Run) -> Rule:
     """Return the rule for the program of a recorded run. Raises FileError if the run contains no suitable event."""
     manifest, where = run.manifest, str(run.path)
     if "robot" not in run.streams:
-        raise FileError(where, "holds a table and no robot stream", "give a run that rigd recorded")
+        raise FileError(where, "contains a table without a robot stream", "give a run recorded by rigd")
     if manifest.test in OF_ISO9283:
         problem = f"is a {manifest.test} test, which rigd cannot record"
         raise FileError(where, problem, "give a recorded run of a different test")
@@ -63,10 +63,12 @@ def _departure(robot: Mapping[str, np.ndarray[Any, Any]], where: str) -> tuple[d
     kept = np.unique(t_s // _STEP_S, return_index=True)[1]  # sufficient to detect a standstill
     t_s, q_deg = t_s[kept], q_deg[kept]
     if not len(t_s) or _leaves(q_deg, _ON_THE_WAY_DEG) == len(t_s):
-        raise FileError(where, "the robot stood still", "record its program from before it starts")
+        raise FileError(where, "the robot stood still", "start the recording before the program")
     begins = _leaves(q_deg, STILL_DEG)
     if t_s[begins - 1] < STOOD_S:
-        raise FileError(where, "the robot moves already where the run begins", "record from before the program starts")
+        raise FileError(
+            where, "the robot is already moving at the start of the run", "record from before the program starts"
+        )
     start, onwards = np.median(q_deg[:begins], axis=0), q_deg[_leaves(q_deg, _ON_THE_WAY_DEG)]
     begin, longest_s = begins, 0.0
     while begin < len(t_s):

@@ -127,7 +127,7 @@ def _side(t_s: Array, away_deg: Array, current_a: Array, turn: int, end: int) ->
 
 _MOVED_DEG = 0.02
 """Smallest joint motion of a moving robot, as in recording_rule."""
-_BY_PROGRAM = "its figures are not those of a motion by program, compare them with their like only"
+_BY_PROGRAM = "the results differ from those of programmed motion; compare them only with similar runs"
 _SAME_PERCENT = 1.0
 """Largest difference of speeds that is ignored. Controllers report integer percentages."""
 _PART = 0.1
@@ -208,7 +208,7 @@ def _doubts(robot: Mapping[str, np.ndarray[Any, Any]], t_s: Array, moving: Mask,
             yield f"robot: the speed was {low:.0f} % throughout; compare only with runs at this speed"
         else:
             shown = f"{low:.0f} %" if high - low < _SAME_PERCENT else f"{low:.0f} to {high:.0f} %"
-            changed = f"{shown} {_when(t_s, slowed)}, and not the same throughout"
+            changed = f"{shown} {_when(t_s, slowed)}, and not constant"
             yield f"robot: the speed was {changed}; repeat the recording at a constant speed"
 
 
@@ -222,4 +222,4 @@ def _when(t_s: Array, lasts: Mask) -> str:
     lasted_s = float((until_s[ends] - t_s[begins]).sum())
     if len(begins) == 1:
         return f"from {t_s[begins[0]]:.1f} s on for {lasted_s:.1f} s"
-    return f"{len(begins)} times, first from {t_s[begins[0]]:.1f} s on, {lasted_s:.1f} s in all"
+    return f"{len(begins)} times, first from {t_s[begins[0]]:.1f} s on, {lasted_s:.1f} s in total"

@@ -129,11 +129,11 @@ def visits_of(
         fits = list(range(len(places)))
         doubts.append("targets were visited in a different order than in the rig file: all stands are used")
     elif others := len(places) - len(fits):
-        outside = "outside the order of the program (before it, after it, or once too often) are not used"
-        doubts.append(f"{others} stands {outside}")
+        outside = "outside the order of the program (before, after, or repeated) are not used"
+        doubts.append(f"{others} stops {outside}")
     stands = [at[k][0] for k in fits]
     if not stands:
-        remedy = "correct tests.hemisphere, or record its program"
+        remedy = "correct tests.hemisphere, or record the program of that test"
         raise FileError(where, "the robot did not rest at any target", remedy)
     rows = np.array([at[k][1] for k in fits], dtype=np.int64)
     missing = sorted(set(program.target.tolist()) - set(program.target[rows].tolist()))

@@ -54,7 +54,9 @@ class TableFormat(TestPart, Protocol[T]):
 
     def recorded(self, data: Aligned, rig: Rig, direction: Direction | None, where: str) -> tuple[T, list[str]]:
         """Convert a recorded run to a table, and return it with the doubts as text. Raises FileError."""
-        raise FileError(where, f"a recorded {self.test} run has no instrument to read", "import its table: rig import")
+        raise FileError(
+            where, f"a recorded {self.test} run has no measuring instrument", "import the table with rig import"
+        )
 
     def stands(self, table: T) -> Mask | None:
         """Return a mask (n,) of the rows that start a standstill of the robot; None if a row is never a second reading

@@ -66,7 +66,7 @@ def refuse_foreign(path: Path, option: str = "--output") -> None:
     first, marks = _MARKS.get(suffix, _MARKS[".parquet"])  # a table may have any name
     is_of_rig = begin.lstrip().startswith(first) and all(mark in begin or mark in end for mark in marks)
     if size and not is_of_rig:
-        problem = "exists already, and rig did not make it"
+        problem = "already exists, and was not created by rig"
         raise FileError(str(path), problem, f"choose a different {option}, or remove it first")
 
 
@@ -137,7 +137,7 @@ def _write_all(directory: Path, files: Mapping[str, Writer], *, over: bool) -> l
     except OSError as error:
         if made:
             problem = f"cannot be written: {error.strerror or error}"
-            raise CellError(str(directory), problem, "free some space or choose another disk") from error
+            raise CellError(str(directory), problem, "free some space or choose a different disk") from error
         raise FileError(str(directory), error.strerror or str(error), remedy) from None
     return paths
 
@@ -151,7 +151,7 @@ def write_new(path: Path, write: Writer) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
     except FileExistsError:
         raise FileError(
-            str(path.parent), "is a file, and a directory is needed", "choose a different --output"
+            str(path.parent), "is a file, but a directory is needed", "choose a different --output"
         ) from None
     except OSError as error:
         raise FileError(str(path.parent), error.strerror or str(error), "choose a different --output") from None
@@ -177,7 +177,7 @@ def write_new(path: Path, write: Writer) -> None:
         if not opened:
             raise FileError(str(path), error.strerror or str(error), "choose a different --output") from None
         problem = f"cannot be written: {error.strerror or error}"
-        raise CellError(str(path), problem, "free some space or choose another disk") from error
+        raise CellError(str(path), problem, "free some space or choose a different disk") from error
     finally:
         with suppress(OSError):
             surely(lambda: temporary.unlink(missing_ok=True))
@@ -220,10 +220,12 @@ def write_xlsx(table: pa.Table, file: BinaryIO) -> None:
     try:
         import openpyxl  # noqa: PLC0415 - an extra, and slow to import
     except ModuleNotFoundError:
-        raise CellError("xlsx", "needs openpyxl, which is not installed", to_install("openpyxl")) from None
+        raise CellError(
+            "xlsx", "needs the Python package openpyxl, which is not installed", to_install("openpyxl")
+        ) from None
     if table.num_rows >= _SHEET_ROWS:
-        problem = f"has {table.num_rows} rows, and a sheet holds {_SHEET_ROWS - 1}"
-        raise FileError("xlsx", problem, "export it as csv or parquet")
+        problem = f"has {table.num_rows} rows, but a sheet can contain only {_SHEET_ROWS - 1}"
+        raise FileError("xlsx", problem, "export the run as csv or parquet")
     book = openpyxl.Workbook(write_only=True)
     sheet = book.create_sheet("table")
     sheet.freeze_panes = "A2"

@@ -169,7 +169,7 @@ class ReplayMarks:
         """Return the marks appended since the last call, as stream names and faults."""
         marks = []
         for line in filter(None, map(_LINE.fullmatch, self._lines())):
-            detail = f"the replay was {line[2]} ms out of step for a second; replay it on a computer that is less busy"
+            detail = f"the replay was {line[2]} ms out of step for a second; use a less busy computer"
             marks.append((line[1], Fault(FaultKind.OUT_OF_STEP, clock.now_ns(), detail)))
         return marks
 

@@ -70,7 +70,7 @@ class HostClockMonitor:
         set_ns = (now.wall_ns - last.wall_ns) - (now.boot_ns - last.boot_ns)
         details = []
         if slept_ns > _STEP_NS:
-            details.append(f"the computer slept for {slept_ns / 1e9:.1f} s and read nothing; switch its suspend off")
+            details.append(f"the computer was suspended for {slept_ns / 1e9:.1f} s and read nothing; disable suspend")
         if abs(set_ns) > _STEP_NS:
             earlier, after = (
                 datetime.fromtimestamp(wall_ns // 10**6 / 1e3, UTC).isoformat(timespec="milliseconds")
@@ -115,7 +115,7 @@ class StallWatch(clock.Thread):
     def note(self, before_ns: int, now_ns: int) -> None:
         """Record a fault if the time between two timestamps is too long."""
         if now_ns - before_ns > self._longest_ns:
-            detail = f"rigd or the computer stood still for {(now_ns - before_ns) / 1e9:.1f} s"
+            detail = f"rigd or the computer did not run for {(now_ns - before_ns) / 1e9:.1f} s"
             self._faults.append(
                 Fault(FaultKind.STALLED, now_ns, f"{detail}; messages in the meantime have late timestamps")
             )

@@ -134,7 +134,10 @@ class PlausibilityCheck:
         )
         observation += f"jumped by {jump_mm:.4f} mm"
         return [
-            _doubtful(now_ns, f"{_name(column)} {observation}: was HOLD pressed, or did its cable or display hang?")
+            _doubtful(
+                now_ns,
+                f"{_name(column)} {observation}: check that HOLD was not pressed and that the cable is connected",
+            )
         ]
 
     def _sticking(self, column: str, gauge: _GaugeState, samples: Samples) -> list[Fault]:
@@ -191,7 +194,7 @@ def _rescaled(column: str, gauge: _GaugeState, samples: Samples, place: int) -> 
     faults = []
     for k in likely:
         if _goes_on_rescaled(readings_mm[k : k + BEFORE], readings_mm[k + BEFORE : k + BEFORE + AFTER]):
-            change = f"from {before_mm[k]:.4f} to {after_mm[k]:.4f} mm, a factor of 25.4, and stays there"
+            change = f"from {before_mm[k]:.4f} to {after_mm[k]:.4f} mm, a factor of 25.4, and did not return"
             detail = (
                 f"{_name(column)} went {change}: did somebody press in/mm? Switch it back, and repeat the recording"
             )

@@ -92,7 +92,7 @@ class Reader(clock.Thread):
         self._before = conversation
         try:
             run_conversation(recorded, conversation, deliver, self._stop_asked.is_set, alive)
-            reason = "the conversation could not go on"
+            reason = "the protocol failed"
         except LinkLost as error:
             reason = str(error)
         finally:
@@ -125,7 +125,7 @@ class Reader(clock.Thread):
             lost_ns = self._lost_ns
             self._lost_ns, self._pause_s = None, _FIRST_PAUSE_S
             self._reasons.clear()
-            self._report(f"{self._stream.port} is back after {(clock.now_ns() - lost_ns) / 1e9:.1f} s", 0)
+            self._report(f"{self._stream.port} reconnected after {(clock.now_ns() - lost_ns) / 1e9:.1f} s", 0)
         self._buffer.deliver(items)
 
     def _reopen(self) -> None:

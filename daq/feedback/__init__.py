@@ -27,7 +27,7 @@ def load(feedback: Feedback) -> Any:
         return import_module(driver_of(feedback, __name__))
     except ModuleNotFoundError as missing:
         package = (missing.name or "").partition(".")[0]
-        problem = f"{feedback.interface} needs the package {package}, which is not installed"
+        problem = f"{feedback.interface} needs the Python package {package}, which is not installed"
         raise CellError("feedback", problem, to_install(package)) from None
 
 

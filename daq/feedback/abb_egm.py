@@ -118,7 +118,7 @@ _STATE_OF_RAPID = {1: ProgramState.STOPPED, 2: ProgramState.RUNNING}
 
 def host(feedback: ABBEGM) -> Host:
     """Return the host side."""
-    check = "check that the RAPID program streams (EGMStreamStart), and that the controller sends to this address"
+    check = "check that the RAPID program is streaming (EGMStreamStart), and that the controller sends to this address"
     return Streamed(Positions(_decode, check, Order()), feedback.timeout_s)
 
 
@@ -137,7 +137,7 @@ def _decode(data: bytes) -> Position | Refused:
         return Refused(FaultKind.GARBLED, f"{data[:16].hex(' ')} is not an EgmRobot message")
     angles_deg = doubles_in(joints, 1)
     if len(angles_deg) < 6:
-        return Refused(FaultKind.MISSING, f"{len(angles_deg)} joints where 6 are expected; check the mechanical unit")
+        return Refused(FaultKind.MISSING, f"{len(angles_deg)} joints instead of 6; check the mechanical unit")
     seconds = number_in(clock, 1) + number_in(clock, 2) * 1e-6 if clock else number_in(header, 2) / 1000
     program, motors = _state_in(message, _RAPID, _STATE_OF_RAPID), _state_in(message, _MOTORS, _STATE_OF_MOTORS)
     return Position(angles_deg[:6], seconds, number_in(header, 1) % 2**32, (program, motors))

@@ -88,9 +88,11 @@ def _decode(currents: bool, data: bytes) -> Position | Refused:
     kind = int.from_bytes(data[:4], "big")
     layout = _STATUS.get(kind)
     if layout is None:
-        return Refused(FaultKind.GARBLED, f"packet of type {kind}, where 0, 202 or 204, a status, is expected")
+        return Refused(FaultKind.GARBLED, f"packet of type {kind} instead of a status (0, 202 or 204)")
     if len(data) != layout.size:
-        return Refused(FaultKind.GARBLED, f"a status of type {kind} has {layout.size}; check what is at this address")
+        return Refused(
+            FaultKind.GARBLED, f"status of type {kind} with {layout.size} bytes; check the device at this address"
+        )
     fields = layout.unpack(data)
     place = _STAMP[kind]
     state, robot, contact = fields[_BYTES_OF_STATE : _BYTES_OF_STATE + 3]
@@ -139,7 +141,7 @@ class _StreamMotionClient:
         if isinstance(message, Fault) or message.data[:4] != ASK_VERSION[:4]:
             return self._positions.read(message)
         if len(message.data) not in (_CAPABILITY.size, _SHORT_CAPABILITY):
-            detail = f"datagram of {message.size} bytes: the answer on the version has {_CAPABILITY.size}"
+            detail = f"datagram of {message.size} bytes; a version answer has {_CAPABILITY.size}"
             return Reaction((Fault(FaultKind.GARBLED, message.last_byte_ns, detail),))
         self._answered = True
         available = int.from_bytes(message.data[20:24], "big")

@@ -52,15 +52,15 @@ def _answer(sentype: str, ipoc: str) -> bytes:
 def _decode(tags: Sequence[re.Pattern[bytes]], data: bytes) -> Position | Refused:
     ipoc, joints = _IPOC.findall(data), _JOINTS.findall(data)
     if not _ROB.fullmatch(data) or len(ipoc) != 1:
-        return Refused(FaultKind.GARBLED, f"{data[:80]!r} is not a <Rob> with one <IPOC>")
+        return Refused(FaultKind.GARBLED, f"{data[:80]!r} is not a <Rob> with a single <IPOC>")
     if not joints:
-        return Refused(FaultKind.MISSING, "it has no <AIPos>; add DEF_AIPos to SEND in the Ethernet configuration")
+        return Refused(FaultKind.MISSING, "<AIPos> is missing; add DEF_AIPos to SEND in the Ethernet configuration")
     angles = sorted(_JOINT.findall(joints[0]))
     read = [number(value.decode("ascii", "replace")) for _, value in angles]
     angles_deg = tuple(value for value in read if value is not None)
     if b"".join(axis for axis, _ in angles) != b"123456" or len(angles_deg) != 6 or len(joints) != 1:
         return Refused(
-            FaultKind.GARBLED, f"<AIPos{joints[0][:200].decode('ascii', 'replace')}> does not hold six numbers"
+            FaultKind.GARBLED, f"<AIPos{joints[0][:200].decode('ascii', 'replace')}> does not contain six numbers"
         )
     texts = (match[1].decode("ascii", "replace") if (match := tag.search(data)) else "" for tag in tags)
     values = (number(text) for text in texts)
@@ -76,7 +76,7 @@ class _RSIDialect(Positions):
     """Positions with answers."""
 
     def __init__(self, feedback: KUKARSI) -> None:
-        check = "check that the program with RSI_ON runs, and that the controller sends to this address"
+        check = "check that the program with RSI_ON is running, and that the controller sends to this address"
         # Expressions for the parts of the condition: an element or an attribute
         expressions = []
         for tag in feedback.condition.values():

@@ -47,7 +47,7 @@ class _LineFeedDialect:
     """Lines with the configured fields."""
 
     def __init__(self, feedback: LineFeed) -> None:
-        calls = f", and that it calls {feedback.port}" if feedback.listens else ""
+        calls = f", and that the program connects to {feedback.port}" if feedback.listens else ""
         self.check = f"check that the program on the controller is running{calls}"
         self._last_clock_s = -math.inf
         self._may_be_late = udp_address(feedback.port) is not None
@@ -70,12 +70,12 @@ class _LineFeedDialect:
             return Reaction((message,))
         parts = message.data.decode("ascii", "replace").strip().split(self._separator)
         if len(parts) != len(self._fields):
-            return _garbled(message, f"has {len(parts)} fields where {len(self._fields)} are expected")
+            return _garbled(message, f"has {len(parts)} fields instead of {len(self._fields)}")
         read: dict[str, float] = {}
         for name, part in zip(self._fields, map(str.strip, parts), strict=True):
             value = _LEFT_OUT.get(name) if not part or name == "_" else number(part)
             if value is None:
-                return _garbled(message, f"has no number in {name} = {part[:40]!r}")
+                return _garbled(message, f"has an invalid number {name} = {part[:40]!r}")
             read[name] = value
         angles_deg = (
             read[f"q{axis}_deg"] if f"q{axis}_deg" in read else math.degrees(read[f"q{axis}_rad"])

@@ -107,7 +107,7 @@ class _JointStates:
             received = _MESSAGE.validate_json(message.data)
         except ValidationError as error:
             problem = error.errors(include_url=False, include_input=False)[0]["msg"]
-            return _fault(message, FaultKind.GARBLED, f"message {message.data[:60]!r} is no joint state: {problem}")
+            return _fault(message, FaultKind.GARBLED, f"message {message.data[:60]!r} is not a joint state: {problem}")
         if isinstance(received, _Published):
             return self._state(received.msg, message) if received.topic == self._topic else Reaction()
         if received.level not in {"error", "warning"}:
@@ -123,7 +123,7 @@ class _JointStates:
                 return Reaction()
             missing = self._joints[angles_rad.index(None)]
             has = ", ".join(state.name)[:200] or "no joints"
-            detail = f"message without an angle of {missing}; it has {has}; check `joints`"
+            detail = f"message without an angle of {missing}; available: {has}; check `joints`"
             return _fault(message, FaultKind.MISSING, detail)
         angles_deg = tuple(map(math.degrees, known_rad))
         if not are_angles(angles_deg):

@@ -257,8 +257,8 @@ class _RTDEClient:
         if payload not in {b"\0", b"\1"}:
             return _out_of_step(message)
         if payload == b"\0":
-            refused = "protocol version 2; it needs software 3.4 or 5 and later" if kind == b"V" else "to start"
-            return _refused(f"the controller refuses {refused}; update or restart it", message)
+            refused = "protocol version 2, which requires software 3.4 or 5 and later" if kind == b"V" else "to start"
+            return _refused(f"the controller rejects {refused}; update or restart the controller", message)
         if kind == b"S":
             self._awaited = b"U"
             return Reaction()
@@ -276,7 +276,9 @@ class _RTDEClient:
         asked = zip(self._recipe.types.items(), types, strict=True)
         deviating = {name: got for (name, expected), got in asked if got != expected}
         if name := next((name for name in deviating if name not in _DISPENSABLE), ""):
-            remedy = "end the other RTDE client" if deviating[name] == "IN_USE" else "update the controller's software"
+            remedy = (
+                "close the other RTDE client" if deviating[name] == "IN_USE" else "update the controller's software"
+            )
             return _refused(f"the controller answers {deviating[name]} for {name}; {remedy}", message)
         if deviating:
             self._recipe = self._recipe.without(deviating)
@@ -327,7 +329,7 @@ def _counted(data: bytes) -> tuple[bytes, bytes]:
 
 
 def _out_of_step(message: Message) -> Reaction:
-    detail = f"packet {message.data[:16].hex(' ')} ({message.size} bytes) makes no sense here; reconnecting"
+    detail = f"unexpected packet {message.data[:16].hex(' ')} ({message.size} bytes); reconnecting"
     return Reaction((Fault(FaultKind.GARBLED, message.last_byte_ns, detail),), hang_up=True)
 
 

@@ -61,5 +61,5 @@ def _read(data: bytes, gauge: HeidenhainND281B) -> Reading:
     if unit == b"?":
         return Trouble("the display reports a fault; see the error message and clear it")
     if series in _SERIES:
-        return Trouble(f"the display shows the {_SERIES[series]} of a series; end it, or switch it to ACTL")
+        return Trouble(f"the display shows the {_SERIES[series]} of a series; end the series, or switch to ACTL")
     return in_mm(number, _UNIT[unit], gauge)

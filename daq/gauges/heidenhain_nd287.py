@@ -89,7 +89,7 @@ class _Dialect(TextDialect[HeidenhainND287]):
             return super().read(message, requested_ns)
         bar = _STATUS_BAR.fullmatch(message.data)
         if bar and bar["mode"] != b"0":
-            trouble = Trouble("the display shows the distance to go; switch it to ACTUAL VALUE")
+            trouble = Trouble("the display shows the distance to go; switch to ACTUAL VALUE")
         elif bar and bar["unit"] != _UNITS[self._units]:
             trouble = wrong_unit({b"0": "mm", b"1": "inch"}.get(bar["unit"], "an angle"), self._units)
         else:
@@ -114,7 +114,7 @@ class _Replies(Lines):
 
 def _read(data: bytes, gauge: HeidenhainND287) -> Reading:
     if data == _NAK:
-        return Trouble("command not understood (NAK); is it an ND 287?")
+        return Trouble("command rejected (NAK); check that the device is an ND 287")
     text = _TEXT.fullmatch(data)
     if not text:
         return garbled(data)

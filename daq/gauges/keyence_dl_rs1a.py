@@ -27,18 +27,18 @@ _END = b"\r\n"
 _NUMBER = re.compile(SIGNED)
 _NO_VALUE = re.compile(rb"[+-]9+\.9+|-9+\.9+8")
 _ERRORS = {
-    b"00": "invalid command; is it a DL-RS1A?",
+    b"00": "invalid command; check that the device is a DL-RS1A",
     b"02": "no contact between DL-RS1A and amplifier; wait until the amplifiers have started",
-    b"20": "wrong length of data; check the line's settings",
-    b"21": "wrong number of parameters; check the line's settings",
+    b"20": "wrong length of data; check the line settings",
+    b"21": "wrong number of parameters; check the line settings",
     b"22": "parameter error; check the amplifiers' settings",
-    b"29": "error on the RS-232C line; check the line's settings against the DL-RS1A's switches",
+    b"29": "error on the RS-232C line; check the line settings against the DL-RS1A's switches",
     b"65": "wrong ID number; check the amplifiers' connection",
     b"66": "no contact on the expansion line; check the amplifiers' connection",
     b"67": "not writable; set the DL-RS1A's switch to R/W",
 }
 _FORMAT = {"mm": "+07.3f", "um": "+08.1f", "inch": "+08.5f"}
-_CHECK = "check the cable, that the DL-RS1A has power, and the line's settings against its switches"
+_CHECK = "check the cable and the power supply, and compare the line settings with the switches of the DL-RS1A"
 
 
 def host(gauges: Sequence[KeyenceDLRS1A]) -> Host:
@@ -73,7 +73,7 @@ def _read(data: bytes, gauge: KeyenceDLRS1A) -> Reading:
     if name == b"ER" and len(fields) == 2:
         return Trouble(f"{shown(data)}: {_ERRORS.get(fields[1], 'unknown error number; see the DL-RS1A manual')}")
     if name != b"M0":
-        detail = f"{shown(data)} is not an answer to M0; check the line's settings"
+        detail = f"{shown(data)} is not an answer to M0; check the line settings"
         return Trouble(detail, FaultKind.GARBLED, Then.DRAIN)
     field = fields[gauge.channel - 1] if gauge.channel <= len(fields) else b""
     if not field:

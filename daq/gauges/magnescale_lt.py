@@ -29,7 +29,7 @@ _VALUE = re.compile(
 )
 _MODE = {b"P": "peak-to-peak value", b"I": "minimum", b"A": "maximum"}
 _UNIT = {b"M": b"mm", b"I": b"inch"}
-_CHECK = f"{CHECK}, and that its delimiter is CR LF"
+_CHECK = f"{CHECK}, and that the delimiter is CR LF"
 
 
 def host(gauges: Sequence[MagnescaleLT]) -> Host:
@@ -60,7 +60,8 @@ def _read(data: bytes, gauge: MagnescaleLT) -> Reading:
             return value_of(field[1:], gauge)
     name = _name(gauge.channel).decode()
     return Trouble(
-        f"no channel {name} in the answer; set the counter to send it, or correct `channel`", FaultKind.MISSING
+        f"channel {name} is missing in the answer; add the channel to the output of the counter, or correct `channel`",
+        FaultKind.MISSING,
     )
 
 
@@ -73,9 +74,9 @@ def value_of(field: bytes, gauge: Probe) -> Reading:
     if overflow:
         return Trouble("the counter overflows; bring the probe into the range and reset the counter")
     if alarm:
-        return Trouble("the counter gives an alarm; check the probe's connection and reset the counter")
+        return Trouble("the counter reports an alarm; check the probe's connection and reset the counter")
     if mode in _MODE:
-        return Trouble(f"the counter shows the {_MODE[mode]}; switch it to the current value")
+        return Trouble(f"the counter shows the {_MODE[mode]}; switch to the current value")
     return in_mm(number, _UNIT[unit], gauge) if unit else mm(number, gauge)
 
 

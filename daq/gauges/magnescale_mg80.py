@@ -50,6 +50,8 @@ def _read(data: bytes, gauge: MagnescaleMG80) -> Reading:
     if len(data) != _LENGTH:
         return garbled(data)
     if data[:2] != gauge.address.encode():
-        detail = f"counter {data[:2].decode('ascii', 'replace')!r} answers for {gauge.address!r}; correct `address`"
+        detail = (
+            f"counter {data[:2].decode('ascii', 'replace')!r} answered instead of {gauge.address!r}; correct `address`"
+        )
         return Trouble(detail, FaultKind.MISSING)
     return value_of(data[2:], gauge)

@@ -58,8 +58,8 @@ def _read(data: bytes, gauge: MahrC1202) -> Reading:
         if int(number or gauge.channel) != gauge.channel:
             continue
         if error == b"ERR6":
-            return Trouble(f"feature {gauge.channel} is deactivated (ERR6); activate it, or correct `channel`")
+            return Trouble(f"feature {gauge.channel} is deactivated (ERR6); activate the feature, or correct `channel`")
         if error:
             return Trouble(f"feature {gauge.channel} answers {error.decode()}; see the gauge's manual")
         return in_mm(value, unit, gauge)
-    return Trouble(f"no feature {gauge.channel} in the answer; correct `channel`", FaultKind.MISSING)
+    return Trouble(f"feature {gauge.channel} is missing in the answer; correct `channel`", FaultKind.MISSING)

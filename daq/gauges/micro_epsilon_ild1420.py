@@ -34,7 +34,7 @@ _LOW, _MIDDLE, _HIGH, _FURTHER = range(4)
 _FIRST, _LAST, _FIRST_ERROR = 643, 64877, 262075
 _NO_PEAK = 262076
 _RATE_HZ = 1000.0
-_MORE = Trouble("the sensor sends more than the distance; select the distance alone for RS422")
+_MORE = Trouble("the sensor sends further values; select only the distance for RS422")
 
 
 def host(gauges: Sequence[MicroEpsilonILD1420]) -> Host:
@@ -97,7 +97,7 @@ class _Values:
 class _ILD1420Dialect:
     """Sends `OUTPUT RS422`, and repeats it after a silence."""
 
-    check = "check the cable, that the sensor is on, the line's settings, and that it is not set to its web interface"
+    check = "check the cable, the power supply and the line settings, and that the sensor is not in web interface mode"
 
     def __init__(self, gauge: MicroEpsilonILD1420) -> None:
         self.frames = _Values()
@@ -122,7 +122,7 @@ class _ILD1420Dialect:
             reading = Trouble(f"error {x} of the sensor: no valid reading; check the target, the range and the laser")
         elif not _FIRST <= x <= _LAST:
             place = f"{'before' if x < _FIRST else 'behind'} the measuring range"
-            reading = Trouble(f"the target is {place}, or mastering is on; move it, or switch that off")
+            reading = Trouble(f"the target is {place}, or mastering is on; move the target, or switch mastering off")
         else:
             reading = float(_mm(x, self._gauge))
         return Reaction(items_of(message, NO_TIME, [reading]))

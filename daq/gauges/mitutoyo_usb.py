@@ -50,5 +50,5 @@ def read_reply(data: bytes, gauge: Probe) -> Reading:
     if match:
         return mm(match[1], gauge)
     if data.startswith(b"9"):
-        return Trouble(f"the gauge answers error {shown(data)}; check that it is on and shows a value")
+        return Trouble(f"the gauge answers with error {shown(data)}; check that the gauge is on and shows a value")
     return garbled(data)

@@ -110,8 +110,8 @@ class _Readings:
         orders = _in_other_orders(registers, self._gauge)
         if not refused and not orders:
             return None
-        problem = refused[1] if refused else f"{value_mm:.3g} mm, time after time, is no reading; check `units`"
-        would = f"; it would be {' or '.join(orders)}" if orders else ""
+        problem = refused[1] if refused else f"repeated implausible readings, such as {value_mm:.3g} mm; check `units`"
+        would = f"; alternatively {' or '.join(orders)}" if orders else ""
         return FaultKind.GARBLED, f"{problem}, `word_order`, `byte_order` and `value`{would}"
 
 

@@ -30,7 +30,7 @@ _NO_PROBE = 247.0
 _STATUS = {
     18: "under range; move the probe into the range",
     19: "over range; move the probe into the range",
-    246: "an incompatible probe is connected; connect one that the unit knows",
+    246: "an incompatible probe is connected; connect a supported probe",
     247: "no probe is connected; check the plug",
 }
 

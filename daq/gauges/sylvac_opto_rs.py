@@ -43,9 +43,9 @@ _END = b"\r"
 _READING = re.compile(rb"([+\- ]\d{1,7}\.\d{1,7})[<=>]?")
 _COMMA = re.compile(rb"[+\- ]\d{1,7},\d{1,7}[<=>]?")
 _ERRORS = {
-    b"ERR0": "sensor error; clean the probe and check that it is plugged in",
-    b"ERR1": "command not understood; check the line's settings",
-    b"ERR2": "parity error; check the line's settings and the cable",
+    b"ERR0": "sensor error; clean the probe and check the plug",
+    b"ERR1": "command not understood; check the line settings",
+    b"ERR2": "parity error; check the line settings and the cable",
     b"ERR3": "value out of range; move the probe into the range",
 }
 _BY_LINE = b"?"
@@ -80,7 +80,7 @@ def _read(data: bytes, gauge: SylvacOptoRS) -> Reading:
     if match := _READING.fullmatch(data):
         return mm(match[1], gauge)
     if _COMMA.fullmatch(data):
-        detail = f"{shown(data)} has a decimal comma; set the gauge, or the program that it is set with, to a point"
+        detail = f"{shown(data)} has a decimal comma; configure a decimal point in the gauge or in the gauge's software"
         return Trouble(detail, FaultKind.GARBLED, polled.Then.DRAIN)
     if data in _ERRORS:
         return Trouble(f"{data.decode()}: {_ERRORS[data]}")

@@ -120,7 +120,7 @@ class Lines:
             self._pieces.take(1)
 
     def _endless(self, now_ns: int) -> Fault:
-        detail = f"over {LIMIT} bytes without {self._delimiter!r}; check the line's settings and the interface"
+        detail = f"over {LIMIT} bytes without {self._delimiter!r}; check the line settings and the interface"
         return Fault(FaultKind.GARBLED, now_ns, detail)
 
 

@@ -124,10 +124,10 @@ class HeldShape:
         self._other = shape
         if self._agreed < AGREED and self._others > self._agreed:
             before, self._agreed = self._agreed, 0
-            doubt = f"readings before had {_in_words(usual)}, all since have {_in_words(shape)}; they may be damaged"
+            doubt = f"previous readings had {_in_words(usual)}, all later ones {_in_words(shape)}; they may be damaged"
             return self._believed(written)[0], Doubt(FaultKind.DOUBTFUL, doubt, before)
         if shape.decimals != usual.decimals and self._others >= _LASTING and self._agreed >= _LASTING:
-            change = f"the gauge writes {shape.decimals} decimals, before it wrote {usual.decimals}"
+            change = f"the gauge writes {shape.decimals} decimals instead of {usual.decimals}"
             reason = "in/mm was pressed, or the resolution was changed"
             remedy = "switch it back; if it is meant, correct `units` and restart rigd"
             return False, Doubt(FaultKind.UNIT_CHANGED, f"{change}: {reason}; {remedy}")
@@ -136,9 +136,9 @@ class HeldShape:
             return self._believed(written)  # the gauge was reconfigured
         narrower = shape.width < usual.width
         if not alike or _PADDED.match(written.text) or (self._padded and narrower):
-            return False, self._misshapen(written, f"so far they had {_in_words(usual)}")
+            return False, self._misshapen(written, f"previous readings had {_in_words(usual)}")
         if self._may_be_damaged(written, shape.width - usual.width) and not self._borne_out(written):
-            return False, self._misshapen(written, f"so far they had {_in_words(usual)}")
+            return False, self._misshapen(written, f"previous readings had {_in_words(usual)}")
         return self._believed(written)
 
     def _believed(self, written: Written) -> tuple[bool, Doubt | None]:
@@ -169,9 +169,9 @@ class HeldShape:
             if math.isfinite(off_mm):  # a distant reading is treated as near, because it may itself be wrong
                 self._bends_mm.append(min(off_mm, near_mm) if len(self._bends_mm) == AGREED else off_mm)
             return None
-        detail = f"{self._last_mm:.6g} mm alone between {self._before_mm:.6g} and {written.value_mm:.6g} mm"
+        detail = f"{self._last_mm:.6g} mm between {self._before_mm:.6g} and {written.value_mm:.6g} mm"
         self._last_mm = middle_mm
-        return Doubt(FaultKind.DOUBTFUL, f"a reading of {detail}: one digit may be damaged; check the cable")
+        return Doubt(FaultKind.DOUBTFUL, f"isolated reading of {detail}: a digit may be damaged; check the cable")
 
     @property
     def _expected_mm(self) -> float:
@@ -210,8 +210,8 @@ class HeldShape:
 
     def _misshapen(self, written: Written, why: str) -> Doubt:
         text = repr(written.text[:40])[1:]
-        detail = f"{text} is not written as the replies before, {why}; a character is lost, doubled or false"
-        return Doubt(FaultKind.MISSHAPEN, f"{detail}: check the cable and the line's settings")
+        detail = f"{text} differs in form from previous replies, {why}; a character is missing, doubled or wrong"
+        return Doubt(FaultKind.MISSHAPEN, f"{detail}: check the cable and the line settings")
 
 
 @runtime_checkable
@@ -297,7 +297,7 @@ def is_length(value_mm: float) -> bool:
 def refusal(value_mm: float, gauge: Probe) -> tuple[FaultKind, str] | None:
     """Return the reason for rejecting a number of this gauge, with advice; None if it is valid."""
     if not is_length(value_mm):
-        return FaultKind.GARBLED, f"{value_mm:.3g} mm is no length that a gauge measures; check `units`"
+        return FaultKind.GARBLED, f"{value_mm:.3g} mm is not a plausible gauge reading; check `units`"
     if gauge.limits_mm is None or gauge.limits_mm[0] <= value_mm <= gauge.limits_mm[1]:
         return None
     lowest_mm, highest_mm = gauge.limits_mm

@@ -219,7 +219,7 @@ class Polled(PassesShapes):
             return item
         if not (part := echoed_part(self._sent, self._heard)):
             return item
-        echo = f"it begins with {part} of the {len(self._sent)} bytes of our own request, so the adapter echoes"
+        echo = f"it starts with {part} of the {len(self._sent)} bytes of the request, so the adapter echoes"
         return replace(item, detail=f"{item.detail}; {echo}: switch off the echo of the RS-485 adapter")
 
     def _go_on(self, then: Then, items: list[Item], surplus: int, now_ns: int) -> Step:
@@ -274,7 +274,7 @@ class Polled(PassesShapes):
         self._wake_ns = now_ns + self._quiet_ns
         if now_ns < self._babble_ns:
             return Step(wake_ns=self._wake_ns)
-        detail = f"the line will not go quiet, so nothing can be asked; {self._dialect.babble}"
+        detail = f"the line is never quiet, so requests cannot be sent; {self._dialect.babble}"
         fault = Fault(FaultKind.LATE, now_ns, detail, max(1, self._discarded))
         return self._drain([fault], now_ns, send=self._dialect.reset)
 
@@ -283,7 +283,7 @@ class Polled(PassesShapes):
         count = self._discarded + self._dialect.frames.pending
         if not (self._reporting and count):
             return []
-        detail = "a message came while no answer was expected and was ignored; if this recurs, increase timeout_s"
+        detail = "an unexpected message was ignored; if this recurs, increase timeout_s"
         return [Fault(FaultKind.LATE, now_ns, detail, count)]
 
 

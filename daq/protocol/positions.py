@@ -100,7 +100,9 @@ class Order:
         if not 0 < passed <= _AHEAD:
             detail = f"the controller's counter goes from {last} to {number}: it restarted, and the loss is unknown"
             return Fault(FaultKind.SKIPPED, at_ns, detail), sample
-        detail = f"the controller's counter goes from {last} to {number}; check the network and the host's load"
+        detail = (
+            f"the controller's counter jumps from {last} to {number}; check the network and the load of this computer"
+        )
         return Fault(FaultKind.SKIPPED, at_ns, detail, passed - 1), sample
 
 
@@ -262,12 +264,14 @@ class SteadySteps:
             else:
                 self._period_s = round(least_s / self._asked_s) * self._asked_s
                 sent_hz, asked_hz = 1 / self._period_s, 1 / self._asked_s
-                rates = f"the controller sends {sent_hz:g} packets a second, not {asked_hz:g}"
-                faults.append(Fault(FaultKind.DOUBTFUL, at_ns, f"{rates}; write rate_hz: {sent_hz:g}"))
+                rates = f"the controller sends {sent_hz:g} packets a second instead of {asked_hz:g}"
+                faults.append(Fault(FaultKind.DOUBTFUL, at_ns, f"{rates}; set rate_hz: {sent_hz:g}"))
         steps, self._unjudged = self._unjudged, []
         for before_s, after_s in steps:
             periods = (after_s - before_s) / self._period_s
             if periods > _MORE:
-                detail = f"controller time goes from {before_s:.3f} s to {after_s:.3f} s; lower rate_hz if this recurs"
+                detail = (
+                    f"controller time jumps from {before_s:.3f} s to {after_s:.3f} s; reduce rate_hz if this recurs"
+                )
                 faults.append(Fault(FaultKind.SKIPPED, at_ns, detail, round(periods) - 1))
         return faults

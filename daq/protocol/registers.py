@@ -44,8 +44,8 @@ GaugeT = TypeVar("GaugeT", ModbusMap, SolartronOrbit)
 
 _REMEDY = {
     ExcCodes.ILLEGAL_FUNCTION: "set `function` to 3 or 4 as the manual says",
-    ExcCodes.ILLEGAL_ADDRESS: "check `address` and `count` against its register map",
-    ExcCodes.ILLEGAL_VALUE: "check `count` against its register map",
+    ExcCodes.ILLEGAL_ADDRESS: "check `address` and `count` against the register map",
+    ExcCodes.ILLEGAL_VALUE: "check `count` against the register map",
     ExcCodes.DEVICE_FAILURE: "see the display or the manual",
     ExcCodes.DEVICE_BUSY: "rig repeats the request; does a different program read it?",
     ExcCodes.GATEWAY_PATH_UNAVIABLE: "check the gateway's settings and `unit`",
@@ -53,7 +53,7 @@ _REMEDY = {
 }
 _PREFIX = 9
 """Number of bytes before the registers in a TCP answer: transaction, protocol, length, unit, function, size."""
-_DAMAGED = "checksum wrong; check the cable and the line's settings"
+_DAMAGED = "checksum wrong; check the cable and the line settings"
 _RESPONSE = {3: ReadHoldingRegistersResponse, 4: ReadInputRegistersResponse}
 
 
@@ -78,7 +78,7 @@ class RegisterDialect:
     """Host dialect for reading a block."""
 
     reset = b""
-    check = "check the cable, that the instrument is on, the line's settings and `unit`"
+    check = "check the cable, the power supply of the instrument, the line settings and `unit`"
     babble = "a Modbus unit never sends unprompted: disconnect the other master from this line, or check the wiring"
 
     def __init__(self, block: Block, reading: Reading, wire: Wire) -> None:
@@ -126,7 +126,7 @@ class RegisterDialect:
         if not content:
             return _garbled(_DAMAGED, message.last_byte_ns)
         if number != expected:
-            detail = f"answer {number} came while waiting for {expected}; increase timeout_s"
+            detail = f"answer {number} arrived instead of {expected}; increase timeout_s"
             return Reply((Fault(FaultKind.LATE, message.last_byte_ns, detail),), Then.WAIT)
         if (unit, content[0] & 0x7F) != (self._block.unit, self._block.function):
             return self._of_another(unit, content[0] & 0x7F, message)
@@ -136,9 +136,9 @@ class RegisterDialect:
         """Interpret an answer of a different unit or function."""
         if unit != self._block.unit and self._wire.owes(unit):
             return Reply((unasked(self._wire, message),), Then.WAIT)
-        asked = f"unit {self._block.unit}, function {self._block.function} was asked"
-        detail = f"unit {unit}, function {function} answers, where {asked}"
-        remedy = "check `unit`, and the table of units of a gateway"
+        asked = f"unit {self._block.unit}, function {self._block.function}"
+        detail = f"unit {unit}, function {function} answered instead of {asked}"
+        remedy = "check `unit`, and the unit table of the gateway"
         return _garbled(f"{detail}; {remedy}", message.last_byte_ns)
 
     def _answer(self, content: bytes, message: Message, requested_ns: int) -> Reply:
@@ -149,7 +149,7 @@ class RegisterDialect:
         if mismatched and (
             self._wire.numbered or registers is None or len(registers) not in (*resync.usual, *resync.counts)
         ):
-            return _garbled(f"{message.size} bytes answer a read of {self._count} registers", at_ns)
+            return _garbled(f"{message.size} bytes in answer to a read of {self._count} registers", at_ns)
         if mismatched:
             detail = "a late answer, recognised by the length, was ignored; increase timeout_s"
             return Reply((Fault(FaultKind.LATE, at_ns, detail),), Then.WAIT)
@@ -157,11 +157,11 @@ class RegisterDialect:
         if resync.probing:
             return Reply(())
         if resync.doubtful:
-            detail = "an answer came that may belong to an earlier request, and was ignored; increase timeout_s"
+            detail = "an answer, possibly to an earlier request, was ignored; increase timeout_s"
             return Reply((Fault(FaultKind.LATE, at_ns, detail),), Then.DRAIN)
         if registers is None:
             code = refusal or 0
-            detail = f"exception {code}, unknown to Modbus; see the instrument's manual"
+            detail = f"unknown Modbus exception {code}; see the instrument's manual"
             if code in list(ExcCodes):
                 remedy = _REMEDY.get(ExcCodes(code), "see the instrument's manual")
                 detail = f"exception {code} {ExcCodes(code).name}: {remedy}"
@@ -183,7 +183,9 @@ def unasked(wire: Wire, message: Message) -> Fault:
     if not content:
         return Fault(FaultKind.GARBLED, at_ns, _DAMAGED)
     if wire.owes(unit):
-        return Fault(FaultKind.LATE, at_ns, f"unit {unit} answered too late, and was ignored; increase its timeout_s")
+        return Fault(
+            FaultKind.LATE, at_ns, f"a late answer of unit {unit} was ignored; increase the timeout_s of that gauge"
+        )
     return Fault(
         FaultKind.STRANGER, at_ns, f"unit {unit} answers, and was not asked from here; is there a different master?"
     )

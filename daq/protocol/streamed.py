@@ -82,7 +82,7 @@ class Streamed(PassesShapes):
         if self._over:
             return Step(hang_up=True)
         if now_ns >= self._wake_ns:
-            detail = f"nothing for {self._timeout_s:g} s; {self._dialect.check}"
+            detail = f"no data for {self._timeout_s:g} s; {self._dialect.check}"
             items += [*self._bursts.end(), Fault(FaultKind.SILENT, now_ns, detail)]
             self._wake_ns = now_ns + self._timeout_ns
             reaction = self._dialect.silent()

@@ -22,7 +22,7 @@ from daq.protocol.numerals import HeldShape, Written, refusal
 from daq.protocol.polled import Reply, Then
 from rigs.schema.probe import MM_PER_UNIT, Probe, Units
 
-CHECK = "check the cable, that the gauge is on, and the line's settings"
+CHECK = "check the cable, the power supply of the gauge, and the line settings"
 SIGNED = rb"[+-]\d{1,7}\.\d{1,7}"
 """Number with a mandatory sign: otherwise the loss of the first byte would change the sign."""
 _UNITS: dict[bytes, Units] = {b"mm": "mm", b"um": "um", b"in": "inch", b"inch": "inch"}
@@ -47,7 +47,7 @@ Reading = float | Written | Trouble
 
 def garbled(data: bytes) -> Trouble:
     """Return the trouble for a message of a different protocol."""
-    return Trouble(f"{shown(data)} is not a reading; check the line's settings", FaultKind.GARBLED, Then.DRAIN)
+    return Trouble(f"{shown(data)} is not a reading; check the line settings", FaultKind.GARBLED, Then.DRAIN)
 
 
 def shown(data: bytes) -> str:
@@ -77,7 +77,7 @@ def in_mm(number: bytes, unit: bytes, gauge: Probe) -> Reading:
 
 def wrong_unit(sent: str, units: Units) -> Trouble:
     """Return the trouble for a unit that differs from the rig file."""
-    return Trouble(f"the gauge reads in {sent}, the rig file says {units}; switch the gauge over, or correct `units`")
+    return Trouble(f"the gauge reads in {sent}, but the rig file has {units}; switch the gauge, or correct `units`")
 
 
 def items_of(message: Message, requested_ns: int, readings: Sequence[Reading]) -> tuple[Item, ...]:
@@ -134,7 +134,7 @@ class TextDialect(Generic[ProbeT]):
             frames.echo = request
         self.frames = frames
         self.check = check
-        self.babble = "is the instrument sending by itself?"
+        self.babble = "check whether the instrument sends unprompted"
         self.reset = reset
         self.shapes = [HeldShape() for _ in gauges]
         self._gauges = gauges

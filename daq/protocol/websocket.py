@@ -72,7 +72,7 @@ class _WebSocket:
                 return replace(step, send=accepted + step.send)
             case RejectConnection(status_code=status):
                 return self._finish(
-                    FaultKind.DEVICE_ERROR, now_ns, f"the server refuses a WebSocket: HTTP status {status}"
+                    FaultKind.DEVICE_ERROR, now_ns, f"the server rejects a WebSocket: HTTP status {status}"
                 )
             case Message(data=data, message_finished=finished):
                 return self._read(data.encode() if isinstance(data, str) else data, finished, now_ns)
@@ -80,7 +80,7 @@ class _WebSocket:
                 return Step(self._socket.send(event.response()))
             case CloseConnection(code=code, reason=reason):
                 why = f"{int(code)} {reason or 'without a reason'}"
-                return self._finish(FaultKind.DEVICE_ERROR, now_ns, f"the WebSocket is closed: {why}")
+                return self._finish(FaultKind.DEVICE_ERROR, now_ns, f"the WebSocket was closed: {why}")
         return Step()
 
     def _read(self, data: bytes | bytearray, finished: bool, now_ns: int) -> Step:
@@ -126,7 +126,7 @@ class WebSocketHost(_WebSocket):
         if self._open or step.hang_up:
             return super()._waiting(step, now_ns)
         if now_ns >= self._wake_ns:
-            detail = f"no WebSocket within {self._timeout_s:g} s; check that a WebSocket server has this port"
+            detail = f"no WebSocket within {self._timeout_s:g} s; check that the port belongs to a WebSocket server"
             return self._finish(FaultKind.SILENT, now_ns, detail)
         return replace(step, wake_ns=self._wake_ns)
 

@@ -32,7 +32,7 @@ from rigs.readiness import gauges_needed
 from rigs.schema.part import Part
 from rigs.schema.vocabulary import CIRCLES, Direction, TestName
 
-NAME_RULE = "use up to 64 letters, digits, . _ and -, a letter or digit first"
+NAME_RULE = "use up to 64 letters, digits, . _ and -, starting with a letter or digit"
 
 
 class Label(Part):
@@ -57,11 +57,11 @@ def require_readings(buffers: Mapping[str, StreamBuffer], test: TestName) -> Non
         states = [buffer.state() for buffer in buffers.values() if column in buffer.columns]
         name = "robot" if column == "q1_deg" else column.removesuffix("_mm")
         if not states:
-            raise CellError(name, f"the {test} test needs it, but the rig file has none", f"add gauges.{name}")
+            raise CellError(name, f"is required by the {test} test, but missing in the rig file", f"add gauges.{name}")
         if states[0].age_s.get(column, 1e9) > _FRESH_S:
             last = states[0].last_fault or "nothing was received"
             stale = f"no reading in the last {_FRESH_S:.0f} s ({last})"
-            raise CellError(name, stale, "fix the cause, then start the recording again")
+            raise CellError(name, stale, "fix the cause, then repeat the command")
 
 
 def samples_in(items: Sequence[Item]) -> int:

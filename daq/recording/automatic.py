@@ -105,7 +105,7 @@ class Trigger:
             if at_ns - max(self._over_ns, self._standstill.since_ns) >= rule.still_s * _S:
                 return self._stop(StopRun(at_ns, "the robot stands still"))
             if rule.when.signal is not None and at_ns - self._over_ns >= _TAIL_NS:
-                return self._stop(StopRun(at_ns, f"its signal was over for {_TAIL_NS // _S} s"))
+                return self._stop(StopRun(at_ns, f"the signal ended {_TAIL_NS // _S} s ago"))
             return []
         commands: list[Command] = [StopRun(started.at_ns, "the next began")] if self._running else []
         self._running = started.rule
@@ -116,7 +116,7 @@ class Trigger:
         """Return the commands that result from elapsed time, in case the robot has stopped sending."""
         if self._running is None or now_ns - self._last_sample_ns < _SILENT_NS:
             return []
-        return self._stop(StopRun(now_ns, f"the robot was not heard for {_SILENT_NS // _S} s", in_order=False))
+        return self._stop(StopRun(now_ns, f"the robot sent nothing for {_SILENT_NS // _S} s", in_order=False))
 
     def reset(self) -> None:
         """Forget the requested run, which was refused or ended by an operator. The next event starts a recording."""
@@ -291,7 +291,7 @@ class Arbiter:
             begun = self._recorder.start_run(Recording(label, "robot", start.at_ns - _BEFORE_NS))
         except RigError as error:
             self._trigger.reset()
-            self._refuse(rule.title, f"{current.label.name} is being recorded by hand" if current else str(error))
+            self._refuse(rule.title, f"a manual recording, {current.label.name}, is running" if current else str(error))
             return
         self._starting.append((rule.title, label.name, begun))
         self._own_run, self._started_ns = label.name, start.at_ns

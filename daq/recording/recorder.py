@@ -73,7 +73,7 @@ def rejection(rejected: Reject, state: State, last_end: str) -> CellError:
         )
     if rejected.why == "making":
         problem = f"is still creating the last {machine.MOST_LEAVING} runs, which were stopped early"
-        return CellError("disk", problem, "try again in some seconds; if it stays so, run rig doctor")
+        return CellError("disk", problem, "retry in some seconds; if the problem persists, run rig doctor")
     why = f" (the last one: {last_end})" if last_end else ""
     return CellError("rigd", f"no recording is active{why}", "start a recording: rig record start NAME …")
 
@@ -302,7 +302,7 @@ class Recorder(clock.Thread):
 
     def _give_up(self, gap: Gap | None) -> None:
         if gap:
-            message = f"the recording was waiting for the disk and is given up, samples missed: {gap.missed_text()}"
+            message = f"the recording was waiting for the disk and was abandoned, samples missed: {gap.missed_text()}"
             log.warning("%s: %s", gap.previous, message)
             self.last_end += f"; {message}"
             self.losses.add(gap.missed + gap.lost, f"nothing followed {gap.previous.name}")
@@ -328,7 +328,7 @@ class Recorder(clock.Thread):
         except CellError as error:
             self.last_end = f"failed: {error}"
             log.error("recording ended, %s", self.last_end)
-            repair = CellError(str(path), self.last_end, f"remove the cause, then: rig recover {as_argument(path)}")
+            repair = CellError(str(path), self.last_end, f"fix the cause, then: rig recover {as_argument(path)}")
             run.ended.set_exception(error if isinstance(error, RunRemoved) else repair)
         except Exception as error:
             self.last_end = "failed: not closed because of an internal error"

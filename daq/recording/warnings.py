@@ -36,7 +36,7 @@ class RateLimitedLog:
         if now - warned_at < _INTERVAL_S:
             self._last[name, kind] = (warned_at, suppressed + count)
             return
-        repeated = f" ({suppressed} more since the last such line)" if suppressed else ""
+        repeated = f" ({suppressed} similar warnings suppressed)" if suppressed else ""
         log.warning("%s: %s: %s%s", name, kind, detail, repeated)
         self._last[name, kind] = (now, 0)
 
@@ -48,7 +48,7 @@ class RateLimitedLog:
     def warn_slow(self, action: str, seconds: float) -> None:
         """Log a slow disk operation."""
         if seconds > _SLOW_S:
-            self.warn("disk", f"slow {action}", f"has taken {seconds:.1f} s; readers do not wait for it")
+            self.warn("disk", f"slow {action}", f"has taken {seconds:.1f} s; readers are not affected")
 
 
 class Losses:
@@ -62,7 +62,7 @@ class Losses:
         """Report and count samples outside any run."""
         self.counts += samples
         for name, count in (+samples).items():
-            detail = f"{count} samples are in no run: {why}"
+            detail = f"{count} samples were not recorded: {why}"
             self.report(name, [Fault(FaultKind.DROPPED, clock.now_ns(), detail, count)])
 
     def report(self, name: str, faults: Sequence[Fault]) -> None:

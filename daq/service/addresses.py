@@ -61,8 +61,8 @@ def resolved(name: str) -> Sequence[str]:
     try:
         addresses = socket.getaddrinfo(name, None, type=socket.SOCK_STREAM)
     except (OSError, UnicodeError) as error:
-        problem = f"has no address here: {getattr(error, 'strerror', None) or error}"
-        raise CellError(name, problem, "write its address into the rig file") from None
+        problem = f"cannot be resolved here: {getattr(error, 'strerror', None) or error}"
+        raise CellError(name, problem, "write the IP address into the rig file") from None
     return [str(address[4][0]) for address in addresses]
 
 

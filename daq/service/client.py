@@ -54,7 +54,7 @@ class Client:
         except BaseException as error:
             sock.close()
             if isinstance(error, BlockingIOError):
-                problem = "rigd does not answer: other clients are waiting already"
+                problem = "rigd does not answer: too many clients are waiting"
                 raise CellError(str(self._path), problem, _RESTART) from None
             if isinstance(error, PermissionError):
                 raise _forbidden(self._path) from None
@@ -87,7 +87,7 @@ class Client:
             answer = read_answer(command, line)
         except ValueError as error:
             problem = f"a program other than rigd answers here: {error}"
-            raise CellError(str(self._path), problem, "start the rigd of this version again: rigd RIG") from None
+            raise CellError(str(self._path), problem, "restart rigd in this version: rigd RIG") from None
         if not answer.pop("ok"):
             refusal = RigError(answer["where"], answer["what"], answer["remedy"])
             refusal.exit_code = answer["exit_code"]
@@ -125,9 +125,9 @@ def find_socket(rig: str | None = None) -> Path:
         return served[0]
     if not served:
         whom = f" for {rig}" if rig else ""
-        raise CellError("rigd", f"no daemon runs{whom} that this user can see", "start rigd: rigd RIG")
+        raise CellError("rigd", f"no daemon{whom} is visible to this user", "start rigd: rigd RIG")
     names = ", ".join(path.stem for path in served)
-    raise CellError("rigd", f"several daemons run ({names})", "say which: --rig NAME")
+    raise CellError("rigd", f"several daemons are running ({names})", "say which: --rig NAME")
 
 
 def sockets() -> list[Path]:

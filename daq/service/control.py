@@ -138,7 +138,7 @@ class ControlServer:
             except OSError as error:
                 if self._closing.is_set():
                     return
-                self._warn(f"no connection can be accepted: {error.strerror or error}")
+                self._warn(f"connections cannot be accepted: {error.strerror or error}")
                 if error.errno in _NO_ROOM:
                     with self._changed:
                         self._make_room(self._open)
@@ -161,8 +161,8 @@ class ControlServer:
                 (user, _), *_ = Counter(connection.user for connection in self._open).most_common(1)
                 limited = {connection for connection in self._open if connection.user == user}
             if limited is not None and not self._make_room(limited):
-                busy = "all its connections are busy with other requests"
-                refusal = _as_answer(CellError("rigd", busy, "try again when they are answered"))
+                busy = "all connections are busy with other requests"
+                refusal = _as_answer(CellError("rigd", busy, "retry later"))
                 with contextlib.suppress(OSError):
                     new.sock.setblocking(False)
                     new.sock.sendall(_encoded(refusal))
@@ -239,7 +239,7 @@ def _next_line(sock: socket.socket, unread: bytes) -> tuple[bytes, bytes]:
 
 def reply(line: bytes, answer: Answer) -> dict[str, Any]:
     """Return the answer to a request line, which may be an error."""
-    request, problem = None, f"a request is one line of at most {LONGEST_REQUEST} bytes"
+    request, problem = None, f"a request is a single line of at most {LONGEST_REQUEST} bytes"
     if len(line) <= LONGEST_REQUEST:
         try:
             request, problem = json.loads(line), "a request is a JSON object"

@@ -91,7 +91,7 @@ def recent_samples(request: Mapping[str, Any], buffers: Mapping[str, StreamBuffe
     try:
         asked = _Request.model_validate(request)
     except ValidationError as error:
-        problem = f"a samples request is not valid: {error.errors(include_url=False)[0]['msg']}"
+        problem = f"invalid samples request: {error.errors(include_url=False)[0]['msg']}"
         raise CellError("control socket", problem, 'send {"command": "samples", "after": {"g1": 0}}') from None
     streams = {}
     for name, buffer in buffers.items():
@@ -234,7 +234,7 @@ class Daemon:
                 self._recorder.note_end(_text_in(request, "run"), _text_in(request, "said"))
                 return {}
             case other:
-                commands = "known: status, samples, metrics, record_start, record_stop, judged"
+                commands = "available: status, samples, metrics, record_start, record_stop, judged"
                 raise CellError("rigd", f"unknown command {_short(other)}", commands)
 
     def _open_links(self) -> dict[str, Link]:
@@ -305,7 +305,9 @@ class Unreachable(CellError):
     """Several ports cannot be opened."""
 
     def __init__(self, errors: list[CellError]) -> None:
-        RigError.__init__(self, "cell", f"{len(errors)} links do not open: " + " | ".join(map(str, errors)), "see each")
+        RigError.__init__(
+            self, "cell", f"{len(errors)} connections cannot be opened: " + " | ".join(map(str, errors)), "see each"
+        )
         self._errors = errors
 
     def lines(self) -> list[str]:
@@ -318,9 +320,9 @@ def _warn_if_not_writable(runs: Path) -> None:
         runs.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=runs).close()
     except FileExistsError:
-        log.warning("%s: no run can be recorded: it is a file; give rigd a directory there", runs)
+        log.warning("%s: runs cannot be recorded: it is a file; give rigd a directory", runs)
     except OSError as error:
-        log.warning("%s: no run can be recorded: %s; give rigd write permission there", runs, error.strerror or error)
+        log.warning("%s: runs cannot be recorded: %s; give rigd write permission", runs, error.strerror or error)
 
 
 def _short(value: object) -> str:
@@ -333,7 +335,7 @@ def _text_in(request: Mapping[str, Any], key: str) -> str:
     """Return a text in a request as a line of limited length. Raises UseError."""
     text = request.get(key)
     if not isinstance(text, str):
-        raise UseError("judged", f"{key} {_short(text)} is not text", "send the run and what is wrong with it")
+        raise UseError("judged", f"{key} {_short(text)} must be text", "send the name of the run and the problem")
     return plain(text[:_MOST_SAID])
 
 

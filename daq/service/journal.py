@@ -83,7 +83,7 @@ def read(rig: str | None, since: str | None = None, *, follow: bool = False) -> 
     """
     unit = f"rigd@{rig or '*'}.service"
     if not shutil.which("journalctl"):
-        raise CellError(unit, "there is no journal here", "a rigd started by hand logs to its own terminal")
+        raise CellError(unit, "the system has no journal", "a manually started rigd logs to its terminal")
     command = ["journalctl", "--output=json", "--quiet", "--no-pager", f"--unit={unit}"]
     command += ([f"--since={since}"] if since else []) + (["--follow", "--lines=50"] if follow else [])
     has_entries = False
@@ -100,7 +100,7 @@ def read(rig: str | None, since: str | None = None, *, follow: bool = False) -> 
     if complaint and _NO_UNIT not in complaint:
         raise CellError("journal", complaint.splitlines()[0], "see man journalctl")
     if not has_entries:
-        problem = "nothing in the journal" + (f" since {since}" if since else "") + " that this user can see"
+        problem = "nothing in the journal" + (f" since {since}" if since else "") + " visible to this user"
         raise CellError(
             unit,
             problem,

@@ -140,9 +140,12 @@ class RunRetention:
         if not self.over_bytes or clock.now_s() - self._warned_at < _WARN_AGAIN_S:
             return
         self._warned_at = clock.now_s()
-        excess_gb, remedy = self.over_bytes / 1e9, "export some (rig export), or release kept ones (rig keep --not)"
+        excess_gb, remedy = (
+            self.over_bytes / 1e9,
+            "export some runs (rig export), or release protected runs (rig keep --not)",
+        )
         log.warning(
-            "retention: %.2f GB more than allowed in %s, and no run may be deleted; %s", excess_gb, self._runs, remedy
+            "retention: %.2f GB more than allowed in %s, and no run can be deleted; %s", excess_gb, self._runs, remedy
         )
 
     def state(self) -> dict[str, int]:

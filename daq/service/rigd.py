@@ -96,7 +96,7 @@ def rigd(
     log.info("stopping: %s", end.why)
     cut_short = daemon.close(end.exit_status, end.why)
     if cut_short:
-        typer.echo(f"the recording was cut short and is safe: {plain(str(cut_short))}", err=True)
+        typer.echo(f"The recording was interrupted, but all data are safe: {plain(str(cut_short))}", err=True)
     raise typer.Exit(end.exit_code)
 
 

@@ -33,7 +33,7 @@ _CREDENTIALS = struct.Struct("3i")
 """Process, user and group of a peer: struct ucred of unix(7)."""
 _UID = 7
 """Column of the user in /proc/net/tcp (proc(5))."""
-_REMEDY = "remove it, or set XDG_RUNTIME_DIR to a directory of your own"
+_REMEDY = "remove the directory, or set XDG_RUNTIME_DIR to a private directory"
 
 
 def socket_directory() -> Path:
@@ -68,7 +68,7 @@ def hold_trusted(path: Path) -> frozenset[int]:
     if not stat.S_ISSOCK(status.st_mode):
         raise CellError(str(path), "is not a socket", _REMEDY)
     if status.st_mode & stat.S_IWOTH:
-        raise CellError(str(path), "lets every user of this computer control rigd", f"chmod o-rwx {path}")
+        raise CellError(str(path), "allows every user of this computer to control rigd", f"chmod o-rwx {path}")
     return frozenset(owners)
 
 
@@ -128,8 +128,8 @@ class InstanceLock:
                 remedy = "set XDG_RUNTIME_DIR, or choose a different --socket"
                 raise CellError(str(path.parent), "belongs to a different user", remedy)
             if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
-                problem = "can be written by other users, who could put a file in the place of rigd's"
-                remedy = "give --socket in a directory of your own, or chmod go-w it"
+                problem = "is writable for other users, who could replace the socket of rigd"
+                remedy = "give --socket in a private directory, or chmod go-w this directory"
                 raise CellError(str(path.parent), problem, remedy)
             fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, 0o600)
         except OSError as error:
@@ -149,13 +149,13 @@ class InstanceLock:
     def _hold(self, rig: str, path: Path) -> None:
         status = os.fstat(self._fd)
         if not stat.S_ISREG(status.st_mode) or status.st_nlink != 1 or status.st_size > _LONGEST_ID:
-            raise CellError(str(path), "exists already and is not the lock of a rigd", "choose a different --socket")
+            raise CellError(str(path), "already exists and is not a lock file of rigd", "choose a different --socket")
         try:
             fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             holder = os.pread(self._fd, _LONGEST_ID, 0).decode("ascii", "replace").strip() or "unknown"
             problem = f"a different rigd (process {holder}) serves this rig"
-            raise CellError(rig, problem, "stop that one, or talk to it with rig status") from None
+            raise CellError(rig, problem, "stop that daemon, or query it with rig status") from None
         with contextlib.suppress(OSError):  # informative only: a full disk must not prevent the start
             os.ftruncate(self._fd, 0)
             os.write(self._fd, str(os.getpid()).encode())
@@ -197,7 +197,7 @@ class InstanceLock:
         except OSError:
             lock.close()
             if _is_of_this_user(address):  # locks of other users are ignored, because they could hold them forever
-                remedy = "stop that one, or correct the port in the rig file"
+                remedy = "stop that rigd, or correct the port in the rig file"
                 raise CellError(name, f"a different rigd reads the gauge at {port}", remedy) from None
             return cls(-1)
         return cls(lock.detach())
@@ -210,7 +210,7 @@ class InstanceLock:
 
     @classmethod
     def _held(
-        cls, path: Path, flags: int, refusal: str, remedy: str = "stop that one, or talk to it with rig status"
+        cls, path: Path, flags: int, refusal: str, remedy: str = "stop that daemon, or query it with rig status"
     ) -> InstanceLock:
         """Lock a file. If it cannot be opened, or the disk does not support locks, no lock is taken.
 

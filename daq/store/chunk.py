@@ -284,7 +284,7 @@ def to_parquet(table: pa.Table) -> bytes:
     data = bytes(sink.getvalue().to_pybytes())
     back = from_parquet(data)
     if back is None or not back.schema.equals(table.schema) or _digest(back) != _digest(table):
-        raise pa.ArrowInvalid("the Parquet file does not read back as what was written")
+        raise pa.ArrowInvalid("the Parquet file cannot be read back unchanged")
     return data
 
 
@@ -313,7 +313,7 @@ def _decoded(data: bytes, columns: Sequence[str] | None) -> pa.Table | str:
     groups = [file.metadata.row_group(k) for k in range(file.metadata.num_row_groups)]
     unpacked = sum(group.column(k).total_uncompressed_size for group in groups for k in range(group.num_columns))
     if max(rows * width * _CELL_BYTES, unpacked) > _MOST_DECODED:  # a repeated dictionary value is counted once
-        return f"it declares {rows} rows of {width} columns, more than any chunk has"
+        return f"{rows} rows of {width} columns exceed the limits of a chunk"
     # Text is read as indices of distinct texts, which gives its total size.
     text = [field.name for field in schema if pa.types.is_string(field.type) or pa.types.is_binary(field.type)]
     source = pa.BufferReader(data)

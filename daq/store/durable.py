@@ -37,7 +37,7 @@ def remedy(error: Exception, otherwise: str) -> str:
     Other causes are a lack of descriptors, a link in place of the lock, or a file in place of a directory.
     """
     if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
-        return "close what holds file descriptors (connections, other programs), or raise their limit (LimitNOFILE)"
+        return "close programs or connections with open files, or raise the limit of file descriptors (LimitNOFILE)"
     if isinstance(error, OSError) and error.errno == errno.ELOOP:
         return "remove that link"
     if isinstance(error, NotADirectoryError):

@@ -301,7 +301,7 @@ class Ledger:
         ledger = read_ledger(run)
         if ledger.unread_lines:
             problem = f"has lines in {LEDGER} that cannot be verified, and continuing would replace them"
-            raise FileError(str(run), problem, f"{to_recover(run)}, which keeps them")
+            raise FileError(str(run), problem, f"{to_recover(run)}, which keeps these lines")
         return cls(run / LEDGER, durable.reopen(run / LEDGER), ledger.size, ledger.last)
 
     def append(self, entry: Entry) -> None:

@@ -72,7 +72,7 @@ def operator_name(text: str) -> str:
     """Return the name of an operator in stored form. Raises ValueError for control characters or excessive length."""
     text = storable(text)
     if len(text) > _LONGEST_OPERATOR:
-        raise _OperatorError(f"a name of {len(text)} characters", f"write at most {_LONGEST_OPERATOR}")
+        raise _OperatorError(f"the name has {len(text)} characters", f"write at most {_LONGEST_OPERATOR}")
     if not text.isprintable():
         raise _OperatorError(f"{text!r} contains control characters", "write one line")
     return text
@@ -142,16 +142,16 @@ class Manifest(Record):
     @model_validator(mode="after")
     def _consistent(self) -> Manifest:
         if FAULTS in self.streams:
-            raise ValueError(f"no stream of samples can be called {FAULTS}")
+            raise ValueError(f"{FAULTS} cannot be the name of a sample stream")
         for stream, columns in self.streams.items():
             if len({*columns, *SAMPLE_COLUMNS}) < len(columns) + len(SAMPLE_COLUMNS):
-                raise ValueError(f"stream {stream} has two columns of one name")
+                raise ValueError(f"stream {stream} has two columns of the same name")
         if self.table and self.streams:
             raise ValueError("a run is either recorded or imported")
         for chunk in self.chunks:
             name = parse_chunk(chunk.file)
             if name is None or name[0] != chunk.stream or chunk.stream not in self.all_streams:
-                raise ValueError(f"{chunk.file!r} is no chunk of a stream of this run")
+                raise ValueError(f"{chunk.file!r} does not belong to a stream of this run")
         if len({chunk.file for chunk in self.chunks}) < len(self.chunks):
             raise ValueError("a chunk is listed twice")
         return self
@@ -287,12 +287,14 @@ def load_manifest(run: Path) -> Manifest:
             return manifest
         entries = read_ledger(run).entries
         if entries and entries[0].opening != sha256(data):
-            problem = f"has changed since the run began: {LEDGER} names another SHA-256"
+            problem = f"has changed since the start of the run: {LEDGER} contains a different SHA-256"
             raise FileError(str(path), problem, f"{to_recover(run)} or restore the file")
         return manifest.with_entries(entries)
     except FileNotFoundError:
         if any(run.glob(f"*/{MANIFEST}")):
-            raise FileError(str(run), "is not a run but holds runs", f"give one of them, as {run}/NAME") from None
+            raise FileError(
+                str(run), "is not a run but a directory of runs", f"give a run, such as {run}/NAME"
+            ) from None
         if not any(parse_chunk(file.name) for file in run.iterdir()):
             raise FileError(str(run), "contains no run", "give the directory of a run") from None
         raise FileError(str(run), "has no manifest.json", to_recover(run)) from None
@@ -310,14 +312,18 @@ def _of_another_package(path: Path, error: ValidationError) -> UnknownTestError 
     (first, *others) = error.errors(include_url=False, include_context=False)
     if others or first["loc"] != ("test",) or not isinstance(first["input"], str):
         return None
-    problem = f"is of the test {first['input'][:60]!r}, which neither rig nor a package beside it has"
-    return UnknownTestError(str(path), problem, "install that package where rig runs, or use the run where it was made")
+    problem = f"uses the test {first['input'][:60]!r}, which is in neither rig nor an installed package"
+    return UnknownTestError(
+        str(path), problem, "install the package of the test, or use the run on the original computer"
+    )
 
 
 def unreadable(path: Path, error: OSError) -> FileError:
     """Return the error for a file that the operating system refuses to read."""
     short = error.errno == errno.ENOMEM
-    remedy = "close other programs, or read it on a different computer" if short else "check the disk and the rights"
+    remedy = (
+        "close other programs, or read it on a different computer" if short else "check the disk and the permissions"
+    )
     return FileError(str(path), f"cannot be read: {error.strerror}", remedy)
 
 

@@ -57,7 +57,9 @@ def load_marks(run: Path) -> Marks:
     except ValidationError as error:
         if newer := of_newer_rig(str(path), error):
             raise newer from None
-        raise FileError(str(path), f"is damaged: {first_error(error)}", "delete it, then mark the run again") from None
+        raise FileError(
+            str(path), f"is damaged: {first_error(error)}", "delete the file, then mark the run a second time"
+        ) from None
     except OSError as error:
         raise unreadable(path, error) from None
 
@@ -79,7 +81,7 @@ def _change(run: Path, change: Callable[[Marks], Marks]) -> None:
         lock = durable.try_lock(run)
         if lock is None:
             raise FileError(
-                str(run), "is being recorded or changed by a different program", "try again when that has ended"
+                str(run), "is being recorded or changed by a different program", "retry when that program has finished"
             )
         try:
             marks = change(load_marks(run))
@@ -88,7 +90,7 @@ def _change(run: Path, change: Callable[[Marks], Marks]) -> None:
             os.close(lock)
     except OSError as error:
         problem = f"cannot be marked: {error.strerror or error}"
-        raise CellError(str(run), problem, "do it as the owner of the run, where there is room") from None
+        raise CellError(str(run), problem, "run the command as the owner of the run, with enough disk space") from None
 
 
 def relabel(
@@ -111,7 +113,7 @@ def relabel(
         if lock is None and unchanged.exit_status == "recording":
             raise FileError(str(run), *BEING_RECORDED)
         if lock is None:
-            raise FileError(str(run), "is being changed by a different program", "try again when it has ended")
+            raise FileError(str(run), "is being changed by a different program", "retry when that program has finished")
         try:
             manifest = load_manifest(run)
             if manifest.exit_status == "recording" or any(run.glob("*.arrow")):
@@ -123,7 +125,7 @@ def relabel(
             durable.close(lock)
     except OSError as error:
         problem = f"cannot be relabelled: {error.strerror or error}"
-        raise CellError(str(run), problem, "do it as the owner of the run, where there is room") from None
+        raise CellError(str(run), problem, "run the command as the owner of the run, with enough disk space") from None
     return changed
 
 
@@ -179,7 +181,7 @@ def _test_and_direction(
     alike: tuple[TestName, ...] = get_args(DrivenTest) if manifest.table is None else CIRCLES
     if test != manifest.test and not (manifest.test in alike and test in alike):
         problem = f"contains data of a {manifest.test} test, which cannot be of a {test} test"
-        raise FileError(str(run), problem, f"import them again with --test {test}")
+        raise FileError(str(run), problem, f"import the data with --test {test}")
     if test not in CIRCLES:
         if direction is not None and test != manifest.test:
             raise UseError("--direction", f"a {test} test does not have a direction", "remove it")
@@ -187,7 +189,9 @@ def _test_and_direction(
             raise FileError(str(run), f"is of a {test} test, which does not have a direction", "leave --direction out")
         return {"test": test, "direction": None}
     if (direction or manifest.direction) is None:
-        raise FileError(str(run), f"a {test} test has a direction, and the run has none", "add --direction acw or cw")
+        raise FileError(
+            str(run), f"a {test} test needs a direction, which this run does not have", "add --direction acw or cw"
+        )
     if manifest.table is not None and direction not in (None, manifest.direction):
         # The rows of a table also contain the direction, and tables are never changed.
         problem = f"contains an imported table whose rows say {manifest.direction}"

@@ -83,7 +83,7 @@ def recover(path: Path) -> Recovery:
         reason, file = getattr(error, "strerror", None), getattr(error, "filename", None)
         # The operating system reports some files only by number.
         words = f"{reason}: {file!r}" if reason and isinstance(file, str) else str(reason or error)
-        raise CellError(str(path), f"cannot be recovered: {words}", f"{_remedy(error)}; nothing was lost") from error
+        raise CellError(str(path), f"cannot be recovered: {words}", f"{_remedy(error)}; no data were lost") from error
 
 
 def _remedy(error: Exception) -> str:
@@ -92,7 +92,7 @@ def _remedy(error: Exception) -> str:
             return "use a computer with more memory"
         case errno.EFBIG:
             return "move that file elsewhere"
-    return durable.remedy(error, "make room or repair the disk and try again")
+    return durable.remedy(error, "free some space or repair the disk, then retry")
 
 
 def _repaired(path: Path) -> Recovery:
@@ -119,7 +119,7 @@ def _manifest_of(path: Path, done: Recovery) -> Manifest:
     except FileError as error:
         opening = _opening_in(path)
         if opening is None:
-            problem = f"{error.what}; and no chunk is left that says what the run was"
+            problem = f"{error.what}; and all chunks with a description of the run are missing"
             raise FileError(error.where, problem, "restore manifest.json from a copy") from None
     entries = read_ledger(path).entries
     for file, spoilt in ((MANIFEST, True), (LEDGER, bool(entries) and entries[0].opening != sha256(opening))):
@@ -150,7 +150,7 @@ def _with_sound_ledger(path: Path, manifest: Manifest, done: Recovery) -> Manife
     anchors = [Entry(anchor=anchor) for anchor in upgraded.anchors]
     durable.replace(path / LEDGER, lines_of([Entry(opening=sha256(upgraded.opening())), *history, *chunks, *anchors]))
     upgraded.save(path)
-    done.notes.append(f"{LEDGER}: made, since there was none that could be read")
+    done.notes.append(f"{LEDGER}: created, because a readable ledger was missing")
     return upgraded
 
 
@@ -200,7 +200,7 @@ class _Repair:
         if (chunk.rows if chunk else 0) < salvaged.rows:
             broken = self.path / chunk_name(stream, number)
             if broken.exists():
-                self._set_aside(broken, "damaged, made again from the recording chunk")
+                self._set_aside(broken, "damaged, rebuilt from the recording chunk")
             chunk = store_chunk(self.path, stream, number, salvaged, schema)
         if chunk:
             self._list(chunk)
@@ -212,14 +212,14 @@ class _Repair:
         else:
             durable.remove(file)
             durable.sync_directory(self.path)
-            self.done.notes.append(f"{file.name}: whole, {salvaged.rows} rows")
+            self.done.notes.append(f"{file.name}: complete, {salvaged.rows} rows")
 
     def _adopt(self, file: Path, stream: str, number: int) -> None:
         if any(chunk.file == file.name for chunk in self.manifest.chunks):
             return
         chunk = self._closed(stream, number)
         if chunk is None:
-            self._set_aside(file, "no chunk of this run, or damaged")
+            self._set_aside(file, "not a chunk of this run, or damaged")
         else:
             self._list(chunk)
 

@@ -133,11 +133,11 @@ def read_chunk(path: Path, chunk: Chunk, schema: pa.Schema, columns: Sequence[st
     try:
         data = read_bytes(file, MOST_BYTES)
     except FileNotFoundError:
-        raise FileError(str(file), "the ledger lists this chunk and it is missing", remedy) from None
+        raise FileError(str(file), "is missing, although the ledger lists this chunk", remedy) from None
     except OSError as error:
         raise unreadable(file, error) from None
     if sha256(data) != chunk.sha256:
-        raise FileError(str(file), "has changed since it was recorded (SHA-256)", remedy)
+        raise FileError(str(file), "has changed since the recording (SHA-256)", remedy)
     try:
         table = from_parquet(data, columns)
     except OSError as error:
@@ -145,10 +145,10 @@ def read_chunk(path: Path, chunk: Chunk, schema: pa.Schema, columns: Sequence[st
     if table is None:
         raise FileError(str(file), "is not a Parquet file", remedy)
     if not table.schema.equals(schema if columns is None else pa.schema([schema.field(name) for name in columns])):
-        problem = f"holds the columns {', '.join(table.schema.names)}, the manifest says otherwise"
+        problem = f"has the columns {', '.join(table.schema.names)}, which differ from the manifest"
         raise FileError(str(file), problem, remedy)
     if table.num_rows != chunk.rows:
-        raise FileError(str(file), f"holds {table.num_rows} rows, the manifest says {chunk.rows}", remedy)
+        raise FileError(str(file), f"has {table.num_rows} rows, but the manifest states {chunk.rows}", remedy)
     return table.replace_schema_metadata(None)
 
 

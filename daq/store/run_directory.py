@@ -88,7 +88,7 @@ def give_back() -> None:
 
 _TIMED = re.compile(r"[0-9]{8}T[0-9]{6}[.0-9]*Z")
 """UTC time at the start of a run name. Such a name becomes the name of the directory unchanged."""
-_WHO_DELETES = "find out what deletes or moves runs"
+_WHO_DELETES = "find the program that deletes or moves runs"
 
 
 class RunRemoved(CellError):
@@ -109,7 +109,7 @@ def require_files(run: Path, open_files: Mapping[Path, int]) -> None:
     if not (run / MANIFEST).exists():
         vanished.append(run / MANIFEST)
     if vanished:
-        raise CellError(str(vanished[0]), "has vanished during the recording", _WHO_DELETES)
+        raise CellError(str(vanished[0]), "disappeared during the recording", _WHO_DELETES)
 
 
 def create_run_directory(runs: Path, manifest: Manifest, companions: Mapping[str, bytes]) -> tuple[Path, int, Ledger]:

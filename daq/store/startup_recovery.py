@@ -66,6 +66,6 @@ def recover_and_log(path: Path) -> None:
     if done.nothing_to_do:
         return
     rows = ", ".join(f"{count} of {stream}" for stream, count in done.rows.items()) or "none"
-    log.info("recovered %s, which was not closed: rows brought back: %s", path, rows)
+    log.info("recovered %s, which was not closed: recovered rows: %s", path, rows)
     for file, loss in done.losses.items():
         log.warning("%s: %s: %s", path, file, loss)

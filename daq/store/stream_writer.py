@@ -187,7 +187,7 @@ class StreamWriter:
             Sync(chunk, durable.again(chunk.fd), chunk.size).wait()
         salvaged = salvage(durable.read(chunk.fd), self.schema)  # works even if the file name is gone
         if salvaged.damage or salvaged.rows != chunk.rows:
-            raise OSError(errno.EIO, f"{chunk.path.name} reads back {salvaged.damage or 'short'}")
+            raise OSError(errno.EIO, f"{chunk.path.name} cannot be read back: {salvaged.damage or 'short'}")
         return store_chunk(self.run, self.stream, chunk.number, salvaged, self.schema)
 
     def forget(self, chunk: OpenChunk) -> None:

@@ -114,7 +114,7 @@ def judge(path: Path) -> Verdict:
     # During recording, a chunk is added to the ledger when it is full.
     leftovers = [] if is_recorded else left_over(path, manifest)
     place = "manifest" if manifest.version == 1 else "ledger"
-    unlisted = [f"{file}: is not in the {place}; {to_recover(path)}" for file in leftovers]
+    unlisted = [f"{file}: is not listed in the {place}; {to_recover(path)}" for file in leftovers]
     if not problems:  # an unreadable chunk explains all differences of counts
         problems = _counters(path, manifest, {stream.name: stream for stream in streams})
     return Verdict(
@@ -141,10 +141,10 @@ def _read_ledger(path: Path) -> Verified:
 def _ledger(path: Path, manifest: Manifest, verified: Verified) -> list[str]:
     """Return defects of the ledger, including a missing table in an imported run."""
     if manifest.version > 1 and not verified.entries:
-        return [f"{path / LEDGER}: is missing or damaged from its first line on; {to_recover(path)}"]
+        return [f"{path / LEDGER}: is missing or damaged from the first line; {to_recover(path)}"]
     if manifest.version > 1 and verified.unread and manifest.exit_status != "recording":
         line = len(verified.entries) + 1
-        return [f"{path / LEDGER}: line {line} and what follows cannot be verified; {to_recover(path)}"]
+        return [f"{path / LEDGER}: line {line} and later lines cannot be verified; {to_recover(path)}"]
     if manifest.table is not None and not manifest.chunks_of(TABLE):
         return [f"{path}: the table is not there; import {manifest.table.file} again"]
     return []
@@ -155,7 +155,7 @@ def _manifest(path: Path, manifest: Manifest, *, is_recorded: bool) -> list[str]
     if is_recorded:
         problems.append(f"{path}: {'; '.join(BEING_RECORDED)}")
     elif manifest.exit_status == "recording":
-        problems.append(f"{path}: was never ended: the recording crashed; {to_recover(path)}")
+        problems.append(f"{path}: was never closed: the recording crashed; {to_recover(path)}")
     if sha256(manifest.rig_text.encode()) != manifest.rig_sha256:
         problems.append(f"{path}: the rig file in the manifest does not match its SHA-256")
     return problems
@@ -177,7 +177,7 @@ def _beside(path: Path, manifest: Manifest) -> list[str]:
             problems.append(str(error))
             continue
         if digest not in manifest.rig_text:
-            problems.append(f"{file}: is not the calibration that the rig file in the manifest names (SHA-256)")
+            problems.append(f"{file}: does not match the SHA-256 of the calibration in the rig file of the manifest")
     try:
         load_marks(path)
     except FileError as error:
@@ -190,7 +190,7 @@ def _read(path: Path, manifest: Manifest, stream: str) -> _Stream:
     schema, read = manifest.arrow_schema(stream), _Stream(stream)
     for number, chunk in enumerate(manifest.chunks_of(stream), start=1):
         if chunk.number != number and manifest.exit_status != "recovered" and not read.problems:
-            read.problems.append(f"{path}: chunk {number} of {stream} is missing, and nothing says what it held")
+            read.problems.append(f"{path}: chunk {number} of {stream} is missing, with unknown contents")
         try:
             rows = read_chunk(path, chunk, schema)
         except FileError as error:
@@ -214,7 +214,7 @@ def _follow(read: _Stream, file: Path, rows: pa.Table) -> None:
         expected = read.end if i == 0 else int(sequence[i - 1]) + 1
         read.end = expected
         if sequence[i] < expected:
-            read.problems.append(f"{file}: rows are doubled before row {i}")
+            read.problems.append(f"{file}: rows before row {i} are duplicated")
         else:
             read.skip_to(int(sequence[i]))
     read.end = int(sequence[-1]) + 1 if len(sequence) else read.end
@@ -232,7 +232,7 @@ def _counters(path: Path, manifest: Manifest, streams: Mapping[str, _Stream]) ->
     for stream, counts in manifest.counters.items():
         row_count = streams[stream].rows_read if stream in streams else 0
         if "samples" in counts and stream in streams and counts["samples"] != row_count:
-            problems.append(f"{path}: {stream} holds {row_count} rows, and {counts['samples']} samples were counted")
+            problems.append(f"{path}: {stream} has {row_count} rows, but {counts['samples']} samples were counted")
     if manifest.exit_status not in ("complete", "interrupted"):
         return problems
     counted = {
@@ -241,5 +241,5 @@ def _counters(path: Path, manifest: Manifest, streams: Mapping[str, _Stream]) ->
     faults = streams[FAULTS].faults
     for stream, kind in sorted({key for key in counted if counted[key] != faults[key]}):
         n = counted[stream, kind]
-        problems.append(f"{path}: {n} {kind} of {stream} were counted, the faults hold {faults[stream, kind]}")
+        problems.append(f"{path}: {n} {kind} of {stream} were counted, but the faults contain {faults[stream, kind]}")
     return problems

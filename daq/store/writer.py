@@ -304,6 +304,6 @@ def _words(error: Exception) -> str:
 def _refused(run: Path, error: Exception) -> CellError:
     if isinstance(error, FileNotFoundError):
         return RunRemoved(run)
-    remedy = durable.remedy(error, "make room or repair the disk")
-    safe = f"what was synced is safe: `rig recover {as_argument(run)}`"
+    remedy = durable.remedy(error, "free some space or repair the disk")
+    safe = f"all synced data are safe: `rig recover {as_argument(run)}`"
     return CellError(str(run), f"cannot be written: {_words(error)}", f"{remedy}; {safe}")

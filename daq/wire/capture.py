@@ -78,9 +78,9 @@ def read_capture(path: Path) -> Capture:
         text = read_bytes(path, MOST_BYTES).decode()
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or "no text"
-        raise FileError(str(path), reason, "give the file that rigd --capture wrote") from None
+        raise FileError(str(path), reason, "give a file written by rigd --capture") from None
     if not text.startswith(HEAD):
-        raise FileError(str(path), "is not a capture written by rigd", f"one begins with {HEAD!r}: rigd --capture FILE")
+        raise FileError(str(path), "is not a capture of rigd", f"a capture starts with {HEAD!r}: rigd --capture FILE")
     lines = text.split("\n")
     cut = lines.pop() != ""
     pieces = list[Piece]()

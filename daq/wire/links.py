@@ -76,7 +76,7 @@ class Link:
                 came = bool(self._poll.poll(1e3 * timeout_s))
             if not came:
                 if clock.now_s() - self._heard_s > self._dead_s:
-                    raise LinkLost(f"nothing arrived for {self._dead_s:g} s, the other end may be gone")
+                    raise LinkLost(f"nothing arrived for {self._dead_s:g} s; the other end may be disconnected")
                 return b""
             data = os.read(self._fd, 65536)
         except BlockingIOError:
@@ -143,7 +143,7 @@ class SerialLink(Link):
             f"characters lost or damaged on the way, by the count of the port: {errors}; check the cable, the length"
         )
         count = sum(max(0, count) for count in increase.values())
-        return [Fault(FaultKind.LINE, clock.now_ns(), f"{detail}, and the line's settings", count)]
+        return [Fault(FaultKind.LINE, clock.now_ns(), f"{detail}, and the line settings", count)]
 
     def set_dtr(self, on: bool) -> None:
         try:
@@ -271,7 +271,7 @@ class ListeningLink(Link):
         sock.close()
         if not self._makes_samples:
             old, new = _address_text(self._peer), _address_text(address)
-            raise LinkLost(f"{old} sends nothing that can be read, and {new} connects as well")
+            raise LinkLost(f"{old} sends no readable data, and {new} also connects")
         self._strangers.note(address)
 
 
@@ -294,7 +294,7 @@ class _Strangers:
             return []
         count, self._count, self._reported_s = self._count, 0, now_s
         stranger, read = _address_text(self._last), _address_text(peer)
-        detail = f"{self._subject} from {stranger} ignored, since {read} is being read; stop the other sender"
+        detail = f"{self._subject} from {stranger} ignored, because {read} is being read; stop the other sender"
         return [Fault(FaultKind.STRANGER, clock.now_ns(), detail, count)]
 
 
@@ -315,9 +315,7 @@ def set_up_tcp(sock: socket.socket, dead_s: float) -> None:
 
 
 _CONNECT_S = 3.0
-_OURS = (
-    "give an address of this computer, to which the controller sends, and a port above 1023 that no other program uses"
-)
+_OURS = "give an address of this computer as configured in the controller, and a free port above 1023"
 _QUEUE = 1 << 20
 """Number of bytes queued in datagrams for a delayed reader. The operating system may allow fewer."""
 

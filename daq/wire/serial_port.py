@@ -23,7 +23,7 @@ _IFLAG = 0
 """Index of the input modes in the result of tcgetattr."""
 _COUNTS = struct.Struct("@20i")
 """`struct serial_icounter_struct` of linux/serial.h, filled by `TIOCGICOUNT`."""
-_PLACES = {"overrun": 7, "wrong framing": 6, "wrong parity": 8, "no room in the port": 10}
+_PLACES = {"overrun": 7, "wrong framing": 6, "wrong parity": 8, "buffer overrun": 10}
 """Indices of the counters for lost and damaged characters, by their names in a report."""
 _TIOCGICOUNT = 0x545D
 """Value from asm-generic/ioctls.h, valid for x86 and ARM; the termios module of Python lacks it."""
@@ -63,7 +63,7 @@ def open_serial(name: str, port: str, line: Line, modem: ModemLines | None) -> s
     try:
         if not Path(port).exists():
             ports = ", ".join(port_names()) or "none"
-            raise CellError(where, "no such port", f"plug it in, or correct the port; ports here: {ports}")
+            raise CellError(where, "no such port", f"connect the device, or correct the port; available ports: {ports}")
         device = _configured(port, line, modem)
         if line.parity != "N":
             # Report a character with wrong parity as NUL, which never occurs in a reading. By default pyserial passes

@@ -94,8 +94,8 @@ def load_arm(name: str) -> Arm:
     library_name = the_same(name, names)
     if library_name is None:
         meant = f"did you mean {' or '.join(near)}?" if (near := nearest(name, names)) else "rig arms lists all;"
-        remedy = f"{meant} rig import-urdf ARM.urdf -o ARM.yaml makes a file of any other, to be given by its name"
-        raise FileError(name, "no arm of this name is in the library", remedy)
+        remedy = f"{meant} For an arm outside the library, run rig import-urdf ARM.urdf -o ARM.yaml and give that file"
+        raise FileError(name, "is not an arm of the library", remedy)
     file = _FOLDER / f"{library_name}.yaml"
     return _parsed(library_name, file.read_text(encoding="utf-8"), str(file))
 

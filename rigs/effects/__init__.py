@@ -32,14 +32,14 @@ def _class_in(name: str) -> type[Effect]:
         is_effect = isinstance(member, type) and issubclass(member, Effect)
         if is_effect and member.model_fields["effect"].default == name:
             return _whole(f"rigs/effects/{name}.py", member)
-    raise ImportError(f"rigs/effects/{name}.py: has no Effect whose key effect is {name!r}")
+    raise ImportError(f"rigs/effects/{name}.py: an Effect with the key effect {name!r} is missing")
 
 
 def _whole(name: str, cls: type[Effect]) -> type[Effect]:
     """Return the class if it implements the complete interface. Raises ImportError."""
     missing = sorted(cls.__abstractmethods__) + ["STAGE"] * (not hasattr(cls, "STAGE"))
     if missing := missing + ["its one size"] * (len(size_fields(cls)) != 1):
-        raise ImportError(f"{name}: {cls.__name__} does not say {', '.join(missing)}")
+        raise ImportError(f"{name}: {cls.__name__} does not define {', '.join(missing)}")
     return cls
 
 
@@ -50,7 +50,7 @@ def _of_others(own: frozenset[str]) -> dict[str, type[Effect]]:
         try:
             found[name] = _whole(name, cls)
         except ImportError as reason:
-            plugins.BROKEN[name] = f"the effect {name} of another package cannot be used: {reason}"
+            plugins.BROKEN[name] = f"the effect {name} of an installed package cannot be used: {reason}"
     return found
 
 

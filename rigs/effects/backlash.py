@@ -91,13 +91,13 @@ class Backlash(Effect):
 
     def remedy(self) -> str:
         return (
-            f"inspect the reducer of axis {self.axis}: {self.width_deg:.4f}° of play; approach from one side meanwhile"
+            f"inspect the reducer of axis {self.axis}: {self.width_deg:.4f}° of play; until then approach from one side"
         )
 
     def compensation(self) -> Compensation:
         """Return no compensation by targets, because the effect depends on the history."""
         return Compensation(
-            "none", "depends on where the joint came from: only the same approach direction to every target helps"
+            "none", "depends on the direction of approach: only the same approach direction for every target helps"
         )
 
     @property

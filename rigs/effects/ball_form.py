@@ -43,7 +43,7 @@ class BallForm(Effect):
         return "the ball is out of round: turn it by a quarter and measure again; replace it if the error turns with it"
 
     def compensation(self) -> Compensation:
-        return Compensation("none", "belongs to the ball, which the robot's controller cannot correct")
+        return Compensation("none", "is a property of the ball, which the robot's controller cannot correct")
 
     def departures(self) -> Departures:
         """Return unequal lobes: a lobe more and a lobe less."""

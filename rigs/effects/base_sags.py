@@ -40,7 +40,7 @@ class BaseSags(Effect):
         return f"sag of the base under load, with the moment about its {self.way}"
 
     def remedy(self) -> str:
-        return "the base sags as the arm leans: bolt it down firmly and stiffen what it stands on"
+        return "the base sags under the arm's moment: bolt the base down firmly and stiffen its support"
 
     def compensation(self) -> Compensation:
         """Return a compensation by targets: the effect depends only on the posture."""
@@ -53,4 +53,4 @@ class BaseSags(Effect):
     @property
     def idle(self) -> str:
         """Reason for being invisible: only a changing moment shows it."""
-        return "the arm's moment about its base hardly changes, or the rig file states no masses"
+        return "the arm's moment about the base hardly changes, or the masses are missing in the rig file"

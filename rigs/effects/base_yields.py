@@ -75,8 +75,8 @@ class BaseYields(Effect):
 
     def remedy(self) -> str:
         return (
-            f"the base tilts by {1e6 * math.radians(self.deg_per_Nm):.2g} µrad/Nm: bolt it down firmly and stiffen what"
-            " it stands on"
+            f"the base tilts by {1e6 * math.radians(self.deg_per_Nm):.2g} µrad/Nm: bolt the base down "
+            "firmly and stiffen its support"
         )
 
     def compensation(self) -> Compensation:
@@ -97,4 +97,4 @@ class BaseYields(Effect):
     @property
     def idle(self) -> str:
         """Reason for being invisible: only a changing moment shows it."""
-        return "the arm's moment about its base hardly changes, or the rig file states no masses"
+        return "the arm's moment about the base hardly changes, or the masses are missing in the rig file"

@@ -84,7 +84,7 @@ class Compliance(Effect):
         return f"deflection under load of {joint}"
 
     def remedy(self) -> str:
-        return f"axis {self.axis} yields under load: enter the payload as it is, or let the controller compensate"
+        return f"axis {self.axis} deflects under load: enter the actual payload, or use the controller's compensation"
 
     def compensation(self) -> Compensation:
         """Return a compensation by targets: the effect depends only on the posture."""

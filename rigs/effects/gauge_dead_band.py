@@ -48,7 +48,9 @@ class GaugeDeadBand(Effect):
 
     def remedy(self) -> str:
         width_um = 1e3 * self.width_mm
-        return f"the plunger of {self.gauge} sticks by {width_um:.2g} µm: clean and oil it, or replace the gauge"
+        return (
+            f"the plunger of {self.gauge} sticks by {width_um:.2g} µm: clean and oil the plunger, or replace the gauge"
+        )
 
     def compensation(self) -> Compensation:
         return OF_THE_GAUGES

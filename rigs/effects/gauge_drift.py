@@ -32,7 +32,9 @@ class GaugeDrift(Effect):
         return f"drift of gauge {self.gauge}"
 
     def remedy(self) -> str:
-        return f"{self.gauge} drifts by {1e3 * self.mm_per_min:+.2g} µm a minute: let it warm up, and check its holder"
+        return (
+            f"{self.gauge} drifts by {1e3 * self.mm_per_min:+.2g} µm a minute: warm up the gauge, and check the holder"
+        )
 
     def compensation(self) -> Compensation:
         return OF_THE_GAUGES

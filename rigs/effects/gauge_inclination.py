@@ -33,7 +33,7 @@ class GaugeInclination(Effect):
         return f"inclination of gauge {self.gauge}"
 
     def remedy(self) -> str:
-        return f"{self.gauge} is tilted by {self.angle_deg:.2f}°: shim it"
+        return f"{self.gauge} is tilted by {self.angle_deg:.2f}°: correct the alignment with shims"
 
     def compensation(self) -> Compensation:
         return OF_THE_GAUGES

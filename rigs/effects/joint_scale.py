@@ -46,8 +46,8 @@ class JointScale(Effect):
 
     def remedy(self) -> str:
         return (
-            f"axis {self.axis} turns {100 * (1 + self.relative):.3f} % of what its controller reports: correct its "
-            "gear ratio or the resolution of its encoder in the controller, then re-master it"
+            f"axis {self.axis} turns {100 * (1 + self.relative):.3f} % of the reported angle: correct the "
+            "gear ratio or the encoder resolution in the controller, then re-master the axis"
         )
 
     def compensation(self) -> Compensation:

@@ -45,7 +45,7 @@ class LinkBending(Effect):
         return f"bending of the link after {joint}"
 
     def remedy(self) -> str:
-        return f"the link after axis {self.axis} bends: enter the payload as it is; look for a loose flange or bolts"
+        return f"the link after axis {self.axis} bends: enter the actual payload; check flange and bolts"
 
     def compensation(self) -> Compensation:
         """Return a compensation by targets: the effect depends only on the posture."""

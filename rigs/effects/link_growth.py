@@ -54,7 +54,7 @@ class LinkGrowth(Effect):
 
     def compensation(self) -> Compensation:
         """Return no compensation: the link is not a part of the robot."""
-        return Compensation("none", "belongs to the ball link, which the robot's controller cannot correct")
+        return Compensation("none", "is a property of the ball link, which the robot's controller cannot correct")
 
     def departures(self) -> Departures:
         """Return uneven warming."""

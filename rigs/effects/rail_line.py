@@ -17,9 +17,9 @@ _IN_WORDS: dict[Way, str] = {
     "up": "direction of the rail, in height",
 }
 _REMEDIES: dict[Way, str] = {
-    "along": "correct the controller's ratio of the rail, or its encoder's scale",
-    "across": "correct the rail's direction in the controller and in the rig file",
-    "up": "level the rail, or correct its direction in the controller and in the rig file",
+    "along": "correct the rail ratio in the controller, or the scale of the encoder",
+    "across": "correct the rail direction in the controller and in the rig file",
+    "up": "level the rail, or correct the rail direction in the controller and in the rig file",
 }
 
 
@@ -55,7 +55,7 @@ class RailLine(Effect):
         return _IN_WORDS[self.way]
 
     def remedy(self) -> str:
-        return f"the arm stands {self.mm_per_m:+.4f} mm off for each metre of the rail: {_REMEDIES[self.way]}"
+        return f"the arm is displaced by {self.mm_per_m:+.4f} mm per metre of the rail: {_REMEDIES[self.way]}"
 
     def compensation(self) -> Compensation:
         """Return a compensation by targets: the effect depends on the rail position, which is part of a target."""

@@ -39,4 +39,4 @@ class ServoLag(Effect):
 
     def compensation(self) -> Compensation:
         """Return that a compensation is not needed, because a target is at rest."""
-        return Compensation("none", "shows in motion only: a slower path helps, another target does not")
+        return Compensation("none", "occurs only in motion: a slower path helps, a corrected target does not")

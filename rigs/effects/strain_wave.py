@@ -111,7 +111,7 @@ class StrainWave(Effect):
     def remedy(self) -> str:
         return (
             f"the gear of axis {self.axis} twists by {1e6 * np.radians(self.deg_per_Nm):.3g} µrad/Nm up to "
-            f"{self.knee_Nm:.3g} Nm and less beyond: enter the payload as it is, and correct targets"
+            f"{self.knee_Nm:.3g} Nm and less above: enter the actual payload, and correct targets"
         )
 
     def compensation(self) -> Compensation:

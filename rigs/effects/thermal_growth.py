@@ -55,11 +55,11 @@ class ThermalGrowth(Effect):
         return "growth of all lengths with time"
 
     def remedy(self) -> str:
-        return "the arm grows as it warms up: warm it up before measuring, or measure faster"
+        return "the arm grows when warming up: warm up the arm before measuring, or measure faster"
 
     def compensation(self) -> Compensation:
         """Return no compensation, because a target has no time."""
-        return Compensation("none", "changes with run time: warming up helps, a fixed target does not")
+        return Compensation("none", "changes with time: warming up helps, a fixed target does not")
 
     def departures(self) -> Departures:
         """Return uneven warming: parts of the arm may grow faster, slower, more or less."""

@@ -87,8 +87,8 @@ class TransmissionError(Effect):
 
     def remedy(self) -> str:
         return (
-            f"inspect the gear stage of axis {self.axis} that turns {whole_order(self.order):.4g} times a turn of it:"
-            f" ± {self.amplitude_deg:.4f}°"
+            f"inspect the gear stage of axis {self.axis} with {whole_order(self.order):.4g} turns per turn "
+            f"of the axis: ± {self.amplitude_deg:.4f}°"
         )
 
     def compensation(self) -> Compensation:

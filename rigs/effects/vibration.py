@@ -43,7 +43,7 @@ class Vibration(Effect):
 
     def compensation(self) -> Compensation:
         """Return no compensation, because the link vibrates about every target."""
-        return Compensation("none", "swings about the target: only its cause can be removed")
+        return Compensation("none", "is a vibration around the target: only the cause can be removed")
 
     @classmethod
     def swinging(cls, frequency_hz: float, amplitude_mm: float) -> Vibration:

@@ -45,7 +45,7 @@ class _AboutTheBall(Part):
         (a, b, c), (x, y, z) = self.normal, self.zero
         across = math.hypot(b * z - c * y, c * x - a * z, a * y - b * x)
         if across < 1e-6 * math.hypot(a, b, c) * math.hypot(x, y, z):
-            raise ValueError("zero is parallel to normal; choose a direction across it")
+            raise ValueError("zero is parallel to normal; choose a direction perpendicular to normal")
         return self
 
 
@@ -84,7 +84,9 @@ class Circle(_AboutTheBall):
     def _ends_today(self) -> Circle:
         lap_s = 2 * math.pi * self.radius_mm / self.speed_mm_s
         if lap_s > _LONGEST_LAP_S:
-            raise ValueError(f"a lap takes {lap_s / 60:.0f} min, at most {_LONGEST_LAP_S / 60:.0f}; raise speed_mm_s")
+            raise ValueError(
+                f"a lap takes {lap_s / 60:.0f} min; at most {_LONGEST_LAP_S / 60:.0f} are allowed; increase speed_mm_s"
+            )
         return self
 
 
@@ -132,7 +134,9 @@ class SocketDistance(Part):
     @model_validator(mode="after")
     def _of_two(self) -> SocketDistance:
         if self.between[0] == self.between[1]:
-            raise ValueError(f"{self.between[0]!r} is no distance from itself; name two sockets")
+            raise ValueError(
+                f"the distance of {self.between[0]!r} from itself is always zero; name two different sockets"
+            )
         return self
 
 
@@ -152,9 +156,9 @@ class Touch(Part):
     @model_validator(mode="after")
     def _of_these_sockets(self) -> Touch:
         if len(set(self.sockets)) < len(self.sockets):
-            raise ValueError("a socket is named twice; give each a name of its own")
+            raise ValueError("two sockets have the same name; use different names")
         if unknown := [name for distance in self.distances for name in distance.between if name not in self.sockets]:
-            raise ValueError(f"distances name {unknown[0]!r}, which is none of the sockets; add it or correct the name")
+            raise ValueError(f"distances use {unknown[0]!r}, which is not a socket; add the socket or correct the name")
         return self
 
 
@@ -232,7 +236,7 @@ class When(Part):
         if (self.signal is None) == (self.from_deg is None):
             raise ValueError("give either signal, or from_deg and to_deg")
         if self.from_deg and self.to_deg and _apart(self.from_deg, self.to_deg) < _LEAST_MOVE_DEG:
-            raise ValueError(f"to_deg is less than {_LEAST_MOVE_DEG:g}° from from_deg; give a posture further on")
+            raise ValueError(f"to_deg is less than {_LEAST_MOVE_DEG:g}° from from_deg; give a more distant posture")
         return self
 
     def overlaps(self, when: When) -> bool:
@@ -256,9 +260,9 @@ class Rule(Part):
     @model_validator(mode="after")
     def _directed(self) -> Rule:
         if self.test in CIRCLES and self.direction is None:
-            raise ValueError(f"a {self.test} test has a direction; add direction: cw or acw")
+            raise ValueError(f"a {self.test} test needs a direction; add direction: cw or acw")
         if self.test not in CIRCLES and self.direction is not None:
-            raise ValueError(f"a {self.test} test has no direction; leave it out")
+            raise ValueError(f"a {self.test} test has no direction; remove the key")
         return self
 
     @property
@@ -282,7 +286,7 @@ class Automatic(Part):
         numbered = combinations(enumerate(self.rules, 1), 2)
         pairs = [f"{i} and {j}" for (i, rule), (j, second_rule) in numbered if rule.when.overlaps(second_rule.when)]
         if pairs:
-            raise ValueError(f"rules {', '.join(pairs)} wait for the same event; give each a signal of its own")
+            raise ValueError(f"rules {', '.join(pairs)} wait for the same event; use different signals")
         return self
 
     def lacking(self, *, signal: bool, gauges: int) -> list[str]:
@@ -291,8 +295,8 @@ class Automatic(Part):
         paired = [str(number) for number, rule in enumerate(self.rules, 1) if rule.test in CIRCLES]
         lacks = []
         if unheard and not signal:
-            one_that_can = "take one with a key signal, or a line_feed with that field"
-            lacks.append(f"rule {', '.join(unheard)} waits for a signal, and feedback carries none: {one_that_can}")
+            one_that_can = "choose a feedback with a key signal, or a line_feed with that field"
+            lacks.append(f"rule {', '.join(unheard)} waits for a signal, but the feedback has none: {one_that_can}")
         if paired and gauges < 2:
             lacks.append(f"rule {', '.join(paired)} needs two gauges: add gauges.g2")
         return lacks
@@ -307,7 +311,7 @@ class Retention(Part):
     @model_validator(mode="after")
     def _some_limit(self) -> Retention:
         if self.days is None and self.gigabytes is None:
-            raise ValueError("give days, gigabytes or both; without retention everything is kept")
+            raise ValueError("give days, gigabytes or both; omit retention to keep everything")
         return self
 
 

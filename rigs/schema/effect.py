@@ -174,8 +174,8 @@ class Compensation:
     constant: tuple[int, str] | None = None
 
 
-OF_THE_GAUGES = Compensation("none", "belongs to the gauges, which the robot's controller cannot correct")
-OF_THE_CLOCKS = Compensation("none", "belongs to the clocks, which the robot's controller cannot correct")
+OF_THE_GAUGES = Compensation("none", "is a property of the gauges, which the robot's controller cannot correct")
+OF_THE_CLOCKS = Compensation("none", "is a property of the clocks, which the robot's controller cannot correct")
 BY_TARGETS = Compensation("targets only")
 
 
@@ -287,7 +287,7 @@ class Effect(Part, ABC):
     @property
     def idle(self) -> str:
         """Reason for being invisible in a test that lacks the required motion."""
-        return "nothing in these tests moves it"
+        return "no motion in these tests shows this effect"
 
     def unit(self, parameter: str) -> str:
         """Return the unit of a parameter, deg, mm or similar; empty for a ratio."""

@@ -32,8 +32,8 @@ class OPCUARobotics(Part):
         source="OPC 40010-1 1.02 (reference.opcfoundation.org/Robotics) with its nodeset (OPCFoundation/UA-Nodeset, "
         "Robotics); OPC 10000-4 and -6 for services and the wire, through asyncua's types",
         standing="confirmed",
-        doubts="no controller has been read yet, only servers of the node-opcua and asyncua libraries; what instant "
-        "a controller stamps; that a motor belongs to the axis that its power train moves",
+        doubts="not tested on a real controller, only on servers of the node-opcua and asyncua libraries; the "
+        "instant of the controller's timestamp; whether a motor belongs to the axis of its power train",
     )
 
     interface: Literal["opc_ua_robotics"]
@@ -66,9 +66,9 @@ class OPCUARobotics(Part):
     @classmethod
     def _six(cls, axes: tuple[str, ...] | None) -> tuple[str, ...] | None:
         if axes and len(set(axes)) < len(axes):
-            raise ValueError("an axis occurs twice; name q1 … q6, each once")
+            raise ValueError("an axis is listed twice; list q1 … q6 once each")
         if axes and len({are_nodes([axis]) for axis in axes}) > 1:
-            raise ValueError("name all six axes, or give six node ids, not some of each")
+            raise ValueError("give all six axes by name or all by node id")
         return axes
 
 
@@ -113,7 +113,7 @@ class ROS2JointStates(Part):
     @classmethod
     def _six(cls, joints: tuple[str, ...]) -> tuple[str, ...]:
         if len(set(joints)) < len(joints):
-            raise ValueError("a joint occurs twice; name q1 … q6, each once")
+            raise ValueError("a joint is listed twice; list q1 … q6 once each")
         return joints
 
 
@@ -166,8 +166,8 @@ class URRTDE(_Feedback):
         source="maker's Python client and documents; the codes of the condition: UniversalRobots' client library and "
         "ROS driver",
         standing="confirmed",
-        doubts="that a controller which lacks a field of the condition takes a second recipe on the same link (where "
-        "it does not, write condition: false)",
+        doubts="whether a controller without a field of the condition accepts a second recipe on the same link "
+        "(if not, write condition: false)",
     )
 
     interface: Literal["ur_rtde"]
@@ -188,7 +188,7 @@ class LineFeed(_Feedback):
 
     origin: ClassVar[Origin] = Origin(
         instruments="any controller whose program prints lines over TCP, UDP or a serial port: FANUC KAREL and others",
-        source="what the user's program prints",
+        source="depends on the user's program",
         standing="confirmed",
     )
 
@@ -228,7 +228,7 @@ class LineFeed(_Feedback):
         if udp_address(self.port) and not self.listens:
             raise ValueError("a program that sends datagrams calls us; add listens: true, and give our address as port")
         if self.listens and self.port.startswith("/"):
-            raise ValueError("listens is for the network; leave it out on a serial port")
+            raise ValueError("listens applies only to network ports; remove the key for a serial port")
         return self
 
 
@@ -240,7 +240,7 @@ class KUKARSI(_Feedback):
         instruments="KUKA KR C4 and KR C5 with RobotSensorInterface (RSI Ethernet)",
         source="public code: kroshu/kuka_drivers (its parser's tests), RSI-3 clients with their RSI_EthernetConfig.xml",
         standing="confirmed",
-        doubts="cycles of 4 and 12 ms, IPOC in ms, and that an answer without corrections is one of zero (it is where "
+        doubts="cycles of 4 and 12 ms, IPOC in ms, and whether an answer without corrections means zero (true if "
         "nothing was corrected before: HOLDON keeps the last value)",
     )
     interface: Literal["kuka_rsi"]
@@ -296,10 +296,10 @@ class FANUCStreamMotion(_Feedback):
         "(kumar-nikhil/stream_motion_interface, intelligent-control-lab/Stream_Motion_Controller); versions 3 and 4, "
         "and the question for the version: FANUC-CORPORATION/fanuc_driver, stream_motion/packets.hpp and stream.cpp",
         standing="confirmed",
-        doubts="the time stamp in ms (in steps of 2) and its wrap; that the status comes from the port it was asked "
-        "at; that version 2 starts and sends as version 1 does; that a controller of version 1 only ignores the "
-        "question (a packet type that it does not know may post HOST-380: then state `version`); that bit 2 of the "
-        "status is SYSRDY in every version; that its currents are in A",
+        doubts="the timestamp in ms (in steps of 2) and its overflow; whether the status comes from the port of "
+        "the request; whether version 2 starts and sends like version 1; whether a controller of version "
+        "1 ignores the version request (an unknown packet type may post HOST-380: then set `version`); "
+        "whether bit 2 of the status is SYSRDY in every version; whether the currents are in A",
     )
     interface: Literal["fanuc_stream_motion"]
     port: UDPPort
@@ -314,8 +314,8 @@ class ModbusJoints(_Feedback, RegisterBlock):
 
     listens: ClassVar[bool] = False
     origin: ClassVar[Origin] = Origin(
-        instruments="any controller that shows its joints in Modbus TCP registers",
-        source="the Modbus application protocol; the register map is the rig file's",
+        instruments="any controller with joint angles in Modbus TCP registers",
+        source="the Modbus application protocol; the register map is in the rig file",
         standing="confirmed",
         doubts="no controller's own map: which registers, and whether the angles of one read are of one instant",
     )

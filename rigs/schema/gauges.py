@@ -30,8 +30,8 @@ class SylvacOptoRS(Probe):
         instruments="Sylvac simplex and duplex cables (Opto-RS)",
         source="maker's manuals; modem lines: Sylvac Opto instruments, user manual p. 12-13",
         standing="confirmed",
-        doubts="that OUT0 and OUT1 are not answered; of simplex cables how long DTR must be on between two requests, "
-        "and when the reading is taken",
+        doubts="whether OUT0 and OUT1 are answered; for simplex cables the required DTR time between two "
+        "requests, and the instant of the reading",
     )
     cables: ClassVar[dict[str, ModemLines]] = {
         "duplex": ModemLines(dtr=True, rts=False),
@@ -56,7 +56,7 @@ class SylvacOptoRS(Probe):
     @model_validator(mode="after")
     def _timed_as_it_sends(self) -> SylvacOptoRS:
         if self.mode == "continuous" and self.cable == "simplex":
-            raise ValueError("a simplex cable hears no command to send continuously; write mode: polled")
+            raise ValueError("a simplex cable cannot receive a command for continuous sending; write mode: polled")
         if self.mode == "continuous":
             self.timing.require_unasked()
         return self
@@ -69,7 +69,7 @@ class TesaTT(Probe):
         instruments="TESA TT80, TT90",
         source="maker's manual p. 94",
         standing="confirmed",
-        doubts="the unit is known by the number of decimals only (mm 2, µm 3); what ERR23 means",
+        doubts="the unit is known only from the number of decimals (mm 2, µm 3); the meaning of ERR23",
     )
 
     request_bytes = 2
@@ -101,7 +101,7 @@ class MahrC1208(Probe):
         instruments="Mahr Millimar C1208, C1216, C1240",
         source="maker's manual p. 67-70",
         standing="confirmed",
-        doubts="line settings; M1240 does not send its unit: `units` must be that of its display",
+        doubts="line settings; M1240 does not send the unit: `units` must match the display",
     )
 
     request_bytes = 2
@@ -118,7 +118,7 @@ class HeidenhainND281B(Probe):
         instruments="Heidenhain ND 281 B",
         source="maker's manual p. 39-42 (p. 47 of version 2)",
         standing="confirmed",
-        doubts="9600 is its example, any baud can be set; that the sign comes on top of the 10 characters",
+        doubts="9600 is the manual's example, any baud can be set; whether the sign is additional to the 10 characters",
     )
 
     timing_source = "maker's manual, version 1, p. 42: stored within 1 ms of the request, sent within 50 ms"
@@ -135,8 +135,8 @@ class HeidenhainND287(Probe):
         instruments="Heidenhain ND 287",
         source="maker's manual p. 102-108; public driver (status bar)",
         standing="confirmed",
-        doubts="baud; the unit is not sent with a reading: it is taken from the status bar (`ESC A0800`), whose form "
-        "is that of a public driver; how a positive sign shows",
+        doubts="baud; the unit is not sent with a reading but read from the status bar (`ESC A0800`), in the "
+        "form used by a public driver; the form of a positive sign",
     )
 
     request_bytes = 7
@@ -152,7 +152,7 @@ class KeyenceDLRS1A(Probe):
         instruments="Keyence DL-RS1A with GT2 heads",
         source="seen on a wire; DL-RS1A/GT2 manual p. 14; public code",
         standing="confirmed",
-        doubts="default baud (9600 and 38400 seen); errors 65-67, and the number shown out of range, are those of "
+        doubts="default baud (9600 and 38400 observed); errors 65-67, and the number for out of range, are from "
         "other amplifiers",
     )
     shares: ClassVar[bool] = True
@@ -175,8 +175,8 @@ class MagnescaleLT(Probe):
         instruments="Magnescale LT20A, LT30",
         source="replies: LT20A/LT30 manual p. 100-101; request: LT10A/LT11A manual p. 43",
         standing="weak",
-        doubts="line settings; the request `R` and CR LF are those of the sister series LT10A; its normal output "
-        "does not send its unit: `units` must be that of its display",
+        doubts="line settings; the request `R` and CR LF are from the sister series LT10A; the normal output "
+        "does not include the unit: `units` must match the display",
     )
     shares: ClassVar[bool] = True
 
@@ -212,7 +212,7 @@ class MitutoyoUSB(Probe):
         instruments="Mitutoyo USB virtual COM port (0fe7:4001)",
         source="public code",
         standing="confirmed",
-        doubts="8N1; what the error numbers mean; the unit is not sent: `units` must be that of its display",
+        doubts="8N1; the meaning of the error numbers; the unit is not sent: `units` must match the display",
     )
 
     request_bytes = 2
@@ -228,7 +228,7 @@ class MitutoyoQMHeight(Probe):
         instruments="Mitutoyo QM-Height",
         source="reply: maker's manual p. 73 (p. 61 of the print)",
         standing="unconfirmed",
-        doubts="that the request `1` of the virtual COM port is understood; errors as there",
+        doubts="whether the request `1` of the virtual COM port is understood; errors as for that port",
     )
 
     request_bytes = 2
@@ -259,12 +259,12 @@ class MicroEpsilonILD1420(Probe):
         instruments="Micro-Epsilon optoNCDT 1420 (ILD1420)",
         source="maker's manual p. 65, 84, 108",
         standing="confirmed",
-        doubts="error codes from 262075 on; that a command ends in LF",
+        doubts="error codes above 262075; whether a command ends in LF",
     )
 
     timing_source = (
-        "maker's manual p. 57-59: it averages up to 128 values, as is set in the sensor; state the delay of that as "
-        "filter_ms"
+        "maker's manual p. 57-59: the sensor averages up to 128 values, depending on its settings; state "
+        "the resulting delay as filter_ms"
     )
     interface: Literal["micro_epsilon_ild1420"]
     line: Line = Line(baud=921600, bits=8, parity="N", stop=1)
@@ -327,9 +327,9 @@ class Gauges(Part):
             return self
         places = f"g1 at {self.g1.offset_mm:g} mm and g2 at {self.g2.offset_mm:g} mm"
         if self.baseline_mm == 0:
-            raise ValueError(f"{places} are at the same place, which measures no angle; correct offset_mm")
+            raise ValueError(f"{places} are at the same position, which cannot measure an angle; correct offset_mm")
         raise ValueError(
-            f"{places} are exchanged: g1 belongs on the positive side; swap their offset_mm, or their ports"
+            f"{places} are exchanged: g1 must be on the positive side; swap the values of offset_mm, or the ports"
         )
 
     @model_validator(mode="after")
@@ -339,17 +339,17 @@ class Gauges(Part):
             if first.port != second.port:
                 continue
             if first.interface == second.interface and not (first.shares or first.bus):
-                problem = f"{first.interface} carries one gauge a port, not two"
-                raise ValueError(f"{problem}; give {second_name} its own port")
+                problem = f"{first.interface} supports a single gauge per port, not two"
+                raise ValueError(f"{problem}; give {second_name} a separate port")
             both = f"{first_name} and {second_name}"
             common = {"interface", "line", "framing"} if first.bus else type(first).model_fields.keys() - its_own
             for key in sorted(common):
                 settings = [getattr(gauge, key, "none") for gauge in (first, second)]
                 if settings[0] != settings[1]:
-                    problem = f"{both} share {first.port} but not `{key}`"
-                    raise ValueError(f"{problem}, which is {settings[0]} and {settings[1]}; make them equal")
+                    problem = f"{both} share {first.port}, but not `{key}`"
+                    raise ValueError(f"{problem} ({settings[0]} and {settings[1]}); make them equal")
             if first.place == second.place:
-                raise ValueError(f"{both} share {first.port} and {first.place}; give each its own")
+                raise ValueError(f"{both} share {first.port} and {first.place}; use different values")
         return self
 
     def __iter__(self) -> Iterator[tuple[str, Gauge]]:  # type: ignore[override]

@@ -41,7 +41,7 @@ class Limit(Part):
         if self.watch is None and self.fail is None:
             raise ValueError("give watch, fail or both")
         if self.watch is not None and self.fail is not None and self.watch >= self.fail:
-            raise ValueError(f"watch {self.watch:g} is not below fail {self.fail:g}; swap them")
+            raise ValueError(f"watch {self.watch:g} must be below fail {self.fail:g}; swap them")
         return self
 
     def standing(self, value: float, u: float) -> Standing:

@@ -29,7 +29,7 @@ class Line(Part):
             return value
         match = _LINE.fullmatch(str(value))
         if not match or not 50 <= int(match[1]) <= 4_000_000:
-            raise ValueError(f"{value!r} is not a line setting; write it as '9600 8N1'")
+            raise ValueError(f"{value!r} is not a line setting; write a setting such as '9600 8N1'")
         return {"baud": int(match[1]), "bits": int(match[2]), "parity": match[3], "stop": int(match[4])}
 
     @model_serializer

@@ -41,7 +41,7 @@ class ValueRegister(Register):
     @classmethod
     def _not_zero(cls, value: float) -> float:
         if value == 0:
-            raise ValueError("a scale of zero makes every reading the same; give the units of one count")
+            raise ValueError("scale must not be zero; give the units of one count")
         return value
 
 
@@ -75,8 +75,8 @@ class RegisterBlock(Part):
                 continue
             if register.address < self.address or register.address + register.count > self.address + self.count:
                 raise ValueError(
-                    f"{name} at {register.address} lies outside the block {self.address} … "
-                    f"{self.address + self.count - 1}; widen address and count"
+                    f"{name} at {register.address} is outside the block {self.address} … "
+                    f"{self.address + self.count - 1}; extend address and count"
                 )
 
 
@@ -93,8 +93,8 @@ class ModbusMap(Probe, RegisterBlock):
 
     request_bytes = 8
     timing_source = (
-        "the instrument's manual; of OM20 and OM30 p. 22-28: registers 207-208 hold the delay, and filters average up "
-        "to 128 values"
+        "the instrument's manual; for OM20 and OM30 p. 22-28: registers 207-208 contain the delay, and "
+        "filters average up to 128 values"
     )
     interface: Literal["modbus_map"]
     line: Line = Line(baud=19200, bits=8, parity="E", stop=1)
@@ -123,8 +123,8 @@ class SolartronOrbit(Probe):
         instruments="Solartron Orbit ACS: SI100, SI200, SI400",
         source="Orbit ACS manual (503110) p. 32, 48-54",
         standing="weak",
-        doubts="function 3, word order, status as float32, line settings; the parameter numbers are in the maker's "
-        "parameter map; the unit is not sent: `units` must be the one set there",
+        doubts="function 3, word order, status as float32, line settings; the parameter numbers are in the "
+        "maker's parameter map; the unit is not sent: `units` must match the unit set there",
     )
 
     bus: ClassVar[bool] = True
@@ -145,9 +145,9 @@ class SolartronOrbit(Probe):
     @model_validator(mode="after")
     def _of_its_own(self) -> SolartronOrbit:
         if tcp_address(self.port):
-            raise ValueError("an Orbit ACS is read over its serial port; over TCP use modbus_map")
+            raise ValueError("an Orbit ACS is read over a serial port; over TCP use modbus_map")
         if self.parameter == self.status_parameter:
-            raise ValueError("parameter and status_parameter are the same; give the address of each")
+            raise ValueError("parameter and status_parameter are the same; give two different addresses")
         return self
 
     @property

@@ -50,9 +50,9 @@ def offered(group: Group, base: type[C], taken: frozenset[str]) -> dict[str, typ
             if not (isinstance(cls, type) and issubclass(cls, base)):
                 raise ImportError(f"{offer.value} is no {base.__name__}")
             if key not in cls.model_fields or get_args(cls.model_fields[key].annotation) != (offer.name,):
-                raise ImportError(f"its key {key} is not {offer.name!r}")
+                raise ImportError(f"the key {key} differs from {offer.name!r}")
             if group != "rig.effects" and not getattr(cls, "driver", ""):
-                raise ImportError("it does not say in `driver` which module speaks to it")
+                raise ImportError("`driver` does not name the module for this interface")
             classes[offer.name] = cls
         except Exception as reason:  # noqa: BLE001 - whatever a foreign module raises as it is imported
             BROKEN[offer.name] = f"package {package} offers {offer.name}, which cannot be used: {reason}"

@@ -49,15 +49,15 @@ class Certificate(Part):
     @classmethod
     def _has_been(cls, date: dt.date) -> dt.date:
         if date > dt.datetime.now(dt.UTC).date() + _TIME_ZONES:
-            raise ValueError(f"{date} lies in the future; give the day of the calibration")
+            raise ValueError(f"{date} is in the future; give the day of the calibration")
         return date
 
     @model_validator(mode="after")
     def _due_once(self) -> Certificate:
         if self.valid_until and self.interval_months:
-            raise ValueError("valid_until and interval_months both say when it is due; leave one out")
+            raise ValueError("valid_until and interval_months both define the due date; remove one of them")
         if self.valid_until and self.valid_until <= self.date:
-            raise ValueError(f"valid_until {self.valid_until} is not after its date {self.date}; correct one of them")
+            raise ValueError(f"valid_until {self.valid_until} must be after the date {self.date}; correct one of them")
         return self
 
     @property
@@ -84,7 +84,9 @@ class GaugeCertificate(Certificate):
     @classmethod
     def _rises(cls, table: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
         if len(table) == 1:
-            raise ValueError("has one pair, and a table needs two or more; give [reading, correction] at both ends")
+            raise ValueError(
+                "has only one pair, but a table needs at least two; give [reading, correction] at both ends"
+            )
         for (before, _), (reading, _) in pairwise(table):
             if reading <= before:
                 raise ValueError(f"readings must rise, and {reading:g} mm follows {before:g} mm; sort them, each once")
@@ -94,15 +96,17 @@ class GaugeCertificate(Certificate):
     @model_validator(mode="after")
     def _one_form(self) -> GaugeCertificate:
         if self.correction_mm and self.polynomial_mm:
-            raise ValueError("correction_mm and polynomial_mm both say the correction; leave one out")
+            raise ValueError("correction_mm and polynomial_mm both define the correction; remove one of them")
         if bool(self.polynomial_mm) != (self.range_mm is not None):
-            raise ValueError("polynomial_mm and range_mm belong together; give both, or neither")
+            raise ValueError("polynomial_mm and range_mm belong together; give both or neither")
         if self.range_mm is not None:
             low, high = self.range_mm
             if low >= high:
-                raise ValueError(f"range_mm goes from {low:g} to {high:g}; give the smaller end first")
+                raise ValueError(f"range_mm is from {low:g} to {high:g}; give the smaller end first")
             readings = [low + (high - low) * step / _STEPS for step in range(_STEPS + 1)]
-            _hold_rising([(r, self._polynomial(r)) for r in readings], "correct polynomial_mm, in mm of mm")
+            _hold_rising(
+                [(r, self._polynomial(r)) for r in readings], "correct polynomial_mm, with mm as input and output"
+            )
         return self
 
     def _polynomial(self, reading: float) -> float:
@@ -134,7 +138,9 @@ def _hold_rising(table: tuple[tuple[float, float], ...] | list[tuple[float, floa
     """Check that a table is increasing: equal or reordered corrected lengths are invalid. Raises ValueError."""
     for (before, least), (reading, correction) in pairwise(table):
         if reading + correction <= before + least:
-            raise ValueError(f"corrected readings fall between {before:g} and {reading:g} mm; {remedy}")
+            raise ValueError(
+                f"corrected readings must increase, but they decrease between {before:g} and {reading:g} mm; {remedy}"
+            )
 
 
 Latch = Literal["on_request", "own_cycle", "streamed", "unknown"]
@@ -167,17 +173,19 @@ class Timing(Part):
     @model_validator(mode="after")
     def _consistent(self) -> Timing:
         if self.latch != "on_request" and self.latched_within_ms is not None:
-            raise ValueError("latched_within_ms belongs to `latch: on_request`; state that, or leave it out")
+            raise ValueError("latched_within_ms requires `latch: on_request`; add that, or remove the key")
         if self.cycle_ms is not None and self.latch not in ("own_cycle", "streamed"):
-            raise ValueError("cycle_ms belongs to `latch: own_cycle` or `latch: streamed`; state one, or leave it out")
+            raise ValueError(
+                "cycle_ms requires `latch: own_cycle` or `latch: streamed`; add one of them, or remove the key"
+            )
         return self
 
     def require_unasked(self) -> None:
         """Check the timing of a gauge that sends unprompted. Raises ValueError for a timing relative to requests."""
         if self.latch == "on_request" or self.answer_delay_ms:
             raise ValueError(
-                "timing is that of an answer to a request, but this gauge sends unasked; state `latch: streamed` or "
-                "`latch: own_cycle`, and leave answer_delay_ms out"
+                "the timing is for an answer to a request, but this gauge sends unprompted; write `latch: "
+                "streamed` or `latch: own_cycle`, and remove answer_delay_ms"
             )
 
     @property
@@ -221,7 +229,7 @@ class Probe(Part):
     """True if a port can have several gauges, polled separately."""
     request_bytes: ClassVar[int] = 1
     """Minimum number of characters of a request on a serial line, for the transmission time."""
-    timing_source: ClassVar[str] = "no public source says when a reading is latched"
+    timing_source: ClassVar[str] = "the instant of a reading is not published"
     """Source of the default `timing`."""
 
     port: Port

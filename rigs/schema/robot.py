@@ -43,7 +43,7 @@ class JointAxis(Part):
     @model_validator(mode="after")
     def _ordered(self) -> JointAxis:
         if not self.limits_deg[0] < self.limits_deg[1]:
-            raise ValueError(f"limits_deg {list(self.limits_deg)} are not [lower, upper]; swap them")
+            raise ValueError(f"limits_deg {list(self.limits_deg)} must be [lower, upper]; swap them")
         return self
 
 
@@ -59,7 +59,7 @@ class Rail(Part):
         if math.hypot(*self.direction) < 1e-9:
             raise ValueError("direction needs a length above zero")
         if not self.limits_mm[0] < self.limits_mm[1]:
-            raise ValueError(f"limits_mm {list(self.limits_mm)} are not [lower, upper]; swap them")
+            raise ValueError(f"limits_mm {list(self.limits_mm)} must be [lower, upper]; swap them")
         return self
 
 
@@ -108,8 +108,8 @@ class Robot(Part):
         sum_mm = sum(abs(axis.a_mm) + abs(axis.d_mm) for axis in self.axes)
         if 0 < sum_mm < _SHORTEST_MM:
             raise ValueError(
-                f"a_mm and d_mm of all axes together are {sum_mm:.4g} mm, which is no arm; they look like metres: "
-                f"multiply them by {MM_PER_M}"
+                f"the sum of a_mm and d_mm over all axes is {sum_mm:.4g} mm, which is too small for an "
+                f"arm; if the values are in metres, multiply them by {MM_PER_M}"
             )
         return self
 
@@ -144,13 +144,13 @@ class Robot(Part):
     def _solvable(cls, rows: tuple[Row, ...], info: ValidationInfo) -> tuple[Row, ...]:
         count = len(info.data.get("axes", rows))
         if {len(rows), *map(len, rows)} != {count}:
-            raise ValueError(f"coupling is not {count} rows of {count} numbers, one for each axis; correct its rows")
+            raise ValueError(f"coupling must have {count} rows of {count} numbers, one for each axis; correct the rows")
         remaining = [list(row) for row in rows]
         for column in range(count):  # elimination with the largest pivot first
             remaining[column:] = sorted(remaining[column:], key=lambda row: -abs(row[column]))
             pivot, *below = remaining[column:]
             if abs(pivot[column]) < 1e-6:
-                raise ValueError("coupling cannot be inverted: some joint motion moves no axis; correct its rows")
+                raise ValueError("coupling is singular: some joint motion moves no axis; correct the rows")
             remaining[column + 1 :] = [
                 [x - row[column] / pivot[column] * y for x, y in zip(row, pivot, strict=True)] for row in below
             ]

@@ -71,7 +71,7 @@ def _counted(state: dict[str, Any], stream: str) -> dict[str, int]:
 def test_a_rig_of_which_the_capture_knows_nothing_is_refused() -> None:
     text, capture, _ = _case(NAMES[0])
     other = Capture(tuple(piece for piece in capture.pieces if piece.stream != "robot"), cut=False)
-    with pytest.raises(FileError, match="holds nothing of robot"):
+    with pytest.raises(FileError, match="contains no data of robot"):
         Replay.open(parse(text, "x"), other)
 
 
@@ -83,7 +83,7 @@ def test_the_command_serves_a_capture_until_all_is_said(tmp_path: Path) -> None:
         end = said()
     assert "0 pieces from the host differ from the capture" in end
     bad = bench.fails("rig", "replay", CORPUS / name / "rig.yaml", CORPUS / name / "rig.yaml", code=3)
-    assert "is not a capture written by rigd" in bad
+    assert "is not a capture of rigd" in bad
 
 
 def test_a_host_that_left_has_the_replay_restart_and_the_command_reports_it(tmp_path: Path) -> None:

@@ -93,7 +93,7 @@ def test_the_command_emulate_drives_programs_and_takes_what_rig_correct_wrote(tm
             bench.rig = tmp_path / "cell" / "rig.yaml"
             bench.socket = bench.socket.with_name(f"{data['name']}.sock")
             bench.start().all_reading()
-            assert keyboard("run somersault").startswith("error: 'somersault': is none of the programs in programs")
+            assert keyboard("run somersault").startswith("error: 'somersault': is not a program in programs")
             for corrected in (False, True):
                 if corrected:
                     assert keyboard("enter found/corrections.yaml") == "found/corrections.yaml: entered, 1 parameters"
@@ -103,7 +103,7 @@ def test_the_command_emulate_drives_programs_and_takes_what_rig_correct_wrote(tm
             assert keyboard("run yaw cw ur10e").startswith("yaw cw ur10e: driving, ")
             bench.until(lambda state: state["recording"] is not None)
             assert keyboard("stop") == "yaw cw ur10e: stopped"
-            assert keyboard("acw").startswith("error: acw: does not know the parameters that were entered")
+            assert keyboard("acw").startswith("error: acw: is not possible with the entered parameters")
     runs = [read_run(path) for path in sorted((tmp_path / "runs").glob("*acw*"))]
     swings = [float(np.ptp(np.asarray(run.streams["g1"]["g1_mm"]))) for run in runs]
     assert len(swings) == 2 and swings[0] > 0.5 and swings[1] < 0.1 * swings[0], swings

@@ -112,10 +112,10 @@ def _bad_term(data: dict[str, Any], **changed: Any) -> dict[str, Any]:
 
 FACTOR = calibrated_model().factor
 WRONG: dict[str, tuple[Callable[[dict[str, Any]], dict[str, Any]], str]] = {
-    "factor cut off": (lambda data: _changed(data, factor=FACTOR[:-8]), "factor has 54 bytes, and 5 parameters need"),
+    "factor cut off": (lambda data: _changed(data, factor=FACTOR[:-8]), "factor has 54 bytes, but 5 parameters need"),
     "factor of text": (lambda data: _changed(data, factor="what is a root?"), "factor is not base64"),
     "factor not finite": (
-        lambda data: _changed(data, factor=packed_factor(np.full((5, 5), np.nan))), "factor holds numbers that are not"
+        lambda data: _changed(data, factor=packed_factor(np.full((5, 5), np.nan))), "factor contains numbers"
     ),
     "no factor": (lambda data: {key: one for key, one in data.items() if key != "factor"}, "factor: Field required"),
     "times not finite": (lambda data: _bad_term(data, times=float("nan")), "terms.0.times: "),
@@ -127,15 +127,15 @@ WRONG: dict[str, tuple[Callable[[dict[str, Any]], dict[str, Any]], str]] = {
     "escape in a key": (lambda data: _changed(data, **{"\x1b[2J\n": 1}), "Extra inputs"),
     "term that is not there": (
         lambda data: _changed(data, parameters=[*data["parameters"][:-1], {"term": 5, "field": "times"}]),
-        "a parameter belongs to term 5, and there are 5 terms",
+        "a parameter refers to term 5, but there are only 5 terms",
     ),
     "negative term": (
         lambda data: _changed(data, parameters=[*data["parameters"][:-1], {"term": -1, "field": "times"}]),
         "parameters.4.term: ",
     ),
-    "no such number": (
+    "is not a number of that effect": (
         lambda data: _changed(data, parameters=[{"term": 0, "field": "found"}, *data["parameters"][1:]]),
-        "a parameter is found of backlash, which has no such number",
+        "a parameter refers to found of backlash, which is not a number of that effect",
     ),
     "three joints": (lambda data: _changed(data, joints_deg=[[-1, 1]] * 3), "joints_deg: "),
     "no format": (lambda data: _changed(data, format="one"), "format: "),
@@ -162,13 +162,13 @@ def test_wrong_content_is_one_line(case: str, tmp_path: Path) -> None:
     with pytest.raises(FileError) as told:
         load(rig_file)
     (line,) = told.value.lines()
-    assert line.startswith(f"{tmp_path / 'cell.calibration.json'}: is no calibration: "), line
+    assert line.startswith(f"{tmp_path / 'cell.calibration.json'}: is not a calibration: "), line
     assert words in line and line.endswith("; diagnose again") and line.isprintable()
 
 
 @pytest.mark.parametrize("content", [b"", b"{", b"\xff\xfe", b"[" * 100_000, b"null"])
 def test_what_is_no_json_is_one_line(content: bytes, tmp_path: Path) -> None:
-    with pytest.raises(FileError, match="is no calibration: ") as told:
+    with pytest.raises(FileError, match="is not a calibration: ") as told:
         load(_named_as(tmp_path, content))
     assert len(told.value.lines()) == 1
 
@@ -176,7 +176,7 @@ def test_what_is_no_json_is_one_line(content: bytes, tmp_path: Path) -> None:
 def test_a_changed_file_is_refused(tmp_path: Path) -> None:
     rig_file, beside = written(tmp_path)
     beside.write_text(beside.read_text().replace("-0.4", "-0.5", 1))
-    with pytest.raises(FileError, match="its SHA-256 differs") as told:
+    with pytest.raises(FileError, match="the SHA-256 does not match") as told:
         load(rig_file)
     assert told.value.where == str(beside) and len(told.value.lines()) == 1
 
@@ -216,11 +216,11 @@ def test_a_copy_without_the_calibration_is_refused_where_the_model_is_needed(tmp
     rig_file, beside = written(tmp_path / "here")
     (tmp_path / "there").mkdir()
     copy = Path(shutil.copy(rig_file, tmp_path / "there"))
-    with pytest.raises(FileError, match="is named by the rig file beside it and cannot be read"):
+    with pytest.raises(FileError, match="is referenced by the rig file in the same directory, but cannot be read"):
         load(copy)
     rig = parse(rig_file.read_text(), "cell.yaml")
     assert calibrated_beside(rig, tmp_path / "there") is rig
-    with pytest.raises(FileError, match="which is not beside this rig file") as told:
+    with pytest.raises(FileError, match="which is missing in the directory of this rig file") as told:
         model_of(rig)
     assert "--rig" in told.value.remedy and len(told.value.lines()) == 1
     assert model_of(rig, ()).effects == (), "who names the effects needs no calibration"

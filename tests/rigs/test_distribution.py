@@ -79,8 +79,8 @@ def test_another_package_of_the_name_is_a_line(package: str, program: str, tmp_p
     folder = str(tmp_path / package)
     assert (done.returncode, done.stderr) == (
         4,
-        f"error: {program}: another package {package}, in {folder!r}, stands before rig's own; "
-        f"run env -u PYTHONPATH {program}, or take that folder from PYTHONPATH\n",
+        f"error: {program}: a different package {package}, in {folder!r}, hides the package of rig; "
+        f"run env -u PYTHONPATH {program}, or remove that folder from PYTHONPATH\n",
     )
 
 

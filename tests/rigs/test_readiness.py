@@ -32,7 +32,7 @@ def test_a_file_without_its_second_gauge_is_ready_for_distances_alone() -> None:
     ready = [test for test in get_args(TestName) if not missing_for(rig, test)]
     assert ready == ["radial", "repeatability"]
     assert [missing.key for missing in missing_for(rig, "yaw")] == ["gauges.g2"]
-    assert "not yaw, roll: has one gauge, and" in "\n".join(readiness_lines(rig))
+    assert "not yaw, roll: has only one gauge, but" in "\n".join(readiness_lines(rig))
 
 
 @pytest.mark.parametrize(
@@ -50,5 +50,7 @@ def test_a_command_that_needs_two_gauges_says_so_first(words: tuple[str, ...], t
     done = ran(*(str(cell) if word == "CELL" else word for word in words), cwd=tmp_path)
     first = next(line for line in done.stderr.splitlines() if line)
     assert done.returncode == 3
-    assert first.startswith("error: ") and "cell.yaml: has one gauge, and yaw" in first and "add gauges.g2" in first
+    assert (
+        first.startswith("error: ") and "cell.yaml: has only one gauge, but yaw" in first and "add gauges.g2" in first
+    )
     assert sorted(path.name for path in tmp_path.iterdir()) in (["cell.yaml"], ["cell.yaml", "session"])

@@ -203,13 +203,13 @@ def test_a_key_given_twice_is_refused() -> None:
         ("zero: [1, 0, 0]", "zero: [-0.281, 0.240, 1]", "parallel"),
         ("normal: [-0.281, 0.240, 1]", "normal: [0, 0, 0]", "a length above zero"),
         ("q6_deg]", "q5_deg]", "must occur once in the line"),
-        ("usb-FTDI_gauge_2", "usb-FTDI_gauge_1", "give g2 its own port"),
+        ("usb-FTDI_gauge_2", "usb-FTDI_gauge_1", "give g2 a separate port"),
         ("radius_mm: 70", "radius_mm: 0", "greater than or equal to 1"),
         ("radius_mm: 70", "radius_mm: .nan", "finite"),
         ("radius_mm: 70", "radius_mm: 1.0e+9", "less than or equal to 2000"),
         ("speed_mm_s: 25", "speed_mm_s: 0.00001", "greater than or equal to 0.5"),
         ("speed_mm_s: 25", "speed_mm_s: 0", "should be greater than or equal to 0.5, not 0"),
-        ("targets: [1, 5, 14, 20]", "targets: []", "has 0 entries, needs 1 or more"),
+        ("targets: [1, 5, 14, 20]", "targets: []", "has 0 entries, but needs at least 1"),
         ("radius_mm: 70\n    speed_mm_s: 25", "radius_mm: 900\n    speed_mm_s: 1", "a lap takes 94 min"),
         ("radius_mm: 400", "step_deg: 0.001", "greater than or equal to 5"),
         ("radius_mm: 400", "orientations: 1000000", "less than or equal to 15"),
@@ -217,23 +217,23 @@ def test_a_key_given_twice_is_refused() -> None:
         ("targets: [1, 5, 14, 20]", "rounds: 10000000", "less than or equal to 1000"),
         ("targets: [1, 5, 14, 20]", "targets: [0]", "greater than or equal to 1"),
         ("limits_deg: [-150, 150]", "limits_deg: [-1.0e+9, 150]", "greater than or equal to -1440"),
-        ("[0, 1, 0, 0, 0, 0]", "[1, 0, 0, 0, 0, 0]", "cannot be inverted"),
-        ("offset_mm: -25", "offset_mm: 25", "at the same place"),
-        ("offset_mm: -25", "offset_mm: 75", "swap their offset_mm"),
+        ("[0, 1, 0, 0, 0, 0]", "[1, 0, 0, 0, 0, 0]", "is singular"),
+        ("offset_mm: -25", "offset_mm: 25", "at the same position"),
+        ("offset_mm: -25", "offset_mm: 75", "swap the values of offset_mm"),
         ("accuracy_mm: 0.0005", "timeout_s: 1.0e-300", "greater than or equal to 0.01"),
         ("line: 4800 7E2", "line: {baud: 0, bits: 9, parity: X, stop: 3}", "greater than or equal to 50"),
         ("line: 4800 7E2", "line: 4800", "'9600 8N1'"),
         ("name: paper-fanuc", "name: ../paper", "match"),
         ("tcp://192.168.1.10:59002", "udp://192.168.1.10:59002", "add listens: true"),
         ("tcp://192.168.1.10:59002", "udp://192.168.1.10:0", "not a UDP port"),
-        ("tcp://192.168.1.10:59002", "/dev/ttyUSB2\n  listens: true", "leave it out on a serial port"),
+        ("tcp://192.168.1.10:59002", "/dev/ttyUSB2\n  listens: true", "remove the key for a serial port"),
         (FEEDBACK, "interface: abb_egm\n  port: tcp://192.168.1.5:6510", "not a UDP port"),
         (FEEDBACK, "interface: abb_egm\n  port: udp://192.168.1.5:0", "not a UDP port"),
-        (FEEDBACK, "interface: kuka_rsi\n  port: udp://192.168.1.5:49152\n  cycle_ms: 8", "known here: 12, 4"),
+        (FEEDBACK, "interface: kuka_rsi\n  port: udp://192.168.1.5:49152\n  cycle_ms: 8", "available: 12, 4"),
         (FEEDBACK, "interface: kuka_rsi\n  port: udp://192.168.1.5:49152\n  sentype: '<x>'", "match"),
         (FEEDBACK, f"{RSI}\n  condition: {{speed: Override}}", "unknown part 'speed'; known: program_state"),
         (FEEDBACK, f"{RSI}\n  condition: {{speed_percent: 'a b'}}", "write Element or Element.Attribute"),
-        (FEEDBACK, JOINTS.replace("count: 12", "count: 11"), "joints[5] at 10 lies outside the block 0 … 10"),
+        (FEEDBACK, JOINTS.replace("count: 12", "count: 11"), "joints[5] at 10 is outside the block 0 … 10"),
         (FEEDBACK, JOINTS.replace("tcp://robot:502", "/dev/ttyUSB0"), "not a TCP port"),
         (FEEDBACK, JOINTS.replace("{address: 10, type: int32}", ""), "missing"),
     ],
@@ -252,8 +252,8 @@ def test_a_block_that_misses_its_own_registers_is_refused() -> None:
 @pytest.mark.parametrize(
     ("setting", "told"),
     [
-        ({"line": "9600 8N1"}, "not `line`, which is 57600 8E1 and 9600 8N1; make them equal"),
-        ({"framing": "ascii"}, "not `framing`, which is rtu and ascii"),
+        ({"line": "9600 8N1"}, "not `line` (57600 8E1 and 9600 8N1); make them equal"),
+        ({"framing": "ascii"}, "not `framing` (rtu and ascii)"),
     ],
 )
 def test_units_of_one_line_that_are_set_otherwise_are_told_by_the_setting(setting: dict[str, str], told: str) -> None:
@@ -288,9 +288,9 @@ MERGES = "\n".join(["b0: &b0 {x: 1}", *(f"b{k}: &b{k} {{<<: [{', '.join([f'*b{k 
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        (f"{TEXT}\n{BOMB}", "write out"),
-        (f"{TEXT}\n{MERGES}", "write out"),
-        (f"{TEXT}\nx: &x [*x]", "write out"),
+        (f"{TEXT}\n{BOMB}", "write the values out"),
+        (f"{TEXT}\n{MERGES}", "write the values out"),
+        (f"{TEXT}\nx: &x [*x]", "write the values out"),
         ("a: " + "[" * 1000, "nested too deeply"),
         ("name: !!timestamp x", "not readable as YAML"),
         ("name: !!int x", "not readable as YAML"),
@@ -323,7 +323,7 @@ def test_yaml_that_is_meant_ill_is_told_soon_and_in_short_lines(tmp_path: Path, 
         ("", "effects.yaml: lacks the key effects; write effects:"),
         (
             "effects:\n  - {effect: backlsh, axis: 1}",
-            "line 2, effects[1]: 'backlsh' is not known; did you mean backlash",
+            "line 2, effects[1]: 'backlsh' is unknown; did you mean backlash",
         ),
         ("effects:\n  - {effect: backlash, axis: 1, width: 1}", "line 2, effects[1].width: unknown key; did you mean"),
         ("effects: []\neccentrity_mm: [1, 0, 0]", "line 2, eccentrity_mm: unknown key; did you mean eccentricity_mm?"),
@@ -352,23 +352,26 @@ CERTIFICATE = "number: A-1, date: 2025-03-01, u_mm: 0.001, k: 2"
 @pytest.mark.parametrize(
     ("changed", "told"),
     [
-        ("correction_mm: [[0, 0], [2, 0.001], [1, 0.002]]", "readings must rise, and 1 mm follows 2 mm; sort them"),
-        ("correction_mm: [[0, 0], [0, 0.001]]", "readings must rise, and 0 mm follows 0 mm"),
-        ("correction_mm: [[0, 0.5], [0.1, -0.5]]", "corrected readings fall between 0 and 0.1 mm; correct the table"),
-        ("correction_mm: [[0, 0]]", "a table needs two or more"),
+        (
+            "correction_mm: [[0, 0], [2, 0.001], [1, 0.002]]",
+            "readings must increase, but 1 mm follows 2 mm; sort the readings",
+        ),
+        ("correction_mm: [[0, 0], [0, 0.001]]", "readings must increase, but 0 mm follows 0 mm"),
+        ("correction_mm: [[0, 0.5], [0.1, -0.5]]", "they decrease between 0 and 0.1 mm; correct the table"),
+        ("correction_mm: [[0, 0]]", "a table needs at least two"),
         ("correction_mm: [[0, 0], [10, 3.5]]", "should be less than or equal to 1, not 3.5"),
         ("correction_mm: [[0, .nan], [10, 0]]", "finite"),
-        ("polynomial_mm: [0, -1.1], range_mm: [0, 10]", "corrected readings fall between"),
+        ("polynomial_mm: [0, -1.1], range_mm: [0, 10]", "they decrease between"),
         ("polynomial_mm: [0, 0.001]", "belong together"),
         ("range_mm: [0, 10]", "belong together"),
         ("polynomial_mm: [0, 0.001], range_mm: [10, 0]", "give the smaller end first"),
-        ("polynomial_mm: [0], range_mm: [0, 1], correction_mm: [[0, 0], [1, 0]]", "leave one out"),
-        ("date: 2925-03-01", "2925-03-01 lies in the future"),
+        ("polynomial_mm: [0], range_mm: [0, 1], correction_mm: [[0, 0], [1, 0]]", "remove one of them"),
+        ("date: 2925-03-01", "2925-03-01 is in the future"),
         ("date: soon", "date"),
         ("u_mm: -0.001", "should be greater than or equal to 0, not -0.001"),
         ("k: 0", "should be greater than 0"),
-        ("valid_until: 2024-01-01", "valid_until 2024-01-01 is not after its date 2025-03-01"),
-        ("valid_until: 2026-03-01, interval_months: 12", "leave one out"),
+        ("valid_until: 2024-01-01", "valid_until 2024-01-01 must be after the date 2025-03-01"),
+        ("valid_until: 2026-03-01, interval_months: 12", "remove one of them"),
         ("correcton_mm: [[0, 0], [1, 0]]", "unknown key; did you mean correction_mm?"),
     ],
 )
@@ -411,17 +414,17 @@ def _with(**sections: object) -> str:
 def test_a_cell_with_a_tracker_alone_names_neither_gauges_nor_feedback() -> None:
     rig = parse(_with(), "tracker")
     assert rig.gauges.recorded == {} and dict(rig.gauges) == {}
-    with pytest.raises(CellError, match="has no gauges and no feedback"):
+    with pytest.raises(CellError, match="has neither gauges nor feedback"):
         streams_of(rig)
 
 
 def test_gauges_are_there_with_feedback_and_touches_need_feedback_alone() -> None:
-    with pytest.raises(RigFileError, match="gauges without feedback: rigd records both together; add feedback"):
+    with pytest.raises(RigFileError, match="gauges without feedback: rigd always records both; add feedback"):
         parse(_with(gauges=True), "tracker")
     rig = parse(_with(feedback=True), "touches")
     assert [stream.name for stream in streams_of(rig)] == ["robot"] and rig.gauges.baseline_mm == 0
     automatic = "automatic: {rules: [{test: radial, when: {from_deg: [0, 0, 0, 0, 0, 0], to_deg: [9, 0, 0, 0, 0, 0]}}]}"
-    with pytest.raises(RigFileError, match="nothing is recorded without gauges and feedback"):
+    with pytest.raises(RigFileError, match="without gauges and feedback, there is nothing to record"):
         parse(_with(feedback=True) + automatic, "touches")
 
 

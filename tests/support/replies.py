@@ -30,10 +30,10 @@ def missing(*words: str) -> Told:
 
 
 def wrong_unit(shown: str, units: str = "mm") -> Told:
-    return Told(DEVICE_ERROR, (f"reads in {shown}", f"says {units};", "switch the gauge over, or correct `units`"))
+    return Told(DEVICE_ERROR, (f"reads in {shown}", f"file has {units};", "switch the gauge, or correct `units`"))
 
 
-NONSENSE = Told(GARBLED, ("is not a reading; check the line's settings",))
+NONSENSE = Told(GARBLED, ("is not a reading; check the line settings",))
 
 
 @dataclass(frozen=True)

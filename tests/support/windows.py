@@ -32,7 +32,7 @@ so that the last answer is shown."""
 
 
 def no_daemon() -> Path:
-    raise CellError("rigd", "no daemon runs", "start it: rigd RIG")
+    raise CellError("rigd", "no daemon is visible to this user", "start it: rigd RIG")
 
 
 class Playing:

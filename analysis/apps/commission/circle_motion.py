@@ -373,7 +373,7 @@ def on_circle(bins: Binned, circle: CircleFrame, tolerance: Tolerance, where: st
     for _ in range(_TRIMS):
         if on.sum() < _FEWEST:
             problem = f"the robot was on the circle for {_BIN_S * on.sum():.2g} s only, too short for a fit"
-            raise FileError(where, problem, "drive the circle slower, or record the feedback at a higher rate")
+            raise FileError(where, problem, "drive the circle more slowly, or record the feedback at a higher rate")
         circle = nearest_circle(bins.places[on]) or circle
         largest = deviations(circle, bins.places).largest
         on &= largest < _wild_from(largest[on])

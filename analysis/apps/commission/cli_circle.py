@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from rigs.edit import Values
     from rigs.rig import Rig
 
-circle = typer.Typer(cls=Group, no_args_is_help=True, help="Find the circle of a rig file from the robot's motion.")
+circle = typer.Typer(cls=Group, no_args_is_help=True, help="Fit the circle of a rig file to recorded robot motion.")
 app.add_typer(circle, name="circle")
 ball = typer.Typer(cls=Group, no_args_is_help=True, help="Find the ball of the hemisphere from the stops of the robot.")
 app.add_typer(ball, name="ball")
@@ -29,7 +29,9 @@ app.add_typer(ball, name="ball")
 RigToWrite = Annotated[
     str | None,
     typer.Option(
-        "--rig", autocompletion=completion.rig_files, help="Rig file to complete; default: that of the first run."
+        "--rig",
+        autocompletion=completion.rig_files,
+        help="Rig file to complete; default: the rig file of the first run.",
     ),
 ]
 Write = Annotated[bool, typer.Option("--write", help="Write the result to the rig file and keep the old file.")]
@@ -60,8 +62,8 @@ def fit(
     from analysis.runs.loading import motion_in
 
     if bool(runs) == live:
-        problem = "both runs and --live are given" if live else "runs to fit are missing"
-        raise UseError("rig circle fit", problem, "give run directories, or --live")
+        problem = "recorded runs and --live cannot be combined" if live else "runs to fit are missing"
+        raise UseError("rig circle fit", problem, "give run directories or --live")
     named = rig_file_to_write(rig_file, write)
     if live:
         motions, to = _watched(named)
@@ -108,7 +110,7 @@ def fit_ball(
     circles = [run.manifest.test in CIRCLES for run in recorded]
     if any(circles) != all(circles):
         where = ", ".join(str(run.path) for run in recorded)
-        raise FileError(where, "some are runs of a circle and some of a hemisphere", "give runs of the same kind")
+        raise FileError(where, "circle runs and hemisphere runs are mixed", "give runs of the same kind")
     if all(circles):
         of_circle = driven_circle([motion_in(run) for run in recorded], to.rig)
         centre, u_mm, used = of_circle.circle.centre, of_circle.u_centre_mm, f"the circle's centre: {of_circle.used}"

@@ -24,9 +24,10 @@ _COLOURS = {"ok": "green", "doubtful": "yellow", "wrong": "red"}
 @command(app, "rig doctor cell.yaml")
 def doctor(
     rig_file: RigArgument,
-    runs: Annotated[Path | None, typer.Option(help="Directory of the runs; default: that of rigd.")] = None,
+    runs: Annotated[Path | None, typer.Option(help="Directory of the runs; default: the directory of rigd.")] = None,
     scan: Annotated[
-        bool, typer.Option("--scan", help="Find unit, registers and orders of Modbus gauges while you move a probe.")
+        bool,
+        typer.Option("--scan", help="Find unit, registers and byte orders of Modbus gauges while you move a probe."),
     ] = False,
     as_json: AsJson = False,
 ) -> None:
@@ -84,7 +85,7 @@ def logs(
         str | None, typer.Option(help="Time of the first entry: today, -1h, '2026-11-20 08:00'; default: the oldest.")
     ] = None,
     follow: Annotated[
-        bool, typer.Option("--follow", "-f", help="Show new entries until Ctrl-C; default: stop at the last.")
+        bool, typer.Option("--follow", "-f", help="Show new entries until Ctrl-C; default: end after the last entry.")
     ] = False,
 ) -> None:
     """Show what the services rigd@NAME have logged, and when systemd started and stopped them."""

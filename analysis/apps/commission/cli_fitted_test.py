@@ -58,7 +58,7 @@ def rig_file_to_write(name: str | None, write: bool) -> RigFile | None:
     """
     if name is None:
         if write:
-            raise UseError("--write", "needs the rig file to write", "give it with --rig FILE")
+            raise UseError("--write", "needs the rig file to write", "give the rig file with --rig FILE")
         return None
     path = find(name)
     if write and path.resolve() in {example.resolve() for example in shipped().values()}:
@@ -79,7 +79,7 @@ def print_or_write(fitted: FittedTest, to: RigFile, *, write: bool, as_json: boo
     if not (write and to.path):
         done = f"the rig file is unchanged: paste this, or give {'--write' if to.path else '--rig FILE --write'}"
     elif text == to.text:
-        done = f"{to.path} has these values already"
+        done = f"{to.path} already has these values"
     else:
         kept = _replace(to.path, to.text, text)
         done = f"wrote {to.path}; backup: {kept}; a running rigd uses the old file until it is restarted"
@@ -126,7 +126,7 @@ def _not_drivable(rig: Rig) -> list[str]:
         turned = circle.model_copy(update={"posture_deg": tuple(posture)})
         tests = rig.tests.model_copy(update={"circle": turned})
         if _program_error(rig.model_copy(update={"tests": tests})) is None:
-            remedy = f"it can with posture_deg: {posture}"
+            remedy = f"posture_deg: {posture} would be reachable"
             break
     return [f"the robot cannot drive a program of this circle: {error.what}; {remedy}"]
 
@@ -151,7 +151,9 @@ def _replace(path: Path, old: str, new: str) -> Path:
             raise FileError(str(path), "was changed by a different program meanwhile", "repeat the command")
         mode = path.stat().st_mode
         if not mode & 0o222:  # a rename would replace the file nevertheless
-            raise FileError(str(path), "is read-only", "allow writing with chmod u+w, or paste the printed block")
+            raise FileError(
+                str(path), "is read-only", "make the file writable with chmod u+w, or paste the printed block"
+            )
         number = 1
         while True:
             kept = path.with_name(f"{path.name}.{number}")
@@ -165,5 +167,7 @@ def _replace(path: Path, old: str, new: str) -> Path:
         for file in (path, kept):
             file.chmod(mode & 0o777)
     except OSError as error:
-        raise CellError(str(path), error.strerror or str(error), "check the directory's permissions and disk") from None
+        raise CellError(
+            str(path), error.strerror or str(error), "check the permissions and the free space of the directory"
+        ) from None
     return kept

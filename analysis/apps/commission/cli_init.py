@@ -23,7 +23,7 @@ _INTERRUPTED = 130
 @command(app, "rig init cell.yaml --robot 192.168.1.20 --arm ur10e")
 def init(
     rig_file: Annotated[Path, typer.Argument(metavar="RIG", help="Rig file to write.")] = Path("cell.yaml"),
-    name: Annotated[str | None, typer.Option(help="Name of the rig; default: that of the file.")] = None,
+    name: Annotated[str | None, typer.Option(help="Name of the rig; default: the name of the file.")] = None,
     measured_by: Annotated[
         MeasuredBy,
         typer.Option(
@@ -53,7 +53,9 @@ def init(
     ] = None,
     key: Annotated[
         list[str] | None,
-        typer.Option(metavar="KEY=VALUE", help="Key of the rig file, as g1.range_mm=10; repeatable; default: none."),
+        typer.Option(
+            metavar="KEY=VALUE", help="Key of the rig file, such as g1.range_mm=10; repeatable; default: none."
+        ),
     ] = None,
     baseline_mm: Annotated[
         float | None, typer.Option(min=0.1, max=10_000, help="Distance between the gauges in mm; default: rig asks.")
@@ -84,7 +86,7 @@ def init(
         float, typer.Option(min=0.2, max=60, help="Seconds to listen to a port before rig sends a request.")
     ] = 1.0,
     modbus_unit: Annotated[
-        list[int] | None, typer.Option(min=0, max=247, help="Modbus unit to ask; repeatable; default: 1.")
+        list[int] | None, typer.Option(min=0, max=247, help="Modbus unit address to query; repeatable; default: 1.")
     ] = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print the result as one JSON object without writing a file.")
@@ -162,7 +164,7 @@ def next_steps(rig_file: Path) -> list[str]:
     file = shlex.quote(str(rig_file))
     if not rig.gauges.recorded:
         return _without_gauges(rig, file)
-    begin = [f"rigd {file}", "# in a second terminal:", "rig live  # push each gauge once more, and jog the robot"]
+    begin = [f"rigd {file}", "# in a second terminal:", "rig live  # push each gauge once, and jog the robot"]
     if rig.tests.circle is None:
         return [
             *begin,
@@ -181,7 +183,7 @@ def _without_gauges(rig: Rig, file: str) -> list[str]:
 
     if rig.tests.touch is None:
         return [
-            f"rig plan {file} --poses 40 -o planned  # which poses show most",
+            f"rig plan {file} --poses 40 -o planned  # the most informative poses",
             f"rig import poses.csv --rig {file} --test pose -o runs/poses  # as written by the tracker",
             "rig diagnose runs/poses -o found",
         ]
@@ -190,13 +192,15 @@ def _without_gauges(rig: Rig, file: str) -> list[str]:
         axes = len(rig.robot.axes)
         measure = [
             "# seat the ball, or a pointer in a punch mark, in many postures, and write touches.csv: socket,",
-            f"# q1_deg … q{axes}_deg or J1 … J{axes}; --socket NAME if all rows are of one",
+            f"# q1_deg … q{axes}_deg or J1 … J{axes}; with a single socket, --socket NAME replaces the column",
             f"rig import touches.csv --rig {file} --test touch -o runs/first",
         ]
     else:
         measure = [f"rigd {file}", "# in a second terminal:", "rig record touch first -o runs/first"]
     if not rig.tests.touch.distances:
-        measure.insert(0, f"# measure the distance of two sockets and write tests.touch.distances in {file}: {_WORTH}")
+        measure.insert(
+            0, f"# measure the distance between two sockets and write tests.touch.distances in {file}: {_WORTH}"
+        )
     calibrated = f"found/{rig.name}.yaml"
     return [*touch, *measure, "rig diagnose runs/first -o found", f"rig export-urdf {calibrated} -o arm.urdf"]
 

@@ -18,7 +18,7 @@ def touch(
     name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the run: letters, digits, . _ and -.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="Run directory to create.")],
     touches: Annotated[
-        int | None, typer.Option(min=6, max=2000, help="Touches of all sockets; default: those of the rig file.")
+        int | None, typer.Option(min=6, max=2000, help="Touches of all sockets; default: the number in the rig file.")
     ] = None,
     operator: Annotated[str, typer.Option(help="Name of the operator; default: the user.")] = "",
     placement: Annotated[str, typer.Option(help="Label of the place of the sockets; default: none.")] = "",

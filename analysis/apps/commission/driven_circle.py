@@ -228,7 +228,7 @@ def driven_circle(motions: Sequence[RobotMotion], rig: Rig) -> DrivenCircle:
     if is_jogged(bins, path_circle):
         stops = circle_through_stands(arm, bins, where)
         start = start_of(stops.circle, stops.T, stops.q, motions[0].direction, rig.tests.circle)
-        used = f"{len(stops.T)} points at which the robot stood, over {np.degrees(start.arc_rad):.0f}° of arc"
+        used = f"{len(stops.T)} stops of the robot, over {np.degrees(start.arc_rad):.0f}° of arc"
         doubts = (*_doubts(motions), *stops.doubts)
         return _result(stops.circle, stops.covariance, stops.covariance, start, used, doubts, where)
     stood = len(distinct(bins.places[bins.stand_rows]))
@@ -240,8 +240,8 @@ def driven_circle(motions: Sequence[RobotMotion], rig: Rig) -> DrivenCircle:
     on, circle = on_circle(bins, path_circle.circle, tolerance, where)
     result = _of_rows(fit_rows(motions, arm, bins, on, circle), bins, on, motions, rig)
     if tolerance is _SHORT:
-        u = f"u {result.u_centre_mm.max():.2g} mm of the centre by noise alone"
-        problem = f"{result.used} are too short an arc ({u}), and the robot stood at {stood} points"
+        u = f"u of the centre is {result.u_centre_mm.max():.2g} mm from noise only"
+        problem = f"the arc of {result.used} is too short ({u}), and the robot stopped at only {stood} points"
         raise FileError(where, problem, _LONGER)
     return result
 
@@ -262,7 +262,7 @@ def _of_rows(fit: Fit, bins: Binned, on: Mask, motions: Sequence[RobotMotion], r
     off_mm = float(np.quantile(deviations(fit.circle, bins.places[on]).largest, 0.95))
     if off_mm > _ROUND_MM:
         hand = f"the path is off the circle by {off_mm:.1f} mm: the robot was guided by hand, the feedback jumped, or"
-        doubts.append(f"{hand} the controller has other link constants than the rig file")
+        doubts.append(f"{hand} the link constants of the controller differ from the rig file")
     used = f"{fit.rows} rows over {np.degrees(start.arc_rad):.0f}° of arc"
     where = _where(motions)
     return _result(fit.circle, fit.radial.covariance, fit.axial.covariance, start, used, tuple(doubts), where)
@@ -322,7 +322,7 @@ def _short_arc(points: Array, stood: int, where: str) -> FoundCircle:
 
 
 def _line(points: Array, stood: int, where: str) -> FileError:
-    stands = f"and stood at {stood} points" if stood else "and did not stop"
+    stands = f"and stopped at {stood} points" if stood else "and did not stop"
     problem = f"the robot moved along a line of {_length(points):.0f} mm {stands}, too few for a circle"
     return FileError(
         where, problem, "drive an arc, preferably a full lap, or jog to three or more points around the circle"

@@ -99,7 +99,9 @@ def _selected(ports: Sequence[str], typed: str) -> list[str]:
         return list(ports)
     numbers = typed.replace(",", " ").split()
     if not numbers or not all(number.isdecimal() and 1 <= int(number) <= len(ports) for number in numbers):
-        raise FileError(repr(typed), f"is not numbers from 1 to {len(ports)}", "type them as 1,2, or type all")
+        raise FileError(
+            repr(typed), f"is not a list of numbers from 1 to {len(ports)}", "type numbers such as 1,2, or all"
+        )
     return [ports[place] for place in dict.fromkeys(int(number) - 1 for number in numbers)]
 
 
@@ -111,7 +113,7 @@ def describe_port(report: PortReport, numbers: dict[str, int]) -> list[str]:
     lines = []
     for gauge in report.gauges:
         unit = "% of the range" if gauge.lacks else "mm"
-        also = f"; fits {', '.join(gauge.also)} as well" if gauge.also else ""
+        also = f"; {', '.join(gauge.also)} also match" if gauge.also else ""
         lines.append(f"  {numbers[gauge.place]} {gauge.place}")
         kind = f"{gauge.gauge.interface}, {gauge.gauge.line}, {gauge.rate_hz:.0f} readings a second"
         lines.append(f"      {kind}: {gauge.reading_mm:+.4f} {unit}{also}")
@@ -150,7 +152,11 @@ def _chosen(gauges: Sequence[FoundGauge], options: Options, dialogue: Dialogue) 
         return list(gauges)
     if not dialogue.terminal:
         where = ", ".join(by_place)
-        raise FileError("gauges", f"{len(gauges)} answer ({where})", "name the gauges: --g1 PORT --g2 PORT")
+        raise FileError(
+            "gauges",
+            f"{len(gauges)} gauges answer ({where}), and their roles are unknown",
+            "name the gauges: --g1 PORT --g2 PORT",
+        )
     with Watch(gauges) as watch:
         remaining = {str(number): gauge for number, gauge in enumerate(gauges, 1)}
         first = _pushed("g1", remaining, watch, dialogue)
@@ -229,7 +235,7 @@ def _length_mm(text: str) -> float:
     except ValueError:
         value = math.nan
     if not 0 < value <= _FURTHEST_MM:  # also rejects NaN
-        raise FileError(repr(text), "is not a distance in mm", f"type a number from {_NEAREST_MM:g}, as 50")
+        raise FileError(repr(text), "is not a distance in mm", f"type a number from {_NEAREST_MM:g} in mm, such as 50")
     return hold_baseline_mm(value, repr(text))
 
 
@@ -241,5 +247,7 @@ def hold_baseline_mm(value: float, where: str) -> float:
             f"is too small for two gauges, whose bodies are {_BODY_MM:g} mm thick, and at {value:g} mm an "
             f"angle of 1 mrad is {turned_mm:.2g} mm between them"
         )
-        raise FileError(where, problem, f"measure between their axes, in mm and not cm, {_NEAREST_MM:g} or more")
+        raise FileError(
+            where, problem, f"give the distance between the gauge axes in mm (not cm), at least {_NEAREST_MM:g}"
+        )
     return value

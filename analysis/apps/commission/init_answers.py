@@ -128,7 +128,7 @@ def keys_of(texts: Sequence[str]) -> dict[str, dict[str, Any]]:
         place, equals, value = text.partition("=")
         section, _, key = place.partition(".")
         if not equals or section not in keys or not key:
-            raise UseError(f"--key {text}", "is not SECTION.KEY=VALUE", "write it as --key g1.range_mm=10")
+            raise UseError(f"--key {text}", "is not SECTION.KEY=VALUE", "write KEY=VALUE, such as --key g1.range_mm=10")
         keys[section][key] = written(value, f"--key {text}")
     return keys
 
@@ -142,7 +142,7 @@ def places_of(g1: str | None, g2: str | None, keys: Mapping[str, Mapping[str, An
         raise UseError("--g2", "needs --g1", "give both, or neither")
     for gauge, place in (("g1", g1), ("g2", g2)):
         if "interface" in keys[gauge] and place is None:
-            raise UseError(f"--key {gauge}.interface", f"needs --{gauge}", f"give --{gauge} PORT as well")
+            raise UseError(f"--key {gauge}.interface", f"needs --{gauge}", f"add --{gauge} PORT")
     return tuple(place for place in (g1, g2) if place is not None)
 
 

@@ -62,7 +62,9 @@ def make_rig_file(options: Options, dialogue: Dialogue) -> None:
     gauges |= {"--key": options.keys.get("g1") or options.keys.get("g2"), "--circle-here": options.circle_here}
     gauges |= {"--radius-mm": options.radius_mm}
     for option in (name for name, value in gauges.items() if value and options.measured_by != "gauges"):
-        raise UseError(option, f"is of gauges, and --measured-by {options.measured_by} is without", "remove it")
+        raise UseError(
+            option, f"applies only to gauges, and --measured-by {options.measured_by} uses none", "remove it"
+        )
     if options.baseline_mm is not None:
         hold_baseline_mm(options.baseline_mm, "--baseline-mm")
     checked(Annotated[str, *Rig.model_fields["name"].metadata], options.name, "--name")

@@ -73,10 +73,10 @@ def record_touches(
             _follow(daemon, rig, guide, say)
     except RigError:
         if guide.count >= _FEWEST:  # the robot became silent: keep the completed touches
-            say(f"{_written(guide, name, output, rig, text, operator, placement)}: {guide.count} touches are kept")
+            say(f"{_written(guide, name, output, rig, text, operator, placement)}: {guide.count} touches were saved")
         raise
     if guide.count < _FEWEST:
-        problem = f"{guide.count} touches were made, and at least {_FEWEST} are needed"
+        problem = f"only {guide.count} touches were made; at least {_FEWEST} are needed"
         raise FileError(str(output), problem, "touch each socket in many postures")
     return _written(guide, name, output, rig, text, operator, placement)
 
@@ -110,7 +110,7 @@ def _follow(daemon: Daemon, rig: Rig, guide: Touching, say: Callable[[str], None
                     _tell(guide, row[0] / 1e9, angles, say)
         elif clock.now_s() - heard_s > _SILENT_S:
             raise CellError(
-                "robot", f"joint angles missing for {_SILENT_S:.0f} s", "see rig doctor; then the same command"
+                "robot", f"joint angles missing for {_SILENT_S:.0f} s", "run rig doctor, then repeat the command"
             )
         clock.sleep(_LOOK_S)
 

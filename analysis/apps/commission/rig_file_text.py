@@ -55,7 +55,7 @@ def chosen_arm(name: str, measured_by: MeasuredBy = "gauges") -> ChosenArm:
     """
     arm = _arm_of(name)
     if measured_by == "gauges" and (axes := len(arm.robot.axes)) != DRIVEN_AXES:
-        problem = f"has {axes} axes, and the ball link's programs are of six"
+        problem = f"has {axes} axes, but the ball link's programs need six"
         raise FileError(name, problem, "give --measured-by sockets or --measured-by tracker (docs/any-arm.md)")
     return arm
 
@@ -102,7 +102,7 @@ _CIRCLE = "from where the robot stood at the start, with the nominal arm: within
 def rig_text(answers: Answers, arm: ChosenArm, name: str, today: dt.date, measured_by: MeasuredBy = "gauges") -> str:
     """Return the lines of a rig file for the answers. Effects and certificates are added later."""
     lines = [
-        f"# Written by rig init on {today}. Lengths are mm, angles degrees; after each edit run rig check.",
+        f"# Written by rig init on {today}. Lengths are in mm, angles in degrees; run rig check after each edit.",
         f"name: {name}",
         "",
         *_ARM_LINES[measured_by](answers, arm),
@@ -124,7 +124,7 @@ def _arm_section(arm: ChosenArm, answers: Answers, tool: Pose) -> str:
 
 
 def _of_gauges(answers: Answers, arm: ChosenArm) -> Iterator[str]:
-    yield f"# Nominal arm, from {plain(arm.source)}; tool is the ball's place on the flange."
+    yield f"# Nominal arm, from {plain(arm.source)}; tool is the ball's position on the flange."
     yield _arm_section(arm, answers, answers.tool or arm.robot.tool)
     yield ""
     yield "gauges:"
@@ -161,7 +161,7 @@ def _of_sockets(answers: Answers, arm: ChosenArm) -> Iterator[str]:
     yield "tests:"
     yield "  touch:"
     yield f"    sockets: [{', '.join(_SOCKETS)}]"
-    yield f"    ball_mm: {flow(ball_mm)} # about where the ball is on the flange; where it is exactly is found"
+    yield f"    ball_mm: {flow(ball_mm)} # approximate ball position on the flange, refined by the diagnosis"
     yield f"    touches: {Touch.model_fields['touches'].default}"
     yield "    # A known distance sets the scale of the arm; measure over both balls (rig parts --over-balls-mm):"
     yield f"    # distances: [{{between: [{', '.join(_SOCKETS)}], distance_mm: 100, u_mm: 0.05}}]"
@@ -191,11 +191,13 @@ def _limits(answers: Answers, rp_mm: float | None, measured_by: MeasuredBy = "ga
         return
     comment, figures_by_test = "", dict[str, Any]()
     if tolerance_mm and test:
-        comment = f" # {tolerance_mm:g} mm allowed, rms"
+        comment = f" # allowed error {tolerance_mm:g} mm, rms"
         figures_by_test = {test: {"rms_mm": shared_limit(tolerance_mm).model_dump()}}
     elif tolerance_mm:
         radius_mm = answers.circle.radius_mm if answers.circle else Circle.model_fields["radius_mm"].default
-        comment = f" # {tolerance_mm:g} mm allowed at the ball; angles are that over the radius, {radius_mm:g} mm"
+        comment = (
+            f" # allowed error {tolerance_mm:g} mm at the ball; for angles divided by the radius, {radius_mm:g} mm"
+        )
         limits = limits_of_tolerance(tolerance_mm, radius_mm, rp_mm)
         figures_by_test = limits.model_dump(exclude_none=True, exclude={"data_sheet_rp_mm"})
     yield from ("", f"limits:{comment}")

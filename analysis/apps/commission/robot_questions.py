@@ -93,7 +93,7 @@ def ask_robot_if_any(answers: Answers, options: Options, dialogue: Dialogue) -> 
     axes = len(chosen_arm(answers.arm or "", options.measured_by).robot.axes)
     address = options.robot or answers.robot_address
     if axes != DRIVEN_AXES and options.robot not in (None, _NO_ROBOT):
-        problem = f"is read of arms of {DRIVEN_AXES} axes only, and {answers.arm} has {axes}"
+        problem = f"is supported only for arms of {DRIVEN_AXES} axes, and {answers.arm} has {axes}"
         raise UseError("--robot", problem, "remove the option: the joints are typed into a table")
     if axes != DRIVEN_AXES:
         return answers
@@ -129,7 +129,7 @@ def robot_at(address: str, keys: Mapping[str, Any]) -> RobotReport:
 
 
 def _reported(options: Options, dialogue: Dialogue, address: str) -> RobotReport:
-    with dialogue.busy(f"looking for a robot at {address}"):
+    with dialogue.busy(f"searching for a robot at {address}"):
         report = robot_at(address, options.keys["feedback"])
     if report.feedback is None:
         raise CellError(f"robot {address}", report.problem, report.remedy)
@@ -192,7 +192,7 @@ def ask_tool(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
         usual = (
             None if arm_tool == Pose() else ",".join(f"{value:g}" for value in (*arm_tool.xyz_mm, *arm_tool.rpy_deg))
         )
-        question = "The ball on the flange: x,y,z in mm, then roll,pitch,yaw in degrees"
+        question = "Pose of the ball on the flange: x,y,z in mm, then roll,pitch,yaw in degrees"
         tool = dialogue.ask(question, "--tool", _pose, usual)
     return answers.model_copy(update={"tool": tool})
 
@@ -205,12 +205,12 @@ def ask_tolerance(answers: Answers, options: Options, dialogue: Dialogue) -> Ans
     tolerance_mm = options.tolerance_mm if options.tolerance_mm is not None else answers.tolerance_mm
     if tolerance_mm is None:
         rp_mm = chosen_arm(answers.arm or "").repeatability_mm
-        whose = "that of the arm's data sheet" if rp_mm else "usual, since this arm's data sheet is unknown"
+        whose = "from the arm's data sheet" if rp_mm else "usual, since this arm's data sheet is unknown"
         question = (
-            "Limits: every figure is judged by the error that your work allows at the ball.\n"
-            f"Up to {WATCH_SHARE:.0%} of it is a PASS, up to all of it a WATCH, and more a FAIL. Offered are\n"
-            f"{TOLERANCE_BY_RP:g} times a repeatability of {rp_mm or USUAL_RP_MM:g} mm, {whose}.\n"
-            "Allowed error in mm, 0 for no limits"
+            "Limits: all results are compared with the error that your application allows at the "
+            f"ball.\nUp to {WATCH_SHARE:.0%} of the allowed error is a PASS, up to all of it a WATCH, and "
+            f"more a FAIL.\nThe default is {TOLERANCE_BY_RP:g} times a repeatability of "
+            f"{rp_mm or USUAL_RP_MM:g} mm, {whose}.\nAllowed error in mm, 0 for no limits"
         )
         offered = f"{offered_tolerance_mm(rp_mm):g}"
         tolerance_mm = dialogue.ask(question, "--tolerance-mm", _tolerance_mm, offered)

@@ -123,7 +123,7 @@ def circle_through_stands(arm: Arm, bins: Binned, where: str) -> StoodCircle:
     circle = nearest_circle(places)
     extent = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
     if circle is None or extent[1] < _LINE * extent[0]:
-        problem = f"the {len(places)} points at which the robot stood lie on a line"
+        problem = f"the {len(places)} stops of the robot lie on a straight line"
         raise FileError(where, problem, "rest at distant points around the circle")
     away = deviations(circle, places)
     if away.largest.max() > _OFF_MM:
@@ -245,7 +245,7 @@ def touched_ball(runs: Sequence[Run], rig: Rig) -> TouchedBall:
     covariance: Array = np.asarray(scatter_mm**2 * np.linalg.inv(design.T @ design), dtype=np.float64)
     used = f"{len(q)} stops on a sphere of {x[3]:.1f} mm"
     if 2 * (u_mm := float(np.sqrt(np.diag(covariance)[:3]).max())) > _GAUGE_MM:
-        problem = f"{used} leave the ball uncertain by {u_mm:.3g} mm (u)"
+        problem = f"the ball position from {used} has an uncertainty of {u_mm:.3g} mm (u), which is too large"
         raise FileError(where, problem, "rest at more distant places, all over the hemisphere")
     notes = tuple(doubt for of_run in doubts for doubt in of_run) + of_scatter
     if off_sphere:
@@ -273,7 +273,10 @@ def _stands(run: Run, rig: Rig) -> tuple[tuple[Array, Array, Array], tuple[str, 
     except FileError as error:
         t_s, q, alone_doubts = robot_alone(path, run)
         g_mm = np.zeros((len(t_s), 1))
-        doubts = (*alone_doubts, f"without gauge g1 ({error.what}) all distances from the ball are taken as equal")
+        doubts = (
+            *alone_doubts,
+            f"gauge g1 is missing ({error.what}), so all distances from the ball are assumed equal",
+        )
     stands = stands_of(t_s, q, g_mm)
     arm = arm_of(rig.robot)
     within = [forward(arm, q[stand.settled])[:, :3, 3].std(axis=0).mean() for stand in stands]

@@ -38,16 +38,16 @@ def emulate(
     effects: HiddenEffects = None,
     programs: Annotated[
         Path | None,
-        typer.Option(help="Directory of robot programs that the robot drives by name; default: none."),
+        typer.Option(help="Directory of robot programs that can be started by name; default: none."),
     ] = None,
     maker: Annotated[
         MakerName | None,
         maker_option(
-            "Maker of the controller that drives --programs",
-            "that of the robot feedback, else of the first program",
+            "Maker of the emulated controller for --programs",
+            "the maker of the robot feedback, or of the first program",
         ),
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the noise of the gauges.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the gauge noise.")] = 1,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print each line as a JSON object: event, name, text.")
     ] = False,
@@ -74,12 +74,10 @@ def emulate(
 
 @command(app, "rig replay cell.log cell.yaml -o replayed")
 def replay(
-    log: Annotated[Path, typer.Argument(metavar="LOG", help="File that `rigd --capture` wrote.")],
+    log: Annotated[Path, typer.Argument(metavar="LOG", help="File written by `rigd --capture`.")],
     rig_file: Annotated[
         str,
-        typer.Argument(
-            metavar="RIG", autocompletion=completion.rig_files, help="Rig file that the capture was made with."
-        ),
+        typer.Argument(metavar="RIG", autocompletion=completion.rig_files, help="Rig file used for the capture."),
     ],
     directory: Annotated[Path, typer.Option("--output", "-o", help="Directory for rig.yaml.")] = Path("replayed"),
 ) -> None:
@@ -112,7 +110,7 @@ def replay(
         for name, port in played.cell.ports.items():
             say(f"{name}: {port}")
         if capture.cut:
-            say(f"{log}: ends in the middle of a line; that line is ignored", err=True)
+            say(f"{log}: the last line is incomplete and was ignored", err=True)
         say(f"ready; next: rigd {path}")
         while not played.done:
             with suppress(Empty):
@@ -139,12 +137,14 @@ def replay(
 def simulate(
     rig_file: RigArgument,
     test: Annotated[SimulatedTest, typer.Option(help="Test to simulate.")],
-    directory: Annotated[Path, typer.Option("--output", "-o", help="Directory to write the runs to.")],
+    directory: Annotated[Path, typer.Option("--output", "-o", help="Directory for the runs.")],
     direction: Annotated[Direction | None, direction_option("Direction of yaw and roll; default: both")] = None,
-    times: Annotated[int, typer.Option(min=1, max=1000, help="Number of runs in each direction.")] = 1,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the noise of the first run; each further run adds 1.")] = 0,
+    times: Annotated[int, typer.Option(min=1, max=1000, help="Number of runs per direction.")] = 1,
+    seed: Annotated[
+        int, typer.Option(min=0, help="Seed of the noise of the first run; increases by 1 for each further run.")
+    ] = 0,
     effects: HiddenEffects = None,
-    csv: Annotated[bool, typer.Option("--csv", help="Write CSV tables instead of run directories.")] = False,
+    csv: Annotated[bool, typer.Option("--csv", help="Write CSV tables, not run directories.")] = False,
 ) -> None:
     """Simulate runs of a test with the effects of a rig: noise of gauges and robot, scatter from run to run.
 

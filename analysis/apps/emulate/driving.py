@@ -84,10 +84,10 @@ class Controller:
         entries = section.get("entries") if isinstance(section, Mapping) else None
         if not isinstance(section, Mapping) or not isinstance(entries, Sequence) or isinstance(entries, str):
             problem = "has no entries for a controller"
-            raise FileError(where, problem, f"write it with rig correct --for {self.maker}")
+            raise FileError(where, problem, f"create the file with rig correct --for {self.maker}")
         if section.get("name") != self.maker:
-            problem = f"is for a controller of {section.get('name')!r}, and this one is of {self.maker!r}"
-            raise FileError(where, problem, f"write it with rig correct --for {self.maker}")
+            problem = f"is for a controller of {section.get('name')!r}, but this controller is of {self.maker!r}"
+            raise FileError(where, problem, f"create the file with rig correct --for {self.maker}")
         changed = self
         for number, entry in enumerate(entries, start=1):
             changed = changed._with(entry, self, f"{where}, entry {number}")
@@ -101,21 +101,19 @@ class Controller:
             if (axis := candidate.axis_of(str(name)))
         ]
         if not candidates or candidates[0][1] > 6:
-            problem = f"{str(name)!r} is no parameter of a controller of {self.maker!r}"
-            raise FileError(where, problem, "give the file as rig correct wrote it")
+            problem = f"{str(name)!r} is not a parameter of a controller of {self.maker!r}"
+            raise FileError(where, problem, "give the unchanged file of rig correct")
         parameter, axis = candidates[0]
         number = isinstance(add, int | float) and not isinstance(add, bool) and math.isfinite(add)
         if unit != parameter.unit or not number:
-            problem = f"{name} is changed by a number in {parameter.unit}, and not by {add!r} {unit!r}"
-            raise FileError(where, problem, "give the file as rig correct wrote it")
+            problem = f"{name} must be changed by a number in {parameter.unit}, not by {add!r} {unit!r}"
+            raise FileError(where, problem, "give the unchanged file of rig correct")
         change = parameter.factor * float(add or 0.0)
         if parameter.grows:
             stands = float(getattr(before.arm, parameter.field)[axis - 1])
             if isinstance(now, int | float) and abs(abs(stands) - now) > _SAME_SIZE * max(1.0, abs(now) * _SAME_SIZE):
-                problem = f"{name} is {abs(stands):g} mm at this controller, and the file takes it for {now:g} mm"
-                raise FileError(
-                    where, problem, "leave out what was entered before, or correct again from the nominal arm"
-                )
+                problem = f"{name} is {abs(stands):g} mm at this controller, but the file assumes {now:g} mm"
+                raise FileError(where, problem, "remove earlier entries, or repeat the correction for the nominal arm")
             change *= np.sign(stands)
         changes = np.zeros(6)
         changes[axis - 1] = change
@@ -224,7 +222,7 @@ class _Driver:
         """Append a motion through joint angles q (n, 6) in rad at increasing relative times (n,) in s."""
         self.samples += len(q)
         if self.samples > _MOST_SAMPLES:
-            raise ProgramError("it is longer than an emulated robot drives")
+            raise ProgramError("the program is too long for an emulated robot")
         self.t_s.append(self.now_s + seconds)
         self.q.append(q)
 
@@ -256,7 +254,7 @@ class _Driver:
         poses, measures, speeds, accelerations = (np.concatenate(values) for values in zip(*parts, strict=True))
         self.samples += len(poses)
         if self.samples > _MOST_SAMPLES:
-            raise ProgramError("it is longer than an emulated robot drives")
+            raise ProgramError("the program is too long for an emulated robot")
         arm = self.controller.with_tool(_frame(moves[0].tool))
         begin = _frames(*moves[0].at(np.zeros(1)))
         q = follow(arm, np.concatenate([begin, poses]), self.q[-1][-1], self.where)
@@ -275,7 +273,7 @@ def _part(move: Straight | Round) -> tuple[Array, Array, Array, Array]:
     step_rad = _ARC_RAD if isinstance(move, Round) else _TURN_RAD
     count = max(3, int(np.ceil(max(move.turned_rad / step_rad, move.length_mm / _LINE_MM))))
     if count > _MOST_SAMPLES:
-        raise ProgramError("it is longer than an emulated robot drives")
+        raise ProgramError("the program is too long for an emulated robot")
     share = np.linspace(0, 1, count + 1)[1:]
     turns = move.turned_rad if isinstance(move, Straight) else 0.0
     length = move.length_mm if move.length_mm > turns else _MM_PER_RAD * turns
@@ -320,10 +318,10 @@ def _standing(arm: Arm, pose: Pose, near: Array) -> Array:
     solutions = inverse(arm, _frame(pose)[None])
     allowed, _ = within_limits(arm, solutions.q[solutions.found])
     if not len(allowed):
-        raise ProgramError(f"the place {pose.place.round(1).tolist()} mm is out of the arm's reach")
+        raise ProgramError(f"the position {pose.place.round(1).tolist()} mm is out of the arm's reach")
     fitting = [q for q in allowed if pose.posture is None or _posture(q, pose.posture) == pose.posture]
     if not fitting:
-        raise ProgramError(f"the arm cannot stand at {pose.place.round(1).tolist()} mm in the posture that is stated")
+        raise ProgramError(f"the arm cannot reach {pose.place.round(1).tolist()} mm in the given posture")
     nearest: Array = min(fitting, key=lambda q: float(np.abs(q - near).max()))
     return nearest
 

@@ -41,7 +41,7 @@ def interpret(name: MakerName, texts: Mapping[str, str], machine: Machine) -> No
     try:
         maker.driver.run(text, data[0] if data else "", machine)
     except (LookupError, ValueError, TypeError, AttributeError, ArithmeticError, RecursionError) as error:
-        raise ProgramError(f"it is not understood ({type(error).__name__}: {error})") from error
+        raise ProgramError(f"the program cannot be interpreted ({type(error).__name__}: {error})") from error
 
 
 def _path_of(directory: Path, name: str) -> Path:
@@ -65,9 +65,11 @@ def _path_of(directory: Path, name: str) -> Path:
     if len(matching) == 1:
         return matching[0]
     if matching:
-        raise FileError(repr(name), f"is {' and '.join(path.name for path in matching)}", "give the name of the file")
+        raise FileError(
+            repr(name), f"is ambiguous: {' and '.join(path.name for path in matching)}", "give the name of the file"
+        )
     programs = ", ".join(path.name for path in files[:8]) + (" …" if len(files) > 8 else "")
-    problem = f"is none of the programs in {directory}"
+    problem = f"is not a program in {directory}"
     raise FileError(
         repr(name), problem, f"give one of {programs}" if files else "write programs there with rig program"
     )
@@ -110,8 +112,8 @@ class Pendant:
         words = re.split(r"[^a-z]+", path.stem.lower())
         tests = [candidate for candidate in _TESTS if candidate in words]
         if len(tests) != 1:
-            problem = f"names {' and '.join(tests) or 'none'} of the tests, so it is unknown how the gauges are mounted"
-            raise FileError(str(path), problem, f"put one of the words {', '.join(_TESTS)} into its name")
+            problem = f"names {' and '.join(tests) or 'none'} of the tests, so the mounting of the gauges is unknown"
+            raise FileError(str(path), problem, f"include one of the words {', '.join(_TESTS)} in the file name")
         test = tests[0]
         try:
             T = arm_of(self._rig.robot).T_flange_tool
@@ -122,7 +124,7 @@ class Pendant:
             near = np.radians(place.posture_deg) if place else np.zeros(6)
             driven = drive(controller, machine.events, near, str(path))
         except ProgramError as error:
-            raise FileError(str(path), f"the controller refuses it: {error}", "correct the program") from None
+            raise FileError(str(path), f"the controller rejects the program: {error}", "correct the program") from None
         g_mm = trace_along(self._rig, test, driven.t_s, driven.q - controller.reads_more)
         signals = self._signals(driven)
         return Trace(driven.t_s, np.empty(0), driven.q, g_mm, signals=signals, holds_s=driven.holds_s)
@@ -150,10 +152,10 @@ class Pendant:
         """
         self._maker = self._maker or maker
         if self._maker is None:
-            raise FileError(where, "does not say for which controller it is", "give --for")
+            raise FileError(where, "does not name the maker of the controller", "give --for")
         if maker and maker != self._maker:
-            problem = f"is for a controller of {maker!r}, and this one is of {self._maker!r}"
-            raise FileError(where, problem, f"write it for {self._maker}, or start with --for {maker}")
+            problem = f"is for a controller of {maker!r}, but this controller is of {self._maker!r}"
+            raise FileError(where, problem, f"create the file for {self._maker}, or start with --for {maker}")
         return self.controller or Controller.of_rig(self._rig, self._maker)
 
     def _signals(self, driven: Driven) -> tuple[tuple[float, float], ...]:

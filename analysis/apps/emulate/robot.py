@@ -285,12 +285,12 @@ class EmulatedRobot:
         """Set a condition value from now on. Raises FileError for an unknown column or invalid value."""
         states: dict[str, type[IntEnum]] = {PROGRAM: ProgramState, SAFETY: SafetyState}
         if column not in CONDITION:
-            raise FileError(repr(column), "is not of the robot's condition", f"give one of {', '.join(CONDITION)}")
+            raise FileError(repr(column), "is not a condition of the robot", f"choose from {', '.join(CONDITION)}")
         try:
             shown = float(states[column](int(value))) if column in states else float(value)
         except ValueError:
             states_in_words = ", ".join(f"{state.value} {words_of(state)}" for state in states.get(column, ()))
-            raise FileError(repr(value), f"is no {column}", f"give {states_in_words or 'a number'}") from None
+            raise FileError(repr(value), f"is not a valid {column}", f"give {states_in_words or 'a number'}") from None
         self._shown = {**self._shown, column: shown}
 
     def start(self, program: str) -> float:

@@ -35,7 +35,7 @@ from rigs.signals import end_from
 _LOOK_S = 0.02
 """Polling interval for the state of a program."""
 _SAID: dict[State, str] = {
-    "waits": "waits for a person; type go on",
+    "waits": "waits for the operator; type go on",
     "paused": "paused",
     "drives": "goes on",
     "stopped": "stopped",
@@ -128,10 +128,10 @@ class Keyboard:
             return
         done = {"stop": self._robot.stop, "pause": self._robot.pause, "go on": self._robot.go_on}.get(line)
         if done is None:
-            raise UseError(repr(line), "is no command", "type stop, pause or go on")
+            raise UseError(repr(line), "is not a command", "type stop, pause or go on")
         if not done():
-            problem = "no program waits or is paused" if line == "go on" else "no program drives"
-            raise UseError(line, problem, "start one with run NAME")
+            problem = "no program is waiting or paused" if line == "go on" else "no program drives"
+            raise UseError(line, problem, "start a program with run NAME")
 
     def _begin(self, line: str) -> None:
         word, _, name = line.partition(" ")
@@ -144,7 +144,7 @@ class Keyboard:
             name = name.strip()
             seconds = self._robot.play(self._with_programs().trace(name))
         elif self._pendant and self._pendant.controller:
-            raise UseError(line, "does not know the parameters that were entered", "start a program with run NAME")
+            raise UseError(line, "is not possible with the entered parameters", "start a program with run NAME")
         else:
             name, seconds = line, self._robot.start(line)
         self._report(CellEvent("driving", name, f"{name}: driving, {seconds:.1f} s"))
@@ -158,7 +158,7 @@ class Keyboard:
 
     def _with_programs(self) -> Pendant:
         if self._pendant is None:
-            raise UseError("rig emulate", "has no programs", "start it with --programs DIRECTORY")
+            raise UseError("rig emulate", "has no programs", "start rig emulate with --programs DIRECTORY")
         return self._pendant
 
     def _try(self, act: Callable[[str], None], line: str) -> None:
@@ -193,7 +193,9 @@ def rig_file_of_cell(directory: Path) -> Path:
     """
     path = directory / RIG
     if path.exists() and not any((directory / file).exists() for file in (TRUTH, MARKS)):
-        raise FileError(str(path), "exists already, and is not of an emulated cell", "choose a different --output")
+        raise FileError(
+            str(path), "already exists, and does not belong to an emulated cell", "choose a different --output"
+        )
     return path
 
 
@@ -234,9 +236,9 @@ class EmulatedCell:
         report: called with each event. Raises RigError on failure.
         """
         if self.maker and self.programs is None:
-            raise UseError("--for", "is for the controller that drives --programs", "give --programs as well")
+            raise UseError("--for", "applies only to --programs", "add --programs")
         if self.programs is not None and not self.programs.is_dir():
-            raise FileError(str(self.programs), "is no directory", "give the directory that holds the programs")
+            raise FileError(str(self.programs), "is not a directory", "give the directory of the programs")
         rig, text = load(self.rig_file)
         path = rig_file_of_cell(directory)
         rig = load_hidden(self.effects).within(rig) if self.effects else rig

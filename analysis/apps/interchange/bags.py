@@ -94,10 +94,10 @@ class McapBag:
                 size = max(record.uncompressed_size, _frame_bytes(record))  # A few bytes can claim any size.
                 remedy = "record the topics of joints and gauges alone, or import the file in several runs"
                 if (unpacked := unpacked + size) > _MOST_UNPACKED:
-                    problem = f"stands for more than {_MOST_UNPACKED / 1e9:g} GB once it is unpacked"
+                    problem = f"expands to more than {_MOST_UNPACKED / 1e9:g} GB"
                     raise FileError(self.where, problem, remedy)
                 if size > _MOST_OF_CHUNK:
-                    raise FileError(self.where, f"holds a chunk of more than {_MOST_OF_CHUNK / 1e6:g} MB", remedy)
+                    raise FileError(self.where, f"contains a chunk of more than {_MOST_OF_CHUNK / 1e6:g} MB", remedy)
             else:
                 checked &= not isinstance(record, Message)
             for part in _records_in(record) if isinstance(record, Chunk) else (record,):
@@ -114,7 +114,7 @@ class McapBag:
                     self._channels[part.id] = part.topic, kind
         for record in records:
             if isinstance(record, Statistics) and record.message_count != count:
-                raise McapError(f"it holds {count} messages, and its statistics say {record.message_count}")
+                raise McapError(f"the bag contains {count} messages, but its statistics state {record.message_count}")
 
 
 def words_of(error: Exception) -> str:
@@ -188,7 +188,7 @@ class SqliteBag:
             database.execute("PRAGMA trusted_schema = OFF")
             database.set_progress_handler(lambda: next(steps, None) is None, _STEPS)
             if database.execute(_PLAIN).fetchone() != (2,):
-                raise sqlite3.DatabaseError("it has no tables messages and topics, as a bag of ROS 2 has")
+                raise sqlite3.DatabaseError("the tables messages and topics of a ROS 2 bag are missing")
             for topic, kind, form, log_ns, data in database.execute(_MESSAGES):
                 if isinstance(data, bytes) and isinstance(log_ns, int):
                     yield Found(str(topic), str(kind) if form == "cdr" else f"{kind} as {form}", log_ns, log_ns, data)
@@ -220,19 +220,25 @@ def file_of(path: Path) -> Path:
     if len(files) == 1:
         log = files[0].with_name(f"{files[0].name}-wal")
         if log.exists() and log.stat().st_size:
-            remedy = f"write it into the bag: sqlite3 {as_argument(str(files[0]))} 'PRAGMA wal_checkpoint(TRUNCATE)'"
-            raise FileError(str(files[0]), f"was not closed: its last messages are in {log.name}", remedy)
+            remedy = (
+                f"write that file into the bag: sqlite3 {as_argument(str(files[0]))} 'PRAGMA wal_checkpoint(TRUNCATE)'"
+            )
+            raise FileError(str(files[0]), f"was not closed: the last messages are still in {log.name}", remedy)
         return files[0]
     problem = f"is a directory with {len(files) or 'no'} files of a bag ({' or '.join(_SUFFIXES)})"
-    remedy = "make one bag of them: ros2 bag convert" if files else "give the file, or the directory of ros2 bag record"
+    remedy = (
+        "merge the files into a single bag: ros2 bag convert"
+        if files
+        else "give the file, or the directory of ros2 bag record"
+    )
     raise FileError(str(path), problem, remedy)
 
 
 def messages_of(bag: Bag) -> Iterator[Found]:
     """Yield the messages of a bag. Raises FileError if it is truncated or damaged."""
     if not bag.is_whole:
-        remedy = "copy the bag again, or mend one whose recorder was killed: mcap recover BAG -o WHOLE"
-        raise FileError(bag.where, "is cut off: a bag ends as it begins", remedy)
+        remedy = "copy the bag a second time, or repair an interrupted recording: mcap recover BAG -o REPAIRED"
+        raise FileError(bag.where, "is truncated: the magic bytes at the end are missing", remedy)
     try:
         for message in bag.messages():
             if not max(message.log_ns, message.sent_ns) < _LAST_NS:

@@ -23,7 +23,9 @@ from rigs.text import plain_lines
 def arms(
     name: Annotated[
         str | None,
-        typer.Argument(metavar="NAME", autocompletion=completion.arms, help="An arm; default: the table of all."),
+        typer.Argument(
+            metavar="NAME", autocompletion=completion.arms, help="Name of an arm; default: a table of all arms."
+        ),
     ] = None,
     calibration: Annotated[
         Path | None,
@@ -39,7 +41,7 @@ def arms(
         ),
     ] = None,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="File to write the section to; default: the screen.")
+        Path | None, typer.Option("--output", "-o", help="File for the section; default: the screen.")
     ] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -58,7 +60,7 @@ def arms(
             PlainConsole().print(arms_table(library))
         return
     if calibration and poses:
-        raise typer.BadParameter("give the calibration of the controller, or poses of it", param_hint="--poses")
+        raise typer.BadParameter("give either the calibration of the controller or its poses", param_hint="--poses")
     arm = load_arm(name)
     robot, text = arm.robot, arm_section(arm)
     if calibration:
@@ -100,21 +102,23 @@ def write_section(text: str, output: Path | None) -> None:
 def import_urdf(
     file: Annotated[
         Path,
-        typer.Argument(metavar="FILE", help="URDF of an arm of 4 to 7 axes, on a rail or not; no meshes are needed."),
+        typer.Argument(
+            metavar="FILE", help="URDF of an arm of 4 to 7 axes, with or without a rail; meshes are not needed."
+        ),
     ],
     base: Annotated[
-        str | None, typer.Option(help="Link that is the base frame; default: the link named base, or the root.")
+        str | None, typer.Option(help="Link of the base frame; default: the link named base, or the root.")
     ] = None,
     tip: Annotated[
         str | None,
-        typer.Option(help="Link that is the flange frame; default: the link named tool0, or the only end."),
+        typer.Option(help="Link of the flange frame; default: the link named tool0, or the only end link."),
     ] = None,
     build: Annotated[
         Build | None,
-        typer.Option(help="How the arm is built, by which it is judged what is usual of it; default: not stated."),
+        typer.Option(help="Construction of the arm, which determines the typical error sizes; default: unknown."),
     ] = None,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="File to write the section to; default: the screen.")
+        Path | None, typer.Option("--output", "-o", help="File for the section; default: the screen.")
     ] = None,
 ) -> None:
     """Turn a URDF into the robot section of a rig file, equal to it within 1e-9 mm and rad."""
@@ -126,9 +130,9 @@ def import_urdf(
     for doubt in arm.doubts:
         say(doubt, err=True, mark="note: ")
     if build is None:
-        judged = f"its plays, zeros and lengths are judged as usual of one that is {section.robot.built}"
-        others = "hobby servos: --build servo; strain-wave gears, as of cobots: --build light"
-        say(f"the build of the arm is not stated, so {judged}; {others}", err=True, mark="note: ")
+        judged = f"play, zeros and lengths are compared with those typical of {section.robot.built}"
+        others = "for hobby servos add --build servo; for strain-wave gears, as in cobots, --build light"
+        say(f"the construction of the arm is unknown, so {judged}; {others}", err=True, mark="note: ")
     difference = f"differs from the URDF by at most {section.largest_mm:.0e} mm and {section.largest_rad:.0e} rad"
     say(f"{arm.base} to {arm.tip}: {difference}", err=True)
 
@@ -143,10 +147,10 @@ def export_urdf(
         Reader,
         typer.Option(
             "--for",
-            help="Who reads the file: urdf is any program that reads URDF, xacro a description of your own, which "
-            "includes a macro, mjcf MuJoCo, with the play of each joint and what it yields under load; ur-driver the "
-            "ROS driver of Universal Robots, which takes a calibration.yaml, franka and xarm the descriptions of these "
-            "makers, which take a kinematics.yaml.",
+            help="Target program: urdf for all programs that read URDF; xacro for a macro to include in a "
+            "description; mjcf for MuJoCo, with the play and compliance of the joints; ur-driver for the "
+            "ROS driver of Universal Robots (calibration.yaml); franka and xarm for the descriptions of "
+            "these makers (kinematics.yaml).",
         ),
     ] = "urdf",
     calibration_hash: Annotated[
@@ -154,8 +158,8 @@ def export_urdf(
         typer.Option(
             "--hash",
             metavar="CALIB",
-            help="Hash of the controller's own calibration, from the file that the driver extracted; default: one "
-            "that the driver reports as not the controller's. With --for ur-driver.",
+            help="Hash of the controller's own calibration, from the file extracted by the driver; default: a "
+            "hash that the driver reports as a mismatch. With --for ur-driver.",
         ),
     ] = None,
     friction_of: Annotated[
@@ -163,7 +167,7 @@ def export_urdf(
         typer.Option(
             "--friction-of",
             metavar="RUN",
-            help="Run whose motor currents show the friction of the joints; default: no friction. With --for mjcf.",
+            help="Run with motor currents to derive the friction of the joints; default: no friction. With --for mjcf.",
         ),
     ] = None,
     nm_per_a: Annotated[
@@ -171,13 +175,11 @@ def export_urdf(
         typer.Option(
             "--nm-per-a",
             metavar="NUMBERS",
-            help="Torque at each joint for one ampere of its motor, separated by commas, from the maker's data sheet; "
-            "default: none. With --friction-of.",
+            help="Torque constants of the joints, Nm per ampere of motor current, separated by commas, from "
+            "the data sheet; default: none. With --friction-of.",
         ),
     ] = None,
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="File to write, which must not exist; default: the screen.")
-    ] = None,
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="New output file; default: the screen.")] = None,
 ) -> None:
     """Write the arm of a rig file for other programs, with the joint zeros and link constants that were found.
 
@@ -188,11 +190,13 @@ def export_urdf(
     from rigs.load import load
 
     if calibration_hash is not None and reader != "ur-driver":
-        raise typer.BadParameter("only calibration.yaml has a hash; add --for ur-driver", param_hint="--hash")
+        raise typer.BadParameter(
+            "applies only to --for ur-driver: only calibration.yaml has a hash", param_hint="--hash"
+        )
     if friction_of is not None and reader != "mjcf":
-        raise typer.BadParameter("only MJCF has friction; add --for mjcf", param_hint="--friction-of")
+        raise typer.BadParameter("applies only to --for mjcf: only MJCF has friction", param_hint="--friction-of")
     if (friction_of is None) != (nm_per_a is None):
-        raise typer.BadParameter("give the run and the torques for each ampere together", param_hint="--friction-of")
+        raise typer.BadParameter("give both --friction-of and the torque constants", param_hint="--friction-of")
     rig, _ = load(rig_file)
     model = model_of(rig)
     arm, carried = geometric_arm(model), geometric_share(model).words
@@ -218,14 +222,14 @@ def export_urdf(
     write_section(text, output)
     say(carried, err=True)
     if rig.robot.rail and reader in ("ur-driver", "franka", "xarm"):
-        say("The rail is not in this file: this is the arm where the rail stands at 0.", err=True)
+        say("The rail is not included: the file describes the arm at rail position 0.", err=True)
     if reader in ("franka", "xarm"):
-        say("base and tool of the rig file are not in it: it goes from the robot's base to its flange", err=True)
+        say("base and tool of the rig file are not included: the file covers the robot's base to the flange", err=True)
     if reader == "ur-driver":
-        say("base and tool of the rig file are not in it: it goes from the controller's base to tool0", err=True)
+        say("base and tool of the rig file are not included: the file covers the controller's base to tool0", err=True)
         if calibration_hash is None:
-            problem = "the driver will report that the calibration does not match the robot's"
-            say(f"{problem}; --hash takes the robot's own", err=True, mark="note: ")
+            problem = "the driver will report a calibration mismatch"
+            say(f"{problem}; set the robot's hash with --hash", err=True, mark="note: ")
 
 
 def _friction(run: Path, nm_per_a: str) -> dict[int, float]:
@@ -240,6 +244,6 @@ def _friction(run: Path, nm_per_a: str) -> dict[int, float]:
     torques = torques_of(nm_per_a)
     friction = friction_nm(analysis.load_run(run).condition.friction or {}, torques)
     if not friction:
-        problem = "shows no friction: it has no motor currents, or no joint turns back in motion"
-        raise FileError(str(run), problem, "give a run of a circle with the currents of the motors")
+        problem = "contains no data on friction: motor currents or reversals of a joint are missing"
+        raise FileError(str(run), problem, "give a circle run with motor currents")
     return friction

@@ -30,7 +30,7 @@ def export(
     ],
     output: Annotated[
         Path,
-        typer.Option("--output", "-o", help="File to write; of several runs, the directory for a file named as each."),
+        typer.Option("--output", "-o", help="Output file; for several runs, the output directory."),
     ],
 ) -> None:
     """Write the table of each run as CSV, Parquet or a workbook, its raw streams as MCAP, or the map of its import.
@@ -45,7 +45,7 @@ def export(
         output.mkdir(parents=True, exist_ok=True)
     except FileExistsError:
         raise FileError(
-            str(output), "is a file, and several runs need a directory", "choose a different --output"
+            str(output), "is a file, but several runs need a directory", "choose a different --output"
         ) from None
     except OSError as error:
         raise FileError(str(output), error.strerror or str(error), "choose a different --output") from None
@@ -83,12 +83,12 @@ def _export(path: Path, to: Format, output: Path) -> None:
     try:
         durable.persist(output)  # Rigd may delete a marked run, and a power failure must not destroy the only copy.
     except OSError as error:
-        problem = f"cannot be made durable, so {path} is not marked as exported: {error.strerror or error}"
-        raise CellError(str(output), problem, "export it again to another disk") from None
+        problem = f"could not be written durably, so {path} is not marked as exported: {error.strerror or error}"
+        raise CellError(str(output), problem, "export to a different disk") from None
     try:
         mark_exported(path, to, output)
     except RigError as error:
-        say(f"note: {path} could not be marked as exported, so rigd will not delete it: {error.what}", err=True)
+        say(f"{path} could not be marked as exported, so rigd will not delete the run: {error.what}", err=True)
     say(output)
 
 
@@ -97,6 +97,8 @@ def _map_of(run: Run) -> bytes:
 
     table = run.manifest.table
     if table is None or not table.map:
-        problem = "was read without a map" if table else "is recorded, and no table was imported"
-        raise FileError(str(run.path), problem, "give a run that rig import made of a table in other columns")
+        problem = "was imported without a column map" if table else "is a recorded run without an imported table"
+        raise FileError(
+            str(run.path), problem, "give a run that rig import created from a table with different columns"
+        )
     return table.map.encode()

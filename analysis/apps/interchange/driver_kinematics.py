@@ -113,8 +113,8 @@ def driver_kinematics(robot: Robot, arm: Arm, maker: str, where: str, remarks: S
         ):
             break
     else:
-        problem = f"the arm is not built as one for which {maker} has a kinematics.yaml"
-        raise FileError(f"{where}, robot.axes", problem, "write a URDF or a xacro instead: they describe any arm")
+        problem = f"the kinematics of the arm do not match the form of kinematics.yaml of {maker}"
+        raise FileError(f"{where}, robot.axes", problem, "export a URDF or a xacro: they can describe any arm")
     before = [np.eye(4), *between[:-1]]
     origins = [
         np.linalg.inv(start) @ T @ end for start, T, end in zip(before, joint_origins(arm), between, strict=True)
@@ -155,12 +155,12 @@ def ur_driver_text(arm: Arm, where: str, calibration_hash: str | None = None, re
     at the top. Raises FileError for an arm of a different kind, and UseError for an invalid hash.
     """
     if calibration_hash is not None and not _HASH.fullmatch(calibration_hash):
-        problem = f"{calibration_hash!r} is not a hash of the driver"
-        raise UseError("--hash", problem, "copy it from the file that the driver extracted: calib_ and digits")
+        problem = f"{calibration_hash!r} is not a valid hash of the driver"
+        raise UseError("--hash", problem, "copy the hash from the file extracted by the driver: calib_ and digits")
     off_deg = np.abs(np.degrees(arm.alpha) - _TWISTS_DEG)
     if (off_deg > _MOST_DEG).any() or -1 in joint_senses(arm, where, "calibration.yaml"):
-        problem = "the arm is not built as one of Universal Robots, for whose driver calibration.yaml is"
-        raise FileError(f"{where}, robot.axes", problem, "leave out --for ur-driver: a URDF describes any arm")
+        problem = "the kinematics of the arm do not match Universal Robots, as calibration.yaml requires"
+        raise FileError(f"{where}, robot.axes", problem, "omit --for ur-driver: a URDF can describe any arm")
     kinematics: dict[str, object] = {}
     for link, T in zip(LINKS, joint_origins(arm), strict=True):
         xyz, rpy = metres_and_rpy(T)

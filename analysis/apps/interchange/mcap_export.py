@@ -103,8 +103,8 @@ def write_mcap(run: Run, file: BinaryIO) -> None:
     writer.add_attachment(began, began, "manifest.json", "application/json", run.manifest.to_json())
     if run.table is not None:
         if "t_s" not in run.table.column_names or not pa.types.is_floating(run.table.schema.field("t_s").type):
-            problem = "has no column t_s, and MCAP needs the time of each row"
-            raise FileError(str(run.path), problem, "export it as CSV or Parquet")
+            problem = "the column t_s is missing, but MCAP needs the time of each row"
+            raise FileError(str(run.path), problem, "export the run as CSV or Parquet")
         tables = {TABLE: run.table}
     else:
         faults = pa.Table.from_pylist(run.faults, schema=pa.schema(list(FAULT_COLUMNS.items())))
@@ -180,6 +180,6 @@ def _log_times(name: str, table: pa.Table, run: Run) -> NDArray[np.uint64]:
     since_ns = (t_s - t_s.min(initial=0.0)) * 1e9
     beyond = np.flatnonzero(~(since_ns < _END_NS))
     if beyond.size:
-        problem = f"t_s of {t_s[beyond[0]]:g} s lies beyond the year 2554, the last that MCAP can store"
-        raise FileError(str(run.path), problem, "import it with t_s in seconds, or export it as csv or parquet")
+        problem = f"t_s of {t_s[beyond[0]]:g} s is after the year 2554, the maximum in MCAP"
+        raise FileError(str(run.path), problem, "import the table with t_s in seconds, or export as csv or parquet")
     return np.asarray(np.rint(since_ns), dtype=np.uint64)

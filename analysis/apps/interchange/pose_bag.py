@@ -92,7 +92,7 @@ def stands_of_bag(data: bytes, where: str, rig: Rig, topic: str = "") -> StandTa
     bag = bag_of(data, where)
     names, joints, placed = _read(_of_use(messages_of(bag)), where, rig)
     topic, poses = _chosen(placed, topic, where)
-    doubts = [] if bag.has_checksums else ["the bag was written without checksums: damage to it would not be seen"]
+    doubts = [] if bag.has_checksums else ["the bag has no checksums: damage cannot be detected"]
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
     (joint_ns, q), (pose_ns, seen), notes = _timed({"joints": joints, topic: poses})
@@ -112,10 +112,10 @@ def stands_of_bag(data: bytes, where: str, rig: Rig, topic: str = "") -> StandTa
             place, scatter_mm = read[:, :3].mean(axis=0), 1e3 * read[:, :3].std(axis=0, ddof=1)
             numbers = (stand.t_s, *stand.q, *place, *turned, *scatter_mm, q_scatter)
             rows.append([*map(float, numbers), len(read)])
-    notes += [f"left out {count} of {len(stands)} stands of the robot: {why}" for why, count in lost.items()]
+    notes += [f"{count} of {len(stands)} stops of the robot not used: {why}" for why, count in lost.items()]
     if not rows:
-        reasons = "; ".join(notes) or "the robot stood nowhere for 0.3 s"
-        raise FileError(where, f"has no stand of the robot with a place ({reasons})", "let the robot wait at each pose")
+        reasons = "; ".join(notes) or "the robot never stopped for 0.3 s"
+        raise FileError(where, f"contains no usable stop of the robot ({reasons})", "stop the robot at each pose")
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     scatter = ["std_x_mm", "std_y_mm", "std_z_mm", "std_joints_deg", "readings"]
@@ -150,14 +150,16 @@ def _read(messages: Sequence[Found], where: str, rig: Rig) -> tuple[list[str], _
     if topic not in joint_topics:
         has = ", ".join(sorted({f"{message.topic} ({message.kind})" for message in messages}))[:300] or "no messages"
         if len(joint_topics) > 1 and not ros:
-            problem = f"holds the joints of {len(joint_topics)} arms, on {', '.join(sorted(joint_topics))[:300]}"
-            remedy = "name the topic of the one that was measured in the rig file: feedback: {interface: "
+            problem = f"contains the joints of {len(joint_topics)} arms, on {', '.join(sorted(joint_topics))[:300]}"
+            remedy = "give the topic of the measured arm in the rig file: feedback: {interface: "
             raise FileError(where, problem, f"{remedy}ros2_joint_states, topic: …, joints: […]}}")
-        raise FileError(where, f"has no {JOINT_STATE} on {topic}; it has {has}", "name the topic in the rig file")
+        raise FileError(
+            where, f"{JOINT_STATE} on {topic} is missing; available: {has}", "set the topic in the rig file"
+        )
     states = [message for message in messages if message.topic == topic and message.kind == JOINT_STATE]
     names = list(ros.joints) if ros else _names(states, len(rig.robot.axes), where)
     if odd := [name for name in names if not _JOINT.fullmatch(name)]:
-        problem = f"names a joint {odd[0][:40]!r}, which is no name"
+        problem = f"contains an invalid joint name {odd[0][:40]!r}"
         raise FileError(where, problem, "name the six joints in the rig file")
     joints, placed = _Track(), dict[str, _Track]()
     for message in states:
@@ -199,18 +201,20 @@ def _names(messages: Sequence[Found], axes: int, where: str) -> list[str]:
         others = next((names for names in name_lists if not set(names) & set(name_lists[0])), None)
         if others:
             arms = "; ".join(", ".join(names[:_MOST_JOINTS]) for names in (name_lists[0], others))
-            problem = f"holds the joints of two arms on one topic ({arms[:300]})"
-            raise FileError(where, problem, "name those of the arm that was measured in the rig file: feedback.joints")
+            problem = f"contains the joints of two arms on a single topic ({arms[:300]})"
+            raise FileError(where, problem, "give the joints of the measured arm in the rig file: feedback.joints")
         return name_lists[0]
     for message in messages:
         with suppress(struct.error, IndexError):
             state = Cdr(message.data)
             state.header()
             if state.count() == 0 and state.count() > 0:  # Positions with no names
-                problem = "holds messages of joints that name none of them: nothing says which angle is whose"
-                raise FileError(where, problem, "publish JointState with names, or give joints and places as a table")
-    problem = f"has no message with {axes} to {_MOST_JOINTS} joints"
-    raise FileError(where, problem, "give the rig file of the arm that was measured")
+                problem = "contains joint messages without names, so the angles cannot be assigned"
+                raise FileError(
+                    where, problem, "publish JointState with names, or import joints and positions as a table"
+                )
+    problem = f"a message with {axes} to {_MOST_JOINTS} joints is missing"
+    raise FileError(where, problem, "give the rig file of the measured arm")
 
 
 def _chosen(placed: dict[str, _Track], topic: str, where: str) -> tuple[str, _Track]:
@@ -220,14 +224,18 @@ def _chosen(placed: dict[str, _Track], topic: str, where: str) -> tuple[str, _Tr
     has = ", ".join(sorted(tracks))[:300]
     if not tracks:
         kinds = ", ".join(kind.rpartition("/")[2] for kind in PLACED)
-        raise FileError(where, f"has no topic that places something ({kinds})", "record that of the instrument as well")
+        raise FileError(
+            where, f"a topic with positions is missing ({kinds})", "also record the topic of the measuring instrument"
+        )
     if topic:
         if topic not in tracks:
-            raise FileError(where, f"places nothing on {topic!r}", f"give --topic one of {has}")
+            raise FileError(where, f"places nothing on {topic!r}", f"choose --topic from {has}")
         return topic, tracks[topic]
     no_transforms = {name: track for name, track in tracks.items() if ":" not in name} or tracks
     if len(no_transforms) > 1:
-        raise FileError(where, f"places {len(tracks)} things ({has})", "give the instrument's with --topic")
+        raise FileError(
+            where, f"contains {len(tracks)} topics with positions ({has})", "choose the instrument's topic with --topic"
+        )
     return next(iter(no_transforms.items()))
 
 
@@ -243,11 +251,11 @@ def _timed(tracks: dict[str, _Track]) -> tuple[tuple[Integers, Array], tuple[Int
     by = sent
     if len(stamped) < len(tracks):
         without = " and ".join(name for name in tracks if name not in stamped)
-        doubts.append(f"{without}: its messages have no stamps; times are those at which the bag received them")
+        doubts.append(f"{without}: the messages have no timestamps; the times of reception are used")
         by = log
     elif abs(late_s[0] - late_s[1]) > _APART_S:
-        fact = f"stamps of joints and {stamped[1]} lie {late_s[1] - late_s[0]:+.3f} s apart, so their clocks differ"
-        doubts.append(f"{fact}; times are those at which the bag received them")
+        fact = f"timestamps of joints and {stamped[1]} differ by {late_s[1] - late_s[0]:+.3f} s, so their clocks differ"
+        doubts.append(f"{fact}; the times of reception are used")
         by = log
     elif any(uneven.values()):
         by = log
@@ -263,7 +271,9 @@ def _timed(tracks: dict[str, _Track]) -> tuple[tuple[Integers, Array], tuple[Int
                 f"{name}: left out {track.lacking} of {total} messages, which lack a joint, a number or a turn"
             )
         if stale := int((~fresh).sum()):
-            doubts.append(f"{name}: left out {stale} of {total} messages, no later than one before")
+            doubts.append(
+                f"{name}: {stale} of {total} messages not used, because they are not newer than the previous message"
+            )
     return timed[0], timed[1], doubts
 
 
@@ -271,12 +281,12 @@ def _unusable(t_s: Array, pose_ns: Integers, seen: Array, topic: str) -> str:
     """Return the reason for not using a standstill at times t_s (n,) with readings seen (m, k), empty if it is
     usable."""
     if np.diff(t_s).max() > _GAP_S:
-        return f"the joints are missing for more than {_GAP_S:g} s"
+        return f"joint angles are missing for more than {_GAP_S:g} s"
     if len(pose_ns) < _FEWEST:
         return f"fewer than {_FEWEST} readings of {topic}"
     halves = np.array_split(seen[:, :3], 2)
     apart = np.linalg.norm(halves[1].mean(axis=0) - halves[0].mean(axis=0))
     scatter = float(np.sqrt(sum(((half - half.mean(axis=0)) ** 2).sum() for half in halves) / len(seen)))
     if apart > max(_LEAST_M, _DRIFTS * scatter * 2 / np.sqrt(len(seen))):
-        return f"{topic} still moved; if all are, check the clocks"
+        return f"{topic} was still moving; if this affects all stops, check the clocks"
     return ""

@@ -71,7 +71,7 @@ def table_of_bag(data: bytes, where: str, rig: Rig, test: TestName = CIRCLES[0])
     """Return a bag as CSV, with doubts in words. Raises FileError."""
     bag = bag_of(data, where)
     tracks = _read(bag, rig)
-    doubts = [] if bag.has_checksums else ["the bag was written without checksums: damage to it would not be seen"]
+    doubts = [] if bag.has_checksums else ["the bag has no checksums: damage cannot be detected"]
     begin_ns = min(min(track.ns) for track in tracks.values())  # Since 1970, a float has steps of 256 ns.
     streams: dict[str, Columns] = {}
     for topic, track in tracks.items():
@@ -86,7 +86,7 @@ def table_of_bag(data: bytes, where: str, rig: Rig, test: TestName = CIRCLES[0])
     u_lag_s = float(np.hypot(aligned.u_lag_s, np.sqrt(np.mean(aligned.u_t_s**2))))
     doubts += [
         *aligned.doubts,
-        "times are of messages that the bag received: how unevenly they came is in u, how late all of them were is not",
+        "times are the times of reception: u includes the variation of the delay, but not a constant delay",
     ]
     gauge_columns = [f"g{number}_mm" for number in range(1, aligned.g_mm.shape[1] + 1)]
     shared = np.full(len(aligned.t_s), u_lag_s)
@@ -111,13 +111,15 @@ def _stream(topic: str, track: _Track, begin_ns: int) -> tuple[Columns, list[str
     fresh = newest(ns, sent_ns) if has_clock else np.ones(len(ns), dtype=bool)
     total = len(ns) + track.lacking
     if track.lacking:
-        doubts.append(f"{topic}: left out {track.lacking} of {total} messages, which lack a joint or a finite number")
+        doubts.append(
+            f"{topic}: {track.lacking} of {total} messages not used, because a joint or a finite number is missing"
+        )
     if stale := int((~fresh).sum()):
         why = (
-            "whose stamps are no later than that of a message before: a second publisher, or messages sent again; the "
-            f"newest is used; see ros2 topic info {topic} --verbose"
+            "because their timestamps are not newer than the previous message (a second publisher, or "
+            f"repeated messages); check with ros2 topic info {topic} --verbose"
         )
-        doubts.append(f"{topic}: left out {stale} of {total} messages, {why}")
+        doubts.append(f"{topic}: {stale} of {total} messages not used, {why}")
     ns, sent_ns, values = ns[fresh] - begin_ns, sent_ns[fresh], values[fresh]
     device_s = (sent_ns - sent_ns[0]) / 1e9 if has_clock else np.full(len(ns), np.nan)
     none = np.zeros(len(ns), dtype=np.int64)
@@ -182,8 +184,8 @@ def _read(bag: Bag, rig: Rig) -> Mapping[str, _Track]:
     """Return the track of the joints, then the tracks of the gauges, by topic."""
     where = bag.where
     if not isinstance(rig.feedback, ROS2JointStates):
-        remedy = "describe it in the rig file: feedback: {interface: ros2_joint_states, joints: [six names]}"
-        raise FileError(where, "is a bag, and the rig file does not say which joints to take", remedy)
+        remedy = "add the joints to the rig file: feedback: {interface: ros2_joint_states, joints: [six names]}"
+        raise FileError(where, "is a bag, but the rig file does not name the joints", remedy)
     names = rig.feedback.joints
     topic = "/" + rig.feedback.topic.lstrip("/")
     tracks = {topic: _Track(JOINT_STATE, _JOINT_COLUMNS, lambda message: _angles_deg(message, names))}
@@ -198,13 +200,13 @@ def _read(bag: Bag, rig: Rig) -> Mapping[str, _Track]:
         if track and message.kind == track.schema:
             track.add(message.log_ns, message.sent_ns, message.data)
             if len(track.ns) > _MOST_MESSAGES:
-                problem = f"has more than {_MOST_MESSAGES} messages of {message.topic}"
+                problem = f"contains more than {_MOST_MESSAGES} messages of {message.topic}"
                 raise FileError(where, problem, "import the file in several runs")
     for topic, track in tracks.items():
         if len(track.ns) < 2:
             has = ", ".join(f"{name} ({kind})" for name, kind in sorted(kinds.items()))[:300] or "no messages"
             problem = f"contains fewer than two usable messages of {topic} ({track.schema}); it has {has}"
-            remedy = "name the topic and the joints in the rig file, and the gauges' topics /g1, /g2"
+            remedy = "set the topic and the joints in the rig file, and publish the gauges on /g1, /g2"
             raise FileError(where, problem, remedy)
     return tracks
 

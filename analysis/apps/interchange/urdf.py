@@ -48,7 +48,7 @@ _NUMBERS = {
     ("mass", "value"): 1,
 }
 """Number of values in the attributes used."""
-_GIVE_URDF = "give a URDF file, as xacro writes it"
+_GIVE_URDF = "give a URDF file, such as the output of xacro"
 _XACRO = "expand the macros first: xacro FILE > arm.urdf"
 
 
@@ -98,7 +98,7 @@ def read_urdf(path: Path) -> Urdf:
     try:
         from pytransform3d.urdf import UrdfException, parse_urdf  # noqa: PLC0415 - an extra of the package
     except ModuleNotFoundError as error:
-        problem = f"needs {error.name}, which is missing"
+        problem = f"needs the Python package {error.name}, which is missing"
         raise CellError("import-urdf", problem, to_install("pytransform3d")) from None
     from lxml import etree  # noqa: PLC0415 - comes with it
 
@@ -133,7 +133,9 @@ def _xml_root(path: Path) -> Any:
     except OSError as error:
         raise FileError(where, error.strerror or str(error), _GIVE_URDF) from None
     if "<!DOCTYPE" in text or "<!ENTITY" in text:  # A few lines of nested entities expand to gigabytes.
-        raise FileError(where, "declares a document type or entities, which no URDF needs", "remove <!DOCTYPE …>")
+        raise FileError(
+            where, "declares a document type or entities, which are not allowed in a URDF", "remove <!DOCTYPE …>"
+        )
     if max(part.count("=") for part in text.split("<")) > _MOST_ATTRIBUTES:
         raise FileError(where, f"has an element of more than {_MOST_ATTRIBUTES} attributes", _GIVE_URDF)
     parser = etree.XMLParser(
@@ -144,11 +146,13 @@ def _xml_root(path: Path) -> Any:
     except etree.XMLSyntaxError as error:
         raise FileError(where, f"not XML: {error.msg}", _GIVE_URDF) from None
     if root.tag != "robot":
-        raise FileError(where, f"is not a URDF: it is a <{root.tag}>, not a <robot>", _GIVE_URDF)
+        raise FileError(where, f"is not a URDF: the root element is <{root.tag}>, not <robot>", _GIVE_URDF)
     if any("xacro" in str(part.tag) for part in root.iter()):
         raise FileError(where, "is xacro, not URDF", _XACRO)
     if (count := len(root.findall("link")) + len(root.findall("joint"))) > _MOST_PARTS:
-        raise FileError(where, f"has {count} links and joints, more than {_MOST_PARTS}", "give that of one arm")
+        raise FileError(
+            where, f"has {count} links and joints, more than {_MOST_PARTS}", "give the URDF of a single arm"
+        )
     # Drop everything except joints, and links with masses.
     for parent, kept in ((root, ("link", "joint")), *((link, ("inertial",)) for link in root.findall("link"))):
         for part in list(parent):
@@ -165,7 +169,7 @@ def _require_numbers(part: Any, where: str) -> None:
     for element in part.iter():
         for key, words in element.attrib.items():
             if "${" in words or "$(" in words:
-                raise FileError(where, "is xacro, not URDF: it has ${…} for numbers", _XACRO)
+                raise FileError(where, "is xacro, not URDF: numbers are given as ${…}", _XACRO)
             if not (count := _NUMBERS.get((element.tag, key))):
                 continue
             try:
@@ -175,7 +179,9 @@ def _require_numbers(part: Any, where: str) -> None:
             possible = len(numbers) == count and all(abs(number) < _LARGEST for number in numbers)
             if not possible or (element.tag == "mass" and numbers[0] < 0):
                 fact = f"{part.tag} {part.get('name')} has {element.tag} {key}={words!r}"
-                raise FileError(where, fact, f"write {'three numbers' if count == 3 else 'a number'} that an arm has")
+                raise FileError(
+                    where, fact, f"write {'three numbers' if count == 3 else 'a number'} in the range of a robot arm"
+                )
             element.set(key, " ".join(map(repr, numbers)))
 
 
@@ -261,15 +267,15 @@ def chain_of(urdf: Urdf, base: str | None, tip: str | None, where: str) -> Chain
     moving = [joint for joint in down if joint.moves]
     last = moving[-1] if moving else None
     if tip is None and last and any(word in f"{last.name} {last.child}".lower() for word in _GRIPPER):
-        problem = f"its last joint, {last.name} to {last.child}, moves a gripper by its name"
-        remedy = f"choose the flange: --tip {last.parent}, or --tip {last.child} if it is an axis"
+        problem = f"the last joint, {last.name} to {last.child}, belongs to a gripper according to its name"
+        remedy = f"choose the flange: --tip {last.parent}, or --tip {last.child} if the joint is an axis"
         raise FileError(where, problem, remedy)
     if loose := next((joint for joint in chain.up if joint.moves), None):
-        raise FileError(where, f"joint {loose.name} moves the base {start} itself", _REMEDY)
+        raise FileError(where, f"joint {loose.name} moves the base {start}", _REMEDY)
     for joint in moving:
         _require_an_axis(joint, where, rail=joint is chain.rail)
     if not FEWEST_AXES <= (count := len(chain.turning)) <= MOST_AXES:
-        problem = f"{count} turning joints from {start} to {end}, where an arm has {FEWEST_AXES} to {MOST_AXES}"
+        problem = f"{count} turning joints from {start} to {end}; an arm needs {FEWEST_AXES} to {MOST_AXES}"
         raise FileError(where, problem, _REMEDY)
     return chain
 
@@ -327,11 +333,11 @@ def _ends(urdf: Urdf, base: str | None, tip: str | None, above: dict[str, UrdfJo
     start = base or "base"
     if start not in names:
         if not names:
-            raise FileError(where, "has no links", "give the URDF of an arm, with its xacro macros expanded")
+            raise FileError(where, "has no links", "give the URDF of an arm, after expanding xacro macros")
         roots = [name for name in names if name not in above]
         if len(roots) != 1:
-            problem = f"has {len(roots)} links that hang on no other" + (f": {listed(roots)}" if roots else "")
-            raise FileError(where, problem, "choose the arm's own with --base")
+            problem = f"has {len(roots)} links without a parent" + (f": {listed(roots)}" if roots else "")
+            raise FileError(where, problem, "choose the base link of the arm with --base")
         start = roots[0]
     if tip or "tool0" in names:
         return start, tip or "tool0"
@@ -349,17 +355,17 @@ def _require_an_axis(joint: UrdfJoint, where: str, *, rail: bool) -> None:
     """Check that a joint is valid as an axis or rail of a rig file."""
     place = f"joint {joint.name}"
     if joint.follows is not None:
-        raise FileError(where, f"{place} follows joint {joint.follows}", "write it as a joint of its own")
+        raise FileError(where, f"{place} follows joint {joint.follows}", "write an independent joint")
     if joint.type == "prismatic" and not rail:
         raise FileError(where, f"{place} is prismatic", _SLIDES)
     if np.linalg.norm(joint.axis) < 1e-6:
-        raise FileError(where, f"{place} has an axis of no length", "write its direction, as 0 0 1")
+        raise FileError(where, f"{place} has an axis of zero length", "write the direction of the axis, such as 0 0 1")
     endless = joint.type == "continuous"
     if not np.isfinite([joint.velocity, *(() if endless else (joint.lower, joint.upper))]).all():
         raise FileError(where, f"{place} has no limits", "write <limit> with lower, upper and velocity")
     if (not endless and joint.lower >= joint.upper) or joint.velocity <= 0:
         problem = f"{place} has lower {joint.lower:g}, upper {joint.upper:g} and velocity {joint.velocity:g}"
-        raise FileError(where, problem, "write the limits in order, and a velocity above 0")
+        raise FileError(where, problem, "write the limits in ascending order, and a velocity above 0")
 
 
 def _path(link: str, above: dict[str, UrdfJoint], where: str) -> list[UrdfJoint]:
@@ -367,7 +373,7 @@ def _path(link: str, above: dict[str, UrdfJoint], where: str) -> list[UrdfJoint]
     path: list[UrdfJoint] = []
     while joint := above.get(link):
         if len(path) > len(above):
-            raise FileError(where, f"the links above {link} form a circle", "correct it: a URDF is a tree")
+            raise FileError(where, f"the links above {link} form a circle", "correct the links: a URDF is a tree")
         path.append(joint)
         link = joint.parent
     return path[::-1]
@@ -407,7 +413,7 @@ def import_urdf(path: Path, base: str | None = None, tip: str | None = None) -> 
     axes = axes_of(chain)
     head = (
         f"From {path.name}: {chain.base} to {chain.tip}. Joints count as in the URDF, which may not be as the",
-        "controller counts: compare zeros, signs, and J3 of a FANUC, and correct offset_deg and coupling.",
+        "controller: compare zeros, signs, and J3 of a FANUC, and correct offset_deg and coupling.",
     )
     section = checked_section(urdf.name, axes, joints_of(urdf, chain), head, lambda q: library_poses(chain, q), path)
     doubts, robot, pairs = list[str](), section.robot, []
@@ -419,8 +425,8 @@ def import_urdf(path: Path, base: str | None = None, tip: str | None = None) -> 
             kind = "parallel" if sine < cosine else "a right angle"
             pairs.append(f"{' and '.join(joint.name for joint in joints)} {np.degrees(off):.4f} degrees off {kind}")
     if pairs:
-        remedy = "they are kept so; if the URDF was rounded (1.571 for 1.5707963267948966), correct it there"
-        doubts.append(f"axes are nearly, and not quite, as they are built: {', '.join(pairs)}; {remedy}")
+        remedy = "the angles are not changed; if the URDF is rounded (1.571 for 1.5707963267948966), correct the URDF"
+        doubts.append(f"axes deviate slightly from their nominal directions: {', '.join(pairs)}; {remedy}")
     # A base or tool entered by the user would replace the part in between.
     if robot.base != Pose():
         doubts.append(
@@ -428,15 +434,15 @@ def import_urdf(path: Path, base: str | None = None, tip: str | None = None) -> 
         )
     if robot.tool != Pose():
         doubts.append(
-            f"the tip is not on axis {len(robot.axes)}: the way there is in tool; keep it as part of yours, or choose "
-            "another --tip"
+            f"the tip is not on axis {len(robot.axes)}: the transform between them is in tool; include "
+            "that transform in your own tool, or choose a different --tip"
         )
     within = {joint.name for joint in chain.down}
     if others := [joint.name for joint in urdf.joints if joint.moves and joint.name not in within]:
         doubts.append(f"further moving joints are ignored, with the masses on them: {listed(others)}")
     if endless := [joint.name for joint in chain.turning if joint.type == "continuous"]:
-        limits = "limits_deg are a turn to either side; correct them where the controller counts otherwise"
-        doubts.append(f"joints turn without end: {listed(endless)}; {limits}")
+        limits = "limits_deg are set to a turn in each direction; correct them if the controller's limits differ"
+        doubts.append(f"joints without limits: {listed(endless)}; {limits}")
     return UrdfArm(section, chain.base, chain.tip, tuple(doubts))
 
 

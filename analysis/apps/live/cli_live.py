@@ -32,7 +32,9 @@ def live(
         float | None,
         typer.Option(min=0.125, max=64, help="Speed of --run, as a multiple of real time; default: 1."),
     ] = None,
-    plain: Annotated[bool, typer.Option("--plain", help="Print a line each second instead of a screen.")] = False,
+    plain: Annotated[
+        bool, typer.Option("--plain", help="Print a line each second, without a full-screen display.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object each second.")] = False,
 ) -> None:
     """Show gauges, angle, lap, joints, faults and recording until q or Ctrl-C.

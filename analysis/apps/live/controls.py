@@ -26,19 +26,19 @@ class Units:
 
 UNITS = (Units("mm", 1.0, 4), Units("µm", 1000.0, 1), Units("inch", 1 / 25.4, 6))
 KEYS = (
-    ("s", "start a recording (asks for its label once)"),
+    ("s", "start a recording (the label is asked only once)"),
     ("e", "end the recording"),
     ("l", "label: name, test, direction"),
-    ("z  Z", "zero both gauges in this view; show the readings again"),
+    ("z  Z", "zero both gauges in this view; show absolute readings"),
     ("u", "units: mm, µm, inch"),
     ("r", "restart min, max, curves and reversals"),
-    ("space", "pause and go on, where a run is played"),
+    ("space", "pause and continue a played run"),
     ("+  -", "play faster, slower"),
     ("?  h", "this help"),
     ("q", "quit"),
 )
 _TESTS = tuple(test for test in get_args(TestName) if test not in OF_ISO9283)
-_ZEROED = "zero: an offset of this view, noted in a run that s starts; recorded readings stay as they are"
+_ZEROED = "zero: an offset of this view, stored in a run started with s; recorded readings are unchanged"
 _LABEL = "a label is NAME TEST [acw or cw], for example: monday yaw acw"
 
 
@@ -190,7 +190,7 @@ def label_of(text: str) -> tuple[Label | None, str]:
     direction: Direction | None = next((way for way in get_args(Direction) if direction_words == [way]), None)
     if (test in CIRCLES) != (direction is not None) or len(direction_words) != (direction is not None):
         problem = (
-            f"a {test} test needs its direction, acw or cw"
+            f"a {test} test needs a direction, acw or cw"
             if test in CIRCLES
             else f"a {test} test does not have a direction"
         )

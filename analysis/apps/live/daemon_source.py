@@ -58,7 +58,7 @@ class Asking:
             try:
                 cell = cell_of(parse("\n".join(answer["rig_lines"]), "the rig file of rigd"))
             except RigError as error:
-                notice = f"no circle and no angle: {error}"
+                notice = f"circle and angle are not available: {error}"
             self.rig_lines, self.signs = answer["rig_lines"], cell.signs if cell else (1, 1)
         self._knows_rig = True
         state = None
@@ -152,7 +152,7 @@ class DaemonSource:
             except CellError as error:
                 self._updates.put(Update(lost=f"waiting for rigd: {error.what}"))
             except RigError as error:
-                self._updates.put(Update(lost=f"{error.what}: this rigd is older than rig live; restart it"))
+                self._updates.put(Update(lost=f"{error.what}: this rigd is older than rig live; restart rigd"))
             self._ended.wait(_RETRY_S)
 
 
@@ -204,14 +204,14 @@ def watched_motion(client: Client, where: str, show: Callable[[RobotMotion], Non
                 angles.append(track.values)
                 heard_s = now_s
             if now_s - heard_s > _SILENT_DAEMON_S:
-                problem = f"the robot has sent no joints for {now_s - heard_s:.0f} s"
+                problem = f"the robot has sent no joint angles for {now_s - heard_s:.0f} s"
                 raise CellError(where, problem, "check the connection with rig status, and begin again")
             if now_s - shown_s > _SHOW_S and times:
                 shown_s = now_s
                 show(_motion(times, angles, where))
     except KeyboardInterrupt:
         if not times:
-            problem = f"no joints came within {time.monotonic() - begun_s:.0f} s"
+            problem = f"joint angles did not arrive within {time.monotonic() - begun_s:.0f} s"
             raise CellError(where, problem, "check the robot's connection with rig status") from None
         return _motion(times, angles, where)
 

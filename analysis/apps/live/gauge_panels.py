@@ -81,7 +81,7 @@ def draw_lap(area: Area, view: LiveView) -> None:
     """Draw the circle angle and the progress of the lap in a row, or the reason for not showing them."""
     phi, lap = phi_deg(view), lap_state(view)
     if view.cell is None or lap.place == "no_circle":
-        area.put(0, 1, "no circle test in the rig file" if view.cell else "", "dim")
+        area.put(0, 1, "the rig file has no circle test" if view.cell else "", "dim")
         return
     if phi is None:
         area.put(0, 1, "φ –  the tool is not on the circle", "dim")

@@ -62,7 +62,7 @@ class DaemonPlayer:
                 self._source.request("record_stop", {}, lambda answer: f"ended: {answer['run']}")
                 return "ending the recording"
             case Pause() | Speed():
-                return "only a run that is played can be paused: rig live --run RUN"
+                return "only played runs can be paused: rig live --run RUN"
         return ""
 
 
@@ -98,7 +98,7 @@ class RunPlayer:
             case Speed(factor):
                 self._run = self._run.sped(factor)
             case Start() | Stop():
-                return "a run that is played cannot be recorded"
+                return "a played run cannot be recorded"
         return ""
 
 

@@ -60,7 +60,7 @@ def draw_head(area: Area, view: LiveView) -> None:
 def draw_joints(area: Area, view: LiveView) -> None:
     """Draw a row for each joint: angle, sense of motion and last reversal."""
     if not len(view.rows) or not np.isfinite(view.rows.q[-1]).all():
-        area.put(0, 1, "no joints yet: the robot sends nothing" if view.readings else "no joints yet", "dim")
+        area.put(0, 1, "joint angles missing: the robot sends no data" if view.readings else "no joints yet", "dim")
         return
     names = view.cell.axes if view.cell else tuple(f"axis {axis}" for axis in range(1, 7))
     speed = speeds(view.rows)

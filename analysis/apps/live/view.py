@@ -240,7 +240,7 @@ def _cut(before: dict[str, Any] | None, state: dict[str, Any]) -> str:
     """Describe a recording lost with the daemon. If the new daemon does not know it, that daemon was started later."""
     if before is None or not before["recording"] or state["recording"] or state["last_end"]:
         return ""
-    return f"recording {before['recording']} was cut: rigd was started again"
+    return f"recording {before['recording']} was interrupted: rigd was restarted"
 
 
 def _run_of(state: dict[str, Any]) -> str | None:

@@ -104,19 +104,19 @@ class Controller:
 
 
 _CHECK_READING = (
-    "Check before any motion, since no real controller has tested these signs: at an unchanged posture every corrected "
-    "axis must now read the degrees above more than before, and no other axis anything else. If not, enter the old "
-    "value again."
+    "Check before any motion, because these signs were not tested on a real controller: at an unchanged "
+    "posture the reading of every corrected axis must have increased by the degrees above, and all other "
+    "readings must be unchanged. Otherwise, restore the old value."
 )
 _CHECK_MODEL = (
-    "Check before any motion, since no real controller has tested these signs: the joint angles on the pendant must be "
-    "those of before; the position of the tool changes."
+    "Check before any motion, because these signs were not tested on a real controller: the joint angles "
+    "on the pendant must be unchanged; the tool position changes."
 )
 
 CHECK_LENGTH = (
-    "Check each length before it is changed: the controller's value must be the one given as now, whichever its "
-    "sign, and the new one is longer for + and shorter for -. If another value stands there, leave it and hold the "
-    "rest by corrected targets."
+    "Before changing a length, check that the controller has the value given as now, with either sign; "
+    "the new value is longer for + and shorter for -. If the controller has a different value, do not "
+    "change the length, and correct the rest with corrected targets."
 )
 LATER = (2, 3, 4, 5, 6)
 """Axes of the rig file that follow a link of the controller."""
@@ -167,7 +167,7 @@ def maker_by(name: MakerName) -> Maker:
     """Return a maker by name. Raises UseError if neither rig nor an installed package provides it."""
     package = f"analysis.apps.makers.{name}" if name in MAKERS else offered_makers().get(name)
     if package is None:
-        raise UseError(name, "is not a known maker of controllers", f"give one of {', '.join(makers())}")
+        raise UseError(name, "is not a known maker of controllers", f"choose from {', '.join(makers())}")
     return Maker(name, package)
 
 

@@ -38,16 +38,16 @@ _Targets = Annotated[
 _Maker = Annotated[
     MakerName | None,
     maker_option(
-        "Maker of the controller whose parameters are written, or with --program of the one whose program it is",
-        "that of the rig file",
+        "Maker of the controller whose parameters are written, or of the controller of the program with --program",
+        "the maker in the rig file",
     ),
 ]
 _Scale = Annotated[
     str | None,
     typer.Option(
         metavar="NUMBERS",
-        help="Six numbers, separated by commas: signed counts per degree of each axis, or its gear ratio, whichever "
-        "the controller reckons with; default: changes are given in degrees of the reading.",
+        help="Six numbers, separated by commas: signed counts per degree of each axis, or gear ratios, "
+        "depending on the controller; default: changes in degrees of the reading.",
     ),
 ]
 _Programs = Annotated[
@@ -73,8 +73,8 @@ _Frames = Annotated[
     typer.Option(
         "--frame",
         metavar="NAME=FRAME",
-        help="User frame, base or work object that a program only names or numbers, in the robot's base, in the same "
-        "form; can be repeated; default: none.",
+        help="User frame, base or work object that a program refers to by name or number, in the robot's base, "
+        "in the same form; repeatable; default: none.",
     ),
 ]
 _Start = Annotated[
@@ -82,8 +82,8 @@ _Start = Annotated[
     typer.Option(
         "--start-joints",
         metavar="DEGREES",
-        help="Six joint angles, separated by commas, at which the arm stands whenever a program of --program begins: "
-        "the posture for a straight line before any joint move; default: not known.",
+        help="Six joint angles, separated by commas, at the start of each program of --program: the posture "
+        "for a straight line before the first joint move; default: unknown.",
     ),
 ]
 
@@ -94,7 +94,7 @@ _SAID = 20
 @command(app, "rig correct found/cell.yaml -o corrections")
 def correct(
     rig_file: _FoundRig,
-    directory: Annotated[Path, typer.Option("--output", "-o", help="Directory to write the corrections to.")],
+    directory: Annotated[Path, typer.Option("--output", "-o", help="Directory for the corrections.")],
     path: _Targets = None,
     maker: _Maker = None,
     scale: _Scale = None,
@@ -127,7 +127,7 @@ def correct(
     from rigs.load import load, named_by
 
     if (tools or frames) and not programs:
-        raise UseError("--tool, --frame", "are of the programs of --program", "give --program as well")
+        raise UseError("--tool, --frame", "apply only to programs of --program", "give --program as well")
     if start and not programs:
         raise UseError("--start-joints", "is the posture at the start of a program", "give --program as well")
     rig, _ = load(rig_file)
@@ -162,7 +162,7 @@ def correct(
         say("      first run the program at reduced speed, hand on the stop, and watch each target", err=True)
     errors = target_errors(*corrections.path) if corrections.path else []
     remedy = "keep the target unchanged, or measure there; --anyway writes it"
-    errors += [FileError(str(file), f"{why}, so none are written", remedy) for file, why in in_vain.items()]
+    errors += [FileError(str(file), f"{why}, so no corrections were written", remedy) for file, why in in_vain.items()]
     problem, remedy = "is not written: some places are uncorrected", "correct them, or remove --all-or-nothing"
     errors += [FileError(str(program.path), problem, remedy) for program in corrections.programs if program.held]
     for error in errors[:_SAID]:

@@ -42,9 +42,7 @@ def plan(
             help="Tests, by commas: yaw, roll, radial, repeatability, touch; default: those set up in the rig file."
         ),
     ] = None,
-    runs: Annotated[
-        int, typer.Option(min=1, max=1000, help="Number of runs of each test, for circles in each direction.")
-    ] = 3,
+    runs: Annotated[int, typer.Option(min=1, max=1000, help="Number of runs per test, for circles per direction.")] = 3,
     level: Annotated[
         float,
         typer.Option(
@@ -61,12 +59,14 @@ def plan(
         typer.Option(
             min=1,
             max=10_000,
-            help=f"With --propose: time for the proposed circles, set-up included; default: {_MINUTES:g}.",
+            help=f"With --propose: time for the proposed circles, including set-up; default: {_MINUTES:g}.",
         ),
     ] = None,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", help="With --propose: directory for a rig file of each circle; default: none."),
+        typer.Option(
+            "--output", "-o", help="With --propose: directory for the rig files of the circles; default: none."
+        ),
     ] = None,
     poses: Annotated[
         int | None,
@@ -76,13 +76,13 @@ def plan(
     ] = None,
     maker: Annotated[
         MakerName | None,
-        maker_option("With --poses: maker of the controller whose program is written", "none"),
+        maker_option("With --poses: maker of the controller for the program", "none"),
     ] = None,
     tracker: Annotated[
         str | None,
         typer.Option(
             metavar="X,Y,Z",
-            help="With --poses: place of the tracker, mm in the robot's base; default: all is seen.",
+            help="With --poses: position of the tracker, mm in the robot's base; default: all poses are visible.",
         ),
     ] = None,
     faces: Annotated[
@@ -103,12 +103,12 @@ def plan(
     """
     if poses:
         if tests or propose or minutes:
-            problem = "plans poses alone; leave --tests, --propose and --minutes out"
+            problem = "cannot be combined with --tests, --propose or --minutes"
             raise typer.BadParameter(problem, param_hint="--poses")
         _plan_poses(rig_file, poses, output, maker, tracker, faces, dwell_s, one_axis=one_axis, as_json=as_json)
         return
     if maker or tracker or faces or one_axis:
-        raise typer.BadParameter("--for, --tracker, --faces and --one-axis need it", param_hint="--poses")
+        raise typer.BadParameter("--for, --tracker, --faces and --one-axis require --poses", param_hint="--poses")
 
     from analysis.diagnosis.plan.detectability import tests_named
     from rigs.errors import UseError
@@ -163,7 +163,7 @@ def _propose(
         file = as_argument(written[0])
         say(f"next: rig program {file} --for {maker} --test yaw -o programs{others}", err=True)
     elif proposal.circles:
-        say(f"next: {shlex.join(['rig', *sys.argv[1:]])} -o circles  # a rig file of each circle", err=True)
+        say(f"next: {shlex.join(['rig', *sys.argv[1:]])} -o circles  # a rig file for each circle", err=True)
 
 
 def _print(table: RenderableType) -> None:
@@ -191,7 +191,7 @@ def _plan_poses(
     from rigs.load import load, named_by
 
     if maker and not output:
-        raise UseError("--for", "needs a directory to write to", "add -o DIR")
+        raise UseError("--for", "needs an output directory", "add -o DIR")
     rig, _ = load(rig_file)
     sight = _sight(tracker, faces)
     with named_by(rig_file, rig), progress_of("looking for poses"):
@@ -205,7 +205,10 @@ def _plan_poses(
     for path in written:
         say(f"wrote {path}", err=True)
     if written:
-        say("next: run the program at reduced speed, measure a row for each pose in order, and import them:", err=True)
+        say(
+            "next: run the program at reduced speed, measure a row at each pose in order, and import the rows:",
+            err=True,
+        )
         say(f"  rig import TRACKER.csv {written[0]} --join rows --rig {rig_file} --test pose -o runs/poses", err=True)
 
 
@@ -216,14 +219,14 @@ def _sight(tracker: str | None, faces: str | None) -> Sight | None:
 
     if tracker is None:
         if faces:
-            raise UseError("--faces", "needs the place of the tracker", "add --tracker X,Y,Z")
+            raise UseError("--faces", "needs the position of the tracker", "add --tracker X,Y,Z")
         return None
     try:
         place = np.array([float(part) for part in tracker.split(",")])
     except ValueError:
         place = np.zeros(0)
     if place.shape != (3,) or not np.isfinite(place).all():
-        raise UseError("--tracker", f"{tracker!r} is no place", "give X,Y,Z in mm, as 2500,0,800")
+        raise UseError("--tracker", f"{tracker!r} is no place", "write X,Y,Z in mm, such as 2500,0,800")
     axis = None
     if faces:
         axis = np.zeros(3)

@@ -31,11 +31,11 @@ def program(
     test: Annotated[
         ProgramTest,
         typer.Option(
-            help="Test to drive; yaw and roll are the same circle with the gauges mounted differently, iso9283 the "
-            "poses and paths of ISO 9283 before a tracker."
+            help="Test to run. yaw and roll use the same circle with differently mounted gauges; iso9283: the "
+            "poses and paths of ISO 9283, for a tracker."
         ),
     ],
-    directory: Annotated[Path, typer.Option("--output", "-o", help="Directory to write the programs to.")],
+    directory: Annotated[Path, typer.Option("--output", "-o", help="Directory for the programs.")],
     dwell_s: Annotated[
         float | None,
         typer.Option(
@@ -53,8 +53,8 @@ def program(
     outputs: Annotated[
         str,
         typer.Option(
-            help="Digital outputs that show the signal of automatic runs, the least first, separated by commas; "
-            "default: those that the rig file names."
+            help="Digital outputs for the signal of automatic runs, least significant first, separated by "
+            "commas; default: the outputs in the rig file."
         ),
     ] = "",
     targets: Annotated[
@@ -63,7 +63,7 @@ def program(
     ] = False,
     path: Annotated[
         Path | None,
-        typer.Option(help="Table of these targets as rig correct --path corrected it; default: the nominal targets."),
+        typer.Option(help="Table of the targets corrected by rig correct --path; default: the nominal targets."),
     ] = None,
     anyway: Anyway = False,
 ) -> None:
@@ -85,7 +85,7 @@ def program(
     rig, _ = load(rig_file)
     if test == "iso9283":
         if path or targets or outputs:
-            problem = "is of the ball link's tests; correct planned poses by rig correct --path"
+            problem = "applies only to tests with the ball link; correct planned poses with rig correct --path"
             raise UseError("--path, --targets and --outputs", problem, "remove it")
         _of_iso9283(rig, rig_file, maker, directory, dwell_s or _DWELL_S)
         return
@@ -121,7 +121,7 @@ def _of_iso9283(rig: Rig, rig_file: str, maker: MakerName, directory: Path, dwel
     from analysis.robot.geometry.iso_cube import cube_of
     from rigs.load import named_by
 
-    with named_by(rig_file, rig), progress_of("looking for room and checking the programs"):
+    with named_by(rig_file, rig), progress_of("searching for a suitable cube and checking the programs"):
         cube = cube_of(rig)
         plans = [cube_plan(rig, dwell_s), *(path_plan(rig, percent) for percent in PERCENTS)]
         demands = [demand_of(plan) for plan in plans]
@@ -140,7 +140,7 @@ def _of_iso9283(rig: Rig, rig_file: str, maker: MakerName, directory: Path, dwel
     for written in paths:
         say(written)
     say(
-        "next: a place of the tracker at each stop of the cube; time and place all along each program of paths",
+        "next: measure the tracker position at each stop of the cube; and time and position along each path program",
         err=True,
     )
     say(f"  rig import STOPS.csv --rig {as_argument(rig_file)} --test pose -o runs/cube", err=True)

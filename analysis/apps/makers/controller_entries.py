@@ -295,7 +295,9 @@ def controller_entries(
     """
     controller = maker_by(name).controller
     if scale and not controller.scale:
-        raise UseError("--scale", f"{controller.maker} takes {controller.unit}, without a scale", "remove it")
+        raise UseError(
+            "--scale", f"must be omitted: {controller.maker} uses {controller.unit}, without a scale", "remove it"
+        )
     used, uncorrected, uncertainty = (
         used_effects(rig, supported),
         rest_effects(rig, supported),
@@ -445,6 +447,6 @@ def scale_of(text: str | None) -> tuple[float, ...] | None:
         scale = ()
     if len(scale) != 6 or not all(math.isfinite(number) and number for number in scale):
         raise UseError(
-            "--scale", f"{text!r} is not six numbers other than zero", "give a number per axis, separated by commas"
+            "--scale", f"{text!r} is not a list of six nonzero numbers", "give a number per axis, separated by commas"
         )
     return scale

@@ -95,13 +95,13 @@ def correct_rig(
         raise FileError(RigPlace.of(rig.name), "has no effects to correct", remedy)
     arm = "an arm on a rail" if rig.robot.rail else f"{len(rig.robot.axes)} axes"
     if not rig.takes_programs and (controller or programs.paths):
-        problem = f"{arm}: controllers' entries and programs are known of arms of six axes that stand"
+        problem = f"{arm}: controller entries and programs are supported only for arms of six axes without a rail"
         raise UseError("--for, --program", problem, "give joint targets with --path")
     if entered and programs.paths:
-        problem = "is for --path; --program is for a controller without its entries"
+        problem = "applies to --path; --program is for a controller without entries"
         raise UseError("--entered", problem, "give one of them")
     if entered and not (path and controller):
-        raise UseError("--entered", "needs --path, and --for or a feedback that names it", "give both")
+        raise UseError("--entered", "needs --path, and a maker from --for or the feedback", "give both")
     supported = supports(rig)
     entries = controller_entries(rig, supported, controller, scale) if controller and not programs.paths else None
     of_model = tuple(supports_beside(rig))
@@ -124,9 +124,9 @@ def _hold_maker(program: CorrectedProgram, rig: Rig, maker: MakerName | None) ->
     """Raise FileError for a program of a different maker."""
     if maker and program.maker != maker:
         of, robot = (maker_by(name).controller.maker for name in (program.maker, maker))
-        whose = "the robot of the rig file has" if maker == rig.maker else "--for says"
-        problem = f"is a program for {of}, and {whose} {robot}"
-        remedy = f"give a program of this robot, or --for {program.maker} where such a controller drives it"
+        whose = "the robot of the rig file has" if maker == rig.maker else "--for gives"
+        problem = f"is a program for {of}, but {whose} {robot}"
+        remedy = f"give a program of this robot, or --for {program.maker} if such a controller is used"
         raise FileError(str(program.path), problem, remedy)
 
 
@@ -150,11 +150,11 @@ def _targets(
     axes = len(rig.robot.axes)
     read = read_path(path, axes, rail=rig.robot.rail is not None)
     if rig.robot.rail and not read.joints:
-        problem = "has poses without joint angles, which leave free where the rail stands"
+        problem = "has poses without joint angles, so the rail position is unknown"
         raise FileError(str(path), problem, f"give q1_deg … q{axes}_deg and e1_mm")
     if axes != DRIVEN_AXES and not read.joints:
-        free = f"leave the elbow of an arm of {axes} axes free"
-        few = f"an arm of {axes} axes reaches in part: it turns the tool in {axes - 3} ways where it stands"
+        free = f"do not determine the elbow of an arm of {axes} axes"
+        few = f"an arm of {axes} axes cannot reach exactly: its tool has only {axes - 3} rotational degrees of freedom"
         problem = f"has poses, which {free if axes > DRIVEN_AXES else few}"
         raise FileError(str(path), problem, f"give joint angles q1_deg … q{axes}_deg")
     hold_uncorrected(read, str(path))

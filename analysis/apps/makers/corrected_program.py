@@ -38,7 +38,7 @@ GIVEN_AWAY = 0.1
 """Maximum remaining error, as a share of the correction, of moves to a point with an offset. A point and all its
 offset positions share a single correction, which must be accurate enough for each of them. Chosen: a tenth is
 small compared with the uncertainty of most corrections."""
-_HOW = "give NAME=X,Y,Z,RX,RY,RZ in mm and degrees, roll-pitch-yaw about fixed axes"
+_HOW = "write NAME=X,Y,Z,RX,RY,RZ in mm and degrees, roll-pitch-yaw about fixed axes"
 _NEAREST_MM = 5.0
 """Distance below which a non-zero tool or frame was probably stated in metres. Chosen: no arm is longer than 5 m."""
 _FARTHEST_MM = 1e6
@@ -207,7 +207,7 @@ def _joints_at(
             poses[k] = _in_world(arm, located[k], place)
     low, high = arm.limits.T
     if start is not None and ((start < low) | (start > high)).any():
-        raise UseError("--start-joints", "is beyond the limits of the arm's joints", "give angles that it can stand at")
+        raise UseError("--start-joints", "is beyond the limits of the arm's joints", "give angles within the limits")
     inverse_tool = np.linalg.inv(arm.T_flange_tool)
     tips = np.array([(inverse_tool @ place.tool)[:3, 3] for place in located]).reshape(-1, 3)
     q, unsolved = solved(arm, targets, poses, angles, parsed.steps, start, tips)
@@ -378,7 +378,9 @@ def _read_back(reader: ProgramReader, before: Parsed, texts: Texts) -> Parsed:
         return [(target.name, target.file, target.line) for target in parsed.targets], parsed.steps, parsed.left
 
     if others(after) != others(before):
-        raise FileError("the corrected program", "does not read back as the same program", "report this program's form")
+        raise FileError(
+            "the corrected program", "cannot be read back as the same program", "report this program's form"
+        )
     return after
 
 
@@ -406,7 +408,7 @@ def _without_contradiction(option: str, named: Sequence[tuple[str, Array]]) -> d
     stated: dict[str, Array] = {}
     for name, frame in named:
         if not np.array_equal(stated.setdefault(name, frame), frame):
-            raise UseError(f"{option} {name}", "is stated twice, with different numbers", "give it once")
+            raise UseError(f"{option} {name}", "is given twice, with different numbers", "give it once")
     return stated
 
 
@@ -417,11 +419,13 @@ def doubts_of(frames: Frames, programs: Sequence[CorrectedProgram]) -> list[str]
     for kind, stated in (("tool", frames.tools), ("frame", frames.frames)):
         for name, frame in stated.items():
             if programs and (kind, name) not in named:
-                doubts.append(f"--{kind} {name}: no move of the programs is certain to use a {kind} of that name")
+                doubts.append(
+                    f"--{kind} {name}: the programs contain no move that certainly uses a {kind} of that name"
+                )
             if 0 < (away_mm := float(np.linalg.norm(frame[:3, 3]))) < _NEAREST_MM:
                 doubts.append(
-                    f"--{kind} {name}: is only {away_mm:.3g} mm away: lengths are in mm; in metres it would be "
-                    f"{1e3 * away_mm:.4g} mm"
+                    f"--{kind} {name}: a distance of only {away_mm:.3g} mm; lengths are in mm; in metres "
+                    f"the distance would be {1e3 * away_mm:.4g} mm"
                 )
     return doubts
 
@@ -440,7 +444,7 @@ def _named(option: str, text: str, of_rig: Array | None) -> tuple[str, Array]:
 
 def start_of(text: str | None) -> tuple[float, ...] | None:
     """Parse joint angles (6,) rad from "deg,deg,…"; None for None. Raises UseError for other text."""
-    how = "give the six joint angles in degrees at which the arm stands whenever the program begins"
+    how = "give the six joint angles in degrees at the start of the program"
     numbers = () if text is None else _six(f"--start-joints {text}", text, _MOST_TURNED_DEG, how)
     return tuple(np.radians(numbers).tolist()) or None
 

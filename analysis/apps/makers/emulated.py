@@ -75,7 +75,7 @@ class Tokens:
         """Consume and return the next token. Raises ProgramError if neither kind nor text is expected."""
         kind, text = self.peek()
         if kind not in expected and text not in expected:
-            raise ProgramError(f"{repr(text) if text else 'the end'} stands where {' or '.join(expected)} is expected")
+            raise ProgramError(f"{repr(text) if text else 'the end'} instead of {' or '.join(expected)}")
         self.at += 1
         return text
 
@@ -243,7 +243,7 @@ def circle_through(a: Array, b: Array, c: Array) -> tuple[Array, Array, float]:
     """
     normal = np.cross(b - a, c - b)
     if np.linalg.norm(normal) < 1e-6:
-        raise ProgramError("the points of an arc lie on a line")
+        raise ProgramError("the points of an arc lie on a straight line")
     axis = normal / np.linalg.norm(normal)
     planes = np.stack([b - a, c - a, axis])
     centre = np.linalg.solve(planes, [(b @ b - a @ a) / 2, (c @ c - a @ a) / 2, axis @ a])
@@ -267,14 +267,14 @@ class Machine:
     def pose(self) -> Pose:
         """Return the pose of the tool. Raises ProgramError before the first move."""
         if self._pose is None:
-            raise ProgramError("the program moves on a path before it has been anywhere")
+            raise ProgramError("the program starts with a path move, before the first joint move")
         return self._pose
 
     @property
     def tool(self) -> Pose:
         """Return the tool in the flange's frame. Raises ProgramError if no tool is set."""
         if self._tool is None:
-            raise ProgramError("the program moves before it has a tool")
+            raise ProgramError("the program moves before setting a tool")
         return self._tool
 
     @tool.setter
@@ -290,7 +290,7 @@ class Machine:
     def joints(self, q: Array, speed: Speed) -> None:
         """Move to joint angles q (6,) rad and stop there."""
         if np.shape(q) != (6,) or not np.isfinite(q).all():
-            raise ProgramError("a joint move has no six joint angles")
+            raise ProgramError("a joint move needs six joint angles")
         matrix, place = self._flange(q)
         turn = Rotation.from_matrix(matrix)
         self._pose = Pose(place + turn.apply(self.tool.place), turn * self.tool.turn)
@@ -309,7 +309,7 @@ class Machine:
     def turn(self, pose: Pose, speed_rad_s: float) -> None:
         """Turn about the tool's origin to a pose, at a speed in rad/s. Raises ProgramError if the origin moves."""
         if np.linalg.norm(pose.place - self.pose.place) > 0.01 or not 0 < speed_rad_s < _FASTEST_RAD_S:
-            raise ProgramError("a turn has the speed of a turn, and no way")
+            raise ProgramError("a rotation has an angular speed and no path")
         self.line(pose, _FASTEST_MM_S / 2, stops=True, speed=Speed(rad_s=speed_rad_s))
 
     def arc(self, via: Array, end: Pose, speed_mm_s: float, *, turning: Turning, stops: bool, speed: Speed) -> None:
@@ -323,19 +323,19 @@ class Machine:
     def wait(self, seconds: float) -> None:
         """Wait for a time in seconds."""
         if not 0 <= seconds < np.inf:
-            raise ProgramError(f"{seconds} s is no time to wait")
+            raise ProgramError(f"{seconds} s is not a valid waiting time")
         self.events.append(Waited(seconds))
 
 
 def _finite(pose: Pose) -> Pose:
     if not np.abs(pose.place).max() < _FARTHEST_MM or not np.isfinite(pose.turn.as_quat()).all():
-        raise ProgramError(f"{pose.place} mm is no place of an arm")
+        raise ProgramError(f"{pose.place} mm is not a valid position of an arm")
     return pose
 
 
 def _speed(speed_mm_s: float) -> float:
     if not 0 < speed_mm_s < _FASTEST_MM_S:
-        raise ProgramError(f"{speed_mm_s} mm/s is no speed of a robot")
+        raise ProgramError(f"{speed_mm_s} mm/s is not a valid robot speed")
     return speed_mm_s
 
 

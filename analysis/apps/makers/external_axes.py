@@ -25,7 +25,7 @@ from analysis.apps.makers.program_machine import (
 
 _AT_BEGIN = Unknown(0, 0, "these files do not define the positions of the external axes")
 _ELSEWHERE = Unknown(0, 0, "a move to a place that is unknown may move the external axes")
-_CHANGED = "the point is used or assigned elsewhere, and may have other coordinates of the external axes"
+_CHANGED = "the point is used or assigned elsewhere, possibly with different coordinates of the external axes"
 
 
 @dataclass(frozen=True)

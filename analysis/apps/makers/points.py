@@ -96,7 +96,7 @@ class Points:
     def change(self, key: str, file: int, line: int) -> None:
         """Record that the program uses a point in a statement other than a move."""
         point = self._points[key]
-        point.changed = point.changed or Unknown(file, line, "it is used or assigned there")
+        point.changed = point.changed or Unknown(file, line, "the point is used or assigned there")
 
     def leave(self, move: Left) -> None:
         """List a move that cannot be corrected."""
@@ -251,7 +251,7 @@ def _elsewhere(target: Target, usages: Sequence[Usage]) -> Iterator[tuple[Reason
     offsets: dict[str, object] = {}
     for usage in usages:
         if offsets.setdefault(usage.move.key, usage.offset) != usage.offset:
-            yield "offset", (_here(usage, "the offset differs between the ways that lead here"),)
+            yield "offset", (_here(usage, "the offset differs between the paths leading here"),)
         elif usage.offset and target.joints:
             yield "offset", (_here(usage, "an offset from joint angles"),)
         elif usage.offset and not isinstance(value := usage.offset[1], tuple):

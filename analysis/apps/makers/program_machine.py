@@ -52,7 +52,7 @@ class Ref:
     part: str
 
 
-_KEPT = Unknown(0, 0, "a routine of these files sets it, and it keeps that for the next cycle")
+_KEPT = Unknown(0, 0, "a routine of these files sets the value for the next cycle")
 Value = str | tuple[float, ...] | Unknown
 """A name, the 16 numbers of a frame in mm, or unknown."""
 
@@ -472,10 +472,10 @@ def _place_of(body: tuple[Statement, ...], at: int) -> Unknown:
     for place in range(at, len(body)):  # A slice would copy a long routine at each join.
         statement = body[place]
         if isinstance(statement, Move):
-            return Unknown(statement.file, statement.line, "it differs between the ways that lead here")
+            return Unknown(statement.file, statement.line, "the value differs between the paths leading here")
         if isinstance(statement, Call):
-            return Unknown(statement.why.file, statement.why.line, "it differs between the ways that lead here")
-    return Unknown(0, 0, "it differs between the ways that lead here")
+            return Unknown(statement.why.file, statement.why.line, "the value differs between the paths leading here")
+    return Unknown(0, 0, "the value differs between the paths leading here")
 
 
 def _successors(body: tuple[Statement, ...]) -> list[tuple[int, ...]]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from analysis.apps.makers.programs.motion_plan import Demand, Plan
 
-BY_ITSELF = "the controller serves it without the program"
+BY_ITSELF = "the controller provides the feedback without this program"
 
 
 @dataclass(frozen=True)

@@ -83,8 +83,10 @@ def read_path(path: Path, axes: int = 6, *, rail: bool = False) -> TargetPath:
     required, others = (joints, POSES) if set(joints) <= set(names) else (POSES, joints)
     is_corrected = not {*ADDED, AGAINST}.isdisjoint(names)  # Reported later
     if not is_corrected and set(required) <= set(names) and (both := [name for name in others if name in names]):
-        what = f"has the columns {required[0]} … {required[-1]} and {both[0]}: targets are joint angles or poses"
-        raise FileError(str(path), what, "leave out or rename those that are not the targets")
+        what = (
+            f"has the columns {required[0]} … {required[-1]} and {both[0]}: joint angles and poses cannot be combined"
+        )
+        raise FileError(str(path), what, "remove or rename the columns that are not targets")
     return _targets(path, names, rows, required, f"give {','.join(joints)}, or {','.join(POSES)}")
 
 
@@ -95,7 +97,7 @@ def read_corrected_path(path: Path) -> tuple[TargetPath, TargetPath]:
     Raises the same errors as `read_path`.
     """
     names, rows = _rows(path)
-    remedy = "give the table corrected-….csv that rig correct --path wrote"
+    remedy = "give the table corrected-….csv from rig correct --path"
     return _targets(path, names, rows, JOINTS, remedy), _targets(path, names, rows, POSES, remedy)
 
 
@@ -109,7 +111,9 @@ def compensated_plans(plans: Sequence[Plan], path: Path, rig: Rig, rig_file: str
     joints, poses = read_corrected_path(path)
     against = AGAINST in joints.columns
     if against and not anyway:
-        raise FileError(str(path), f"was {ANYWAY}", "use the nominal targets, or add --anyway; the programs say so")
+        raise FileError(
+            str(path), f"was {ANYWAY}", "use the nominal targets, or add --anyway; the programs then contain a warning"
+        )
     made = compensated(plans, np.radians(joints.values), poses.poses(), joints.lines, str(path))
     remarks = [Comment(f"{MARK}: do not correct twice")]
     remarks += [Comment(ANYWAY)] if against or why_nothing(rig) else []
@@ -128,7 +132,7 @@ def _targets(
     if not rows:
         raise FileError(str(path), "has a header without rows", "give the targets")
     problems = [
-        TableProblem(line, "", f"has {len(row)} fields, the header {len(names)}")
+        TableProblem(line, "", f"has {len(row)} fields, but the header has {len(names)}")
         for line, row in rows
         if len(row) != len(names)
     ]
@@ -151,7 +155,9 @@ def hold_uncorrected(path: TargetPath, where: str) -> None:
     if added_columns := [
         name for name in (*ADDED, AGAINST, "u_mm") if name in path.columns
     ]:  # u_mm: in tables of earlier versions
-        raise FileError(where, f"has a column {added_columns[0]} already", "rename it; is the path corrected already?")
+        raise FileError(
+            where, f"already has a column {added_columns[0]}", "rename the column; or is the path already corrected?"
+        )
 
 
 def corrected_columns(path: TargetPath, corrected: Corrected, against: str = "") -> pa.Table:
@@ -208,7 +214,7 @@ def _rows(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
     try:
         text = read_bytes(path, MOST_BYTES).decode("utf-8-sig")
     except UnicodeDecodeError:
-        raise FileError(str(path), "is not UTF-8 text", "save it as CSV in UTF-8") from None
+        raise FileError(str(path), "is not UTF-8 text", "save the file as CSV in UTF-8") from None
     except OSError as error:
         raise FileError(str(path), error.strerror or str(error), "check the path and the permissions") from None
     reader = csv.reader(io.StringIO(text, newline=""), strict=True)

@@ -17,7 +17,7 @@ from rigs.schema.vocabulary import MakerName
 def feedback_note(maker: MakerName, feedback: Feedback) -> str:
     """Return a sentence on what the feedback in the rig file requires from the controller."""
     served = {ModbusJoints: BY_ITSELF} | dict(maker_by(maker).writer.feedbacks)
-    need = served.get(type(feedback), "nothing in this program serves it; provide it yourself")
+    need = served.get(type(feedback), "provide it yourself: this program does not")
     return f"feedback {feedback.interface}: {need}"
 
 
@@ -31,7 +31,7 @@ def programs_of(maker: MakerName, plans: Sequence[tuple[Plan, Demand]]) -> dict[
     outputs = writer.outputs
     for plan, demand in plans:
         if unknown := [number for number in plan.signal_place.outputs if number not in outputs]:
-            problem = f"a controller of {maker} has no digital output {unknown[0]}"
+            problem = f"digital output {unknown[0]} does not exist on a controller of {maker}"
             raise FileError(plan.name, problem, f"give --outputs from {outputs.start} to {outputs.stop - 1}")
         for name, text in writer.write(plan, demand).items():
             if files.setdefault(name, text) != text:

@@ -18,7 +18,7 @@ def paper(
     as_json: AsJson = False,
     plot: Annotated[
         Path | None,
-        typer.Option(help="Directory for the data figures of the paper; default: write none."),
+        typer.Option(help="Directory for the data figures of the paper; default: none."),
     ] = None,
     rig_file: Annotated[
         str,

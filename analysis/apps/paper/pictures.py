@@ -376,14 +376,14 @@ def _repeatability(figure: FigureBase, simulated: SimulatedFigures) -> None:
 _FIGURES: dict[int, tuple[str, str, Callable[[FigureBase, SimulatedFigures], None], float]] = {
     3: ("yaw-angle", "yaw angle and its least-squares sine", _raw, 5.0),
     4: ("eccentricity", "angle by an eccentricity of 14.142 mm", _eccentric, 3.0),
-    5: ("least-squares-sine", "least-squares sine and what it leaves", _fitted, 3.4),
+    5: ("least-squares-sine", "least-squares sine and residual", _fitted, 3.4),
     6: ("yaw-error", "orientation error in yaw, all effects", _yaw_error, 5.4),
     7: ("joint-angles", "joint angles on the circle", _joints, 6.0),
     8: ("yaw-simulated", "orientation error in yaw, datum errors and plays", _yaw_simulated, 5.4),
     10: ("roll-error", "roll, all effects", _roll, 5.0),
     11: ("roll-simulated", "roll, mean of cw and acw", _roll_mean, 3.2),
     13: ("sphere", "radial accuracy, all effects", _sphere, 4.4),
-    14: ("sphere-simulated", "radial accuracy, gear errors alone", _sphere_gears, 4.4),
+    14: ("sphere-simulated", "radial accuracy, only gear errors", _sphere_gears, 4.4),
     15: ("repeatability", "repeatability", _repeatability, 4.0),
 }
 """File name, title, drawing function, and height in inches without the table, by figure number."""

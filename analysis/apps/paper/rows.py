@@ -77,7 +77,7 @@ def rule_rows(rig: Rig) -> Iterator[Row]:
     yield Row("§2.1", f"{name} by the rule", paper.RULE_DEG, by_rule, "°", "206 e/R, in arcsec", 2)
     yield Row(
         "§2.1", f"{name} fitted sine", paper.RULE_DEG, amplitude, "°",
-        f"simulated circle; 206 stands for 206.265; gives back e = {e_found:.3f} mm", 2,
+        f"simulated circle; 206 is short for 206.265; gives e = {e_found:.3f} mm", 2,
     )  # fmt: skip
     yield Row("§2.1", f"{name} largest angle", paper.RULE_DEG, peak, "°", "asin(e/R) = 11.65° exactly", 2)
 
@@ -129,7 +129,7 @@ def yaw_rows(rig: Rig) -> Iterator[Row]:
         ranked = sorted(jumps, key=lambda name: -abs(jumps[name]))
         place = ranked.index(jump_name) + 1 if jump_name in ranked else 0
         others = ", ".join(f"{name} {jumps[name]:+.2f}°" for name in [name for name in ranked if name != jump_name][:2])
-        note = f"by the plays, within {STEP_DEG:.0f}° of travel; {place} of {len(ranked)} in size; {others}"
+        note = f"from play, within {STEP_DEG:.0f}° of travel; {place} of {len(ranked)} in size; {others}"
         ours = f"{jumps[jump_name]:+.2f}°" if jump_name in jumps else "none"
         yield Row("Fig. 8", f"yaw jumps at {jump_name}, {direction}", "sudden change", ours, "", note)
 
@@ -138,7 +138,7 @@ def roll_rows(rig: Rig) -> Iterator[Row]:
     """Yield rows for figures 10 and 11. As in the paper, no sine is removed, so the extremes are 135° apart."""
     curves = {direction: circle(rig, "roll", direction, rig.effects) for direction in DIRECTIONS}
     for direction, curve in curves.items():
-        note = f"whole angle, the paper takes no sine off; less its sine {curve.figures['band_deg']:.2f}°"
+        note = f"total angle, the paper does not subtract a sine; without the sine {curve.figures['band_deg']:.2f}°"
         yield Row(
             "Fig. 10", f"roll error band, {direction}", paper.ROLL_MEASURED_DEG, curve.figures["range_deg"], "°", note
         )
@@ -151,7 +151,7 @@ def roll_rows(rig: Rig) -> Iterator[Row]:
     )
     swing = float(np.degrees(np.ptp(on_phi["acw"] - on_phi["cw"])))
     yield Row(
-        "Fig. 10", "roll acw less cw, range", "almost identical", f"{swing:.2f}°", "", "the plays show in roll too"
+        "Fig. 10", "roll acw minus cw, range", "almost identical", f"{swing:.2f}°", "", "play is also visible in roll"
     )
     extremes = np.degrees(phi[[np.argmax(y), np.argmin(y)]])
     for name, place, ours in zip(("largest", "smallest"), paper.ROLL_EXTREMES_DEG, extremes, strict=True):
@@ -212,19 +212,19 @@ def repeatability_rows(rig: Rig) -> Iterator[Row]:
 
 
 CAVEAT = (
-    "The set-up explains Table 1; it is not the author's robot. The effects and the place of the hemisphere are ours, "
-    "and the effects were fitted to the figures above from Fig. 6 on: agreement shows that one robot can show them, "
-    "not that this is the robot. See docs/paper.md."
+    "The set-up explains Table 1; it is not the author's robot. The effects and the position of the "
+    "hemisphere are our choice, and the effects were fitted to the values above from Fig. 6 on: agreement "
+    "shows that a single robot can have these errors, not that this is the robot. See docs/paper.md."
 )
 SLIPS = (
-    "Slips of the paper, not copied: 206 stands for 206.265; the last formula for alpha has b11 where b21 belongs; "
-    'arctan(b/a) loses the quadrant, atan2 keeps it; "seven times" is 1.567/0.261 = 6.0.'
+    "Errors of the paper, not reproduced: 206 for 206.265; the last formula for alpha has b11 in place of "
+    'b21; arctan(b/a) loses the quadrant, unlike atan2; "seven times" is 1.567/0.261 = 6.0.'
 )
 
 
 def as_table(rig: Rig, rows: Sequence[Row]) -> RenderableType:
     """Format the rows as a table, followed by the effects, the errata of the paper, and the limitations."""
-    table = Table(title=f"Oh 2019 beside the simulated robot of {rig.name}", title_style="bold", header_style="bold")
+    table = Table(title=f"Oh 2019 and the simulated robot of {rig.name}", title_style="bold", header_style="bold")
     for heading in ("where", "figure", "paper", "ours", "difference", "note"):
         table.add_column(heading, justify="right" if heading in ("paper", "ours", "difference") else "left")
     previous = ""

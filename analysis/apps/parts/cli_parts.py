@@ -20,12 +20,12 @@ def parts(
     rig_file: RigArgument,
     directory: Annotated[
         Path | None,
-        typer.Option("--output", "-o", help="Directory to write to; default: none, with --over-balls-mm alone."),
+        typer.Option("--output", "-o", help="Output directory; default: none if only --over-balls-mm is given."),
     ] = None,
     ball_mm: Annotated[float, typer.Option("--ball-mm", min=8, max=60, help="Diameter of the steel balls.")] = 20.0,
     magnet_mm: Annotated[
         str,
-        typer.Option("--magnet-mm", metavar="D,H", help="Diameter and height of the magnets, with a comma."),
+        typer.Option("--magnet-mm", metavar="D,H", help="Diameter and height of the magnets, separated by a comma."),
     ] = "10,5",
     screw: Annotated[str, typer.Option(help="Countersunk screw of a socket: M3, M4 or M5.")] = "M4",
     over_balls_mm: Annotated[
@@ -34,12 +34,12 @@ def parts(
             "--over-balls-mm",
             min=10,
             max=3000,
-            help="What a caliper shows over two balls on the bar, or on any two sockets: the line for the rig file is "
-            "printed; default: nothing was measured.",
+            help="Caliper reading over two balls on the bar, or on any two sockets, to print the line for the "
+            "rig file; default: not measured.",
         ),
     ] = None,
     u_mm: Annotated[
-        float, typer.Option("--u-mm", min=0.0001, max=10, help="Standard uncertainty of that measure.")
+        float, typer.Option("--u-mm", min=0.0001, max=10, help="Standard uncertainty of that reading.")
     ] = 0.02,
 ) -> None:
     """Write the parts of touches and of the link as STL, with a drawing and a list of what to buy."""
@@ -53,14 +53,14 @@ def parts(
     if over_balls_mm is not None:
         apart_mm = over_balls_mm - ball_mm
         if apart_mm <= 0:
-            raise typer.BadParameter("is not longer than one ball", param_hint="--over-balls-mm")
+            raise typer.BadParameter("must be greater than the ball diameter", param_hint="--over-balls-mm")
         sockets = rig.tests.touch.sockets if rig.tests.touch else ()
         first, second = sockets[:_PAIR] if len(sockets) >= _PAIR else ("A", "B")
         say(f"distances: {flow([{'between': [first, second], 'distance_mm': round(apart_mm, 5), 'u_mm': u_mm}])}")
-        say("next: write this line below tests: touch: of the rig file, with the sockets that the bar has", err=True)
+        say("next: add this line under tests: touch: in the rig file, with the names of the sockets", err=True)
     if directory is None:
         if over_balls_mm is None:
-            raise typer.BadParameter("name the directory to write to", param_hint="--output")
+            raise typer.BadParameter("give the output directory", param_hint="--output")
         return
     printed, remarks = parts_of(rig, bought), remarks_of(rig, bought)
     files = {f"{part.name}.stl": part.solid.stl() for part in printed}
@@ -71,7 +71,7 @@ def parts(
         say(remark, err=True, mark="note: ")
     for path in paths:
         say(f"wrote {path}", err=True)
-    say("next: print them, and measure over both balls of the bar: parts.md says how", err=True)
+    say("next: print the parts, and measure over both balls of the bar as described in parts.md", err=True)
 
 
 def _pair(written: str) -> tuple[float, float]:
@@ -79,7 +79,9 @@ def _pair(written: str) -> tuple[float, float]:
     try:
         first, second = (float(word) for word in written.split(","))
     except ValueError:
-        raise typer.BadParameter("is not a diameter and a height; write 10,5", param_hint="--magnet-mm") from None
+        raise typer.BadParameter("write diameter and height, such as 10,5", param_hint="--magnet-mm") from None
     if not (1 <= first <= 50 and 0.5 <= second <= 50):
-        raise typer.BadParameter("is no size of a magnet in mm; write 10,5", param_hint="--magnet-mm")
+        raise typer.BadParameter(
+            "is not a valid magnet size in mm; write a size such as 10,5", param_hint="--magnet-mm"
+        )
     return first, second

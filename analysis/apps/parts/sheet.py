@@ -39,14 +39,14 @@ def purchases(parts: Sequence[PrintedPart], bought: Bought) -> list[Purchase]:
     width, height = bought.magnet_mm
     balls = f"steel balls of {bought.ball_mm:g} mm, grade 100 (ISO 3290-1)"
     return [
-        Purchase(3, balls, 9, "the tool's, and two to measure"),
+        Purchase(3, balls, 9, "one for the tool, two for measuring"),
         Purchase(
             magnets, f"neodymium magnets of {width:g} × {height:g} mm, N35 or stronger", 0.8 * magnets, "the seats"
         ),
         Purchase(screws, f"{bought.screw} × 16 countersunk, and one M6 × 12", 4, "sockets and holder"),
         Purchase(1, "two-part epoxy, a small pack", 6, "the tool's ball and the magnets"),
         Purchase(math.ceil(grams), "grams of PLA or PETG", _EURO_PER_GRAM * grams, "printed parts"),
-        Purchase(1, "caliper with steps of 0.01 mm, if there is none", 20, "over both balls of the bar"),
+        Purchase(1, "caliper with steps of 0.01 mm, if not available", 20, "over both balls of the bar"),
     ]
 
 
@@ -68,7 +68,7 @@ def sheet(parts: Sequence[PrintedPart], bought: Bought, rig_name: str, remarks: 
         [
             f"# Printed parts of {plain(rig_name)}",
             "",
-            "| | file | what it is for |",
+            "| | file | purpose |",
             "| --- | --- | --- |",
             *printed,
             "",
@@ -81,14 +81,14 @@ def sheet(parts: Sequence[PrintedPart], bought: Bought, rig_name: str, remarks: 
             "| --- | --- | --- | --- |",
             *buy,
             "",
-            f"Some {total:.0f} € together, {total - things[-1].euro:.0f} € without the caliper: estimates, no offers.",
+            f"About {total:.0f} € in total, {total - things[-1].euro:.0f} € without the caliper (estimates).",
             "",
             "## Together",
             "",
-            "1. Screw each socket to what the robot stands on, then press a magnet into its bore as far as it goes,",
-            "   with a drop of epoxy. The ball must rest on the cone and not on the magnet.",
-            "2. Glue the tool's ball into the cone of `holder` with epoxy, and let it harden with the ball upwards.",
-            "3. Clean balls and cones before each touch; a hair is 0.05 mm.",
+            "1. Screw each socket to the mounting surface of the robot, then press a magnet fully into the bore,",
+            "   with a drop of epoxy. The ball must rest on the cone, not on the magnet.",
+            "2. Glue the tool's ball into the cone of `holder` with epoxy, with the ball on top during hardening.",
+            "3. Clean balls and cones before each touch; a hair changes the position by 0.05 mm.",
             *bar_steps,
             "",
         ]

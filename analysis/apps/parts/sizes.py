@@ -90,7 +90,7 @@ def seat_of(bought: Bought) -> Seat:
     bore = bought.magnet_mm[0] / 2 + _CLEAR_MM
     if bore > contact - 1:
         what = f"a magnet of {bought.magnet_mm[0]:g} mm leaves a ball of {bought.ball_mm:g} mm no cone to sit on"
-        raise UseError("--magnet-mm", what, f"take one of at most {2 * (contact - 1 - _CLEAR_MM):.0f} mm")
+        raise UseError("--magnet-mm", what, f"choose a magnet of at most {2 * (contact - 1 - _CLEAR_MM):.0f} mm")
     return Seat(centre, contact, contact + _RIM_MM, centre - radius - _GAP_MM, bore)
 
 
@@ -116,13 +116,13 @@ def remarks_of(rig: Rig, bought: Bought) -> list[str]:
     if rig.tests.touch and rig.tests.touch.distances:
         lengths["the bar of two sockets"] = rig.tests.touch.distances[0].distance_mm + 2 * seat_of(bought).outside
     remarks = [
-        f"{name} is {length:g} mm long, and a usual bed {BED_MM:g} mm: screw two sockets on a flat bar of steel or "
-        "aluminium, and measure over the balls"
+        f"{name} is {length:g} mm long, but a typical print bed only {BED_MM:g} mm: screw two sockets to a "
+        "flat bar of steel or aluminium, and measure over the balls"
         for name, length in lengths.items()
         if length is not None and length > BED_MM
     ]
     if rig.tests.touch and (aside_mm := math.hypot(*rig.tests.touch.ball_mm[:2])):
-        remarks.append(f"the rig file has the ball {aside_mm:.0f} mm beside the tool's axis: mount the holder there")
+        remarks.append(f"in the rig file the ball is {aside_mm:.0f} mm off the tool's axis: mount the holder there")
     return remarks
 
 
@@ -137,11 +137,11 @@ def _hole(bought: Bought) -> list[tuple[float, float]]:
     """
     seat = seat_of(bought)
     if bought.screw not in _SCREWS:
-        raise UseError("--screw", f"{bought.screw} is none of {', '.join(_SCREWS)}", "give one of them")
+        raise UseError("--screw", f"{bought.screw} is not one of {', '.join(_SCREWS)}", "give one of them")
     clearance, head = (diameter / 2 for diameter in _SCREWS[bought.screw])
     if head > seat.bore:
-        what = f"the head of an {bought.screw} does not pass the bore of a magnet of {bought.magnet_mm[0]:g} mm"
-        raise UseError("--screw", what, "take a smaller screw or a wider magnet")
+        what = f"the head of an {bought.screw} does not fit through the bore for a magnet of {bought.magnet_mm[0]:g} mm"
+        raise UseError("--screw", what, "choose a smaller screw or a wider magnet")
     floor = seat.magnet_top - bought.magnet_mm[1]
     bottom = floor - (head - clearance) - _FLOOR_MM
     inside = [(seat.rim, seat.rim), (seat.bore, seat.bore), (seat.bore, floor), (head, floor)]
@@ -153,7 +153,7 @@ def _socket(bought: Bought, count: int) -> PrintedPart:
     seat, hole = seat_of(bought), _hole(bought)
     outside = [(seat.outside, 0.0), (seat.outside, hole[0][1])]
     section = [*reversed(outside), *reversed(hole)]
-    about = f"fixed in the cell with an {bought.screw} from above, then the magnet is glued in; print it upright"
+    about = f"screwed to the cell with an {bought.screw} from above, then the magnet is glued in; print upright"
     return PrintedPart("socket", count, turned(section), section, about, _socket_numbers(bought))
 
 
@@ -173,7 +173,7 @@ def _bar(bought: Bought, distance_mm: float) -> PrintedPart:
     section = [(seat.outside, top), (seat.outside, 0.0), *reversed(hole)]
     numbers = {"distance of the sockets": distance_mm, "over both balls": distance_mm + bought.ball_mm}
     numbers |= {"length": distance_mm + 2 * seat.outside, "width": 2 * seat.outside} | _socket_numbers(bought)
-    about = "two sockets in one piece, and the fixture on which a link is set: measure it over both balls"
+    about = "two sockets in a single piece, also used to set the length of a link: measure over both balls"
     return PrintedPart("bar", 1, bar(hole, distance_mm, seat.outside), section, about, numbers)
 
 
@@ -209,7 +209,7 @@ def _link(bought: Bought, name: str, length_mm: float) -> PrintedPart:
     depth = seat.rim - (seat.magnet_top - bought.magnet_mm[1])
     shelf = seat.bore - _SHELF_MM
     if 2 * (top - depth) - shelf < _FLOOR_MM:
-        what = f"a link of {length_mm:g} mm has no room for two magnets of {bought.magnet_mm[1]:g} mm"
+        what = f"a link of {length_mm:g} mm has no space for two magnets of {bought.magnet_mm[1]:g} mm"
         raise UseError("--magnet-mm", what, "take thinner ones")
     upper = [(0.0, top - depth), (seat.bore, top - depth), (seat.bore, top - (seat.rim - seat.bore)), (seat.rim, top)]
     upper.append((seat.outside, top))

@@ -62,7 +62,7 @@ class Difference:
         if not np.isfinite(change.u):
             return (
                 f"{self._what} went from {change.rounded(self.before)} to {change.rounded(self.after)} {change.sign}; "
-                + ("a single run on either side shows no spread: repeat them.")
+                + ("repeat the runs: a single run per side does not show the spread.")
             )
         verb = "rose" if change.value > 0 else "fell"
         than = "more than" if self.is_larger else "within"
@@ -91,8 +91,8 @@ def headlines(compared: Sequence[Difference]) -> list[str]:
     repeat = "record two or more runs on at least one side."
     if unknown == len(compared):
         return [f"The spread between runs is unknown, so no difference can be judged: {repeat}"]
-    none = ["No figure differs by more than the spread between runs explains."]
-    unjudged = [f"Figures without a known spread between runs, not judged: {unknown}; {repeat}"] if unknown else []
+    none = ["All differences are within the spread between runs."]
+    unjudged = [f"Quantities with an unknown spread between runs, not assessed: {unknown}; {repeat}"] if unknown else []
     return [*(larger or none), *unjudged]
 
 
@@ -104,7 +104,7 @@ def differences(after: Sequence[Path], before: Sequence[Path]) -> list[Differenc
     """
     both = {run.resolve() for run in after} & {run.resolve() for run in before}
     for shared in sorted(both):
-        raise FileError(str(shared), "is on both sides", "give it before --against or after it")
+        raise FileError(str(shared), "is on both sides", "give the run either before or after --against")
     histories: dict[Path, dict[str, Record]] = {}
     for directory in dict.fromkeys(Path(run).parent.resolve() for run in (*before, *after)):
         with suppress(Unusable):
@@ -114,15 +114,15 @@ def differences(after: Sequence[Path], before: Sequence[Path]) -> list[Differenc
     refuse_copies((path, record.readings) for path, record in records)
     robots = sorted({record.rig for record in (*now, *then)})
     if len(robots) > 1:
-        raise FileError(" and ".join(robots), "are different robots", "compare runs of one robot")
+        raise FileError(" and ".join(robots), "are different robots", "compare runs of the same robot")
     groups: list[tuple[Key, list[Record], list[Record]]] = [
         (key, [record for record in then if _key(record) == key], [record for record in now if _key(record) == key])
         for key in dict.fromkeys(map(_key, now))
     ]
     picked = [(key, name, b, a) for key, b, a in groups if b for name in WATCHED if _all_have(name, [*b, *a])]
     if not picked:
-        problem = "both sides have no test, direction, placement and program in common"
-        raise FileError("--against", problem, "give runs of one test on both sides")
+        problem = "the two sides share no combination of test, direction, placement and program"
+        raise FileError("--against", problem, "give runs of the same test on both sides")
     return [_difference(key, name, b, a, len(picked), histories) for key, name, b, a in picked]
 
 
@@ -133,7 +133,7 @@ def _record(run: Path, histories: dict[Path, dict[str, Record]]) -> Record:
     try:
         fingerprint = fingerprint_of(path)
     except OSError as error:
-        raise FileError(str(path), error.strerror or str(error), "check the disk and the rights") from None
+        raise FileError(str(path), error.strerror or str(error), "check the disk and the permissions") from None
     record = histories.get(path.parent, {}).get(path.name)
     if record is None or record.fingerprint != fingerprint:
         record = record_of(path, manifest, fingerprint)

@@ -65,7 +65,7 @@ class Damaged(FileError):
     """The catalogue is unreadable and must be rebuilt."""
 
     def __init__(self, path: Path, why: str) -> None:
-        super().__init__(str(path), f"is damaged ({why})", "start again: it is made again from the runs")
+        super().__init__(str(path), f"is damaged ({why})", "repeat the command: the catalogue is rebuilt from the runs")
 
 
 def default_path(directory: Path) -> Path:

@@ -49,7 +49,7 @@ def compare(
     as_json: AsJson = False,
     plot: Annotated[
         Path | None,
-        typer.Option(help="Directory for a picture of each run, and one of where they disagree; default: write none."),
+        typer.Option(help="Directory for a plot of each run and a plot of the disagreement; default: no plots."),
     ] = None,
 ) -> None:
     """Simulate each run from its own feedback, fit the set-up, and show measured and simulated side by side.
@@ -64,14 +64,16 @@ def compare(
 
     if len(runs) >= _ARMS and all(path.suffix in _ARM_FILES and path.is_file() for path in runs[:_ARMS]):
         if against or rig_file or plot or unseen:
-            raise UseError("ARM ARM", "takes runs and --json alone", "leave the other options out")
+            raise UseError("ARM ARM", "accepts only runs and --json", "omit the other options")
         arms, runs = runs[:_ARMS], runs[_ARMS:]
         (_which_fits(arms, runs_below(runs), as_json) if runs else _arms(arms[0], arms[1], as_json))
         return
     runs = runs_below(runs)
     if against:
         if rig_file or plot or unseen:
-            raise UseError("--against", "compares runs and draws no simulation", "leave --rig, --unseen and --plot out")
+            raise UseError(
+                "--against", "compares recorded runs without a simulation", "omit --rig, --unseen and --plot"
+            )
         _before_and_after(runs, runs_below(against), as_json)
         return
     import analysis
@@ -156,6 +158,6 @@ def _rig_of(arm: Path, runs: Sequence[Measured]) -> Rig:
     if arm.suffix != ".urdf" and "name" in read_yaml(arm.read_text(encoding="utf-8"), str(arm))[1]:
         return load(arm)[0]
     if not all(facts_of(run.table.test).of_places for run in runs):
-        raise FileError(str(arm), "has no tool, which runs of gauges need", "give the rig file of this arm")
+        raise FileError(str(arm), "has no tool, but runs with gauges need a tool", "give the rig file of this arm")
     robot = import_urdf(arm).section.robot if arm.suffix == ".urdf" else chosen_arm(str(arm), "tracker").robot
     return runs[0].rig.model_copy(update={"robot": robot, "effects": ()}).with_calibration(None, None)

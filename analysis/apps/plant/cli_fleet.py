@@ -23,7 +23,7 @@ def fleet(
     directory: Annotated[
         Path,
         typer.Argument(
-            metavar="DIR|URL", parser=location, help="Directory of the plant: every run below it, however deep."
+            metavar="DIR|URL", parser=location, help="Directory of the plant, including all runs in subdirectories."
         ),
     ],
     as_json: AsJson = False,
@@ -33,14 +33,14 @@ def fleet(
             "--output",
             "-o",
             metavar="FILE.html",
-            help="Page to write, and one of each robot beside it; default: none.",
+            help="Overview page to write, with a page for each robot in the same directory; default: none.",
         ),
     ] = None,
     parquet: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Table to write of every figure of every run; default: none.")
+        Path | None, typer.Option(metavar="FILE", help="Output table with the results of all runs; default: none.")
     ] = None,
     catalogue: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Catalogue of the figures; default: in the user's cache.")
+        Path | None, typer.Option(metavar="FILE", help="Catalogue of the results; default: in the user's cache.")
     ] = None,
     jobs: Jobs = 0,
     scheduler: Scheduler = None,
@@ -71,7 +71,7 @@ def fleet(
             try:
                 kept.hold_writable(file)
             except CellError as error:  # Use a temporary catalogue, which only saves time.
-                say(f"{error.where}: {error.what}; every run is read again each time: give --catalogue FILE", err=True)
+                say(f"{error.where}: {error.what}; all runs must be read each time: give --catalogue FILE", err=True)
                 file = Path(until_written.enter_context(TemporaryDirectory())) / file.name
         try:
             with progress:

@@ -30,19 +30,22 @@ def history(
     ],
     runs: Annotated[
         Path,
-        typer.Option(metavar="DIR|URL", parser=location, help="Directory that holds the runs, or directories of them."),
+        typer.Option(metavar="DIR|URL", parser=location, help="Directory with the runs, including subdirectories."),
     ] = Path("runs"),
     figure: Annotated[
-        str | None, typer.Option(metavar="NAME", help="One figure, as band_deg; default: those that show the robot.")
+        str | None,
+        typer.Option(
+            metavar="NAME", help="A single quantity, such as band_deg; default: all quantities that describe the robot."
+        ),
     ] = None,
     since: Annotated[
         datetime | None, typer.Option(metavar="YYYY-MM-DD", formats=["%Y-%m-%d"], help="First day; default: all runs.")
     ] = None,
     rig_file: Annotated[
-        str | None, typer.Option("--rig", help="Rig file with the limits; default: that of the newest run.")
+        str | None, typer.Option("--rig", help="Rig file with the limits; default: the rig file of the newest run.")
     ] = None,
     as_json: AsJson = False,
-    as_csv: Annotated[bool, typer.Option("--csv", help="Print a line of CSV for each run and figure.")] = False,
+    as_csv: Annotated[bool, typer.Option("--csv", help="Print a CSV line for each run and quantity.")] = False,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="FILE.html", help="Page to write; default: write none.")
     ] = None,
@@ -63,8 +66,8 @@ def history(
 
         hold_page(output)
     if Path(robot).is_dir() and runs == Path("runs") and (robot != Path(robot).name or not runs.is_dir()):
-        remedy = f"give its name: rig history NAME --runs {as_argument(robot)}"
-        raise UseError(robot, "is a directory, and a history is of a robot", remedy)
+        remedy = f"give the name of the robot: rig history NAME --runs {as_argument(robot)}"
+        raise UseError(robot, "is a directory, not the name of a robot", remedy)
     collected = _collected(runs, robot, Workers(jobs, scheduler))
     limits = load(rig_file)[0].limits if rig_file else None
     history_found = history_of(collected, figure, since.date() if since else None, limits)
@@ -104,5 +107,5 @@ def _collected(data: Path, robot: str, workers: Workers) -> Collected:
         return collect_by_catalogue(data, robot, default_path(data), workers, CountedProgress())
     from analysis.apps.plant.collect import collect
 
-    shown = partial(CountedProgress(), "evaluating runs that are new or have changed")
+    shown = partial(CountedProgress(), "evaluating new and changed runs")
     return collect(data, robot, shown, workers)

@@ -83,7 +83,7 @@ def collect(directory: Path, robot: str, progress: Progress, how: Workers = _HER
         records_before, why, usable = {}, "", False
         notes.append(_in_memory(file, str(error)))
     if why:
-        notes.append(f"{file} {why}: it is made again from the runs")
+        notes.append(f"{file} {why}: the file is rebuilt from the runs")
     runs = _runs_below(directory)
     broken = [_broken(run, directory, REASONS["damaged"]) for run in runs if run.manifest is None]
     mine = [
@@ -147,7 +147,7 @@ def _broken(run: RunInfo, directory: Path, problem: str) -> Record:
 
 
 def _in_memory(file: Path, why: str) -> str:
-    return f"{file} cannot be used ({why}): every run is evaluated again each time"
+    return f"{file} cannot be used ({why}): all runs must be evaluated each time"
 
 
 def _sorted_out(
@@ -221,7 +221,5 @@ def _rig_of(rig_text: str) -> Rig | None:
 
 def no_run_of(robot: str, directory: Path, names: Collection[str]) -> FileError:
     """Return the error for a directory with no run of a robot. names: rig files of the other runs."""
-    remedy = (
-        f"give one of {', '.join(sorted(names))}" if names else "give the directory that holds the runs: --runs DIR"
-    )
+    remedy = f"choose from {', '.join(sorted(names))}" if names else "give the directory with the runs: --runs DIR"
     return FileError(str(directory), f"contains no run of a robot named {robot}", remedy)

@@ -81,7 +81,7 @@ def summary(fleet: Fleet) -> str:
     """Return the number of robots by state."""
     counts = [(sum(state.attention == reason for state in fleet.robots), WORDS[reason]) for reason in ORDER]
     words = ", ".join(f"{count} {word}" for count, word in counts if count)
-    return f"{len(fleet.robots)} {'robot' if len(fleet.robots) == 1 else 'robots'}: {words or 'none is known'}."
+    return f"{len(fleet.robots)} {'robot' if len(fleet.robots) == 1 else 'robots'}: {words or 'none found'}."
 
 
 def reading(fleet: Fleet) -> str:

@@ -52,7 +52,7 @@ def seen_below(directory: Path) -> list[Seen]:
     respond."""
     seen = list(seen_runs(directory))
     if not seen:
-        raise FileError(str(directory), "contains no runs", "give the directory that holds the plant's runs")
+        raise FileError(str(directory), "contains no runs", "give the directory with the plant's runs")
     return seen
 
 
@@ -91,7 +91,7 @@ def known_of(file: Path, seen: Sequence[Seen], workers: Workers, progress: Progr
             kept(examined, partial(catalogue.keep, file), lambda done: progress("reading runs", done, len(fresh)))
     if fresh or gone:
         entries = catalogue.entries(file)
-    notes = (f"{file} {why}: it was made again from the runs",) if why else ()
+    notes = (f"{file} {why}: the file was rebuilt from the runs",) if why else ()
     return Known(entries, notes, len(fresh), len(gone))
 
 

@@ -114,10 +114,10 @@ def history_of(
     runs = [run for run in collected.runs if since is None or run.when.date() >= since]
     names = {name for run in runs for name in run.figures}
     if not runs:
-        problem = "no run has figures" if since is None else f"no run since {since} has figures"
-        raise FileError(collected.robot, problem, "see rig runs, or give an earlier --since")
+        problem = "no run has figures" if since is None else f"runs since {since} have no results"
+        raise FileError(collected.robot, problem, "list the runs with rig runs, or give an earlier --since")
     if figure is not None and figure not in names:
-        raise UseError("--figure", f"no run has a figure {figure!r}", f"give one of {', '.join(sorted(names))}")
+        raise UseError("--figure", f"the runs have no quantity {figure!r}", f"choose from {', '.join(sorted(names))}")
     tolerances = collected.limits if limits is None else limits
     picked = []
     for title, group in _programs(runs):

@@ -83,7 +83,7 @@ def as_differences(compared: Sequence[Difference]) -> RenderableType:
     for difference in compared:
         by = difference.difference
         is_known = bool(np.isfinite(by.u))
-        verdict = ("yes" if difference.is_larger else "no") if is_known else "not known: repeat the runs"
+        verdict = ("yes" if difference.is_larger else "no") if is_known else "unknown: repeat the runs"
         cells = [by.rounded(value) for value in (difference.before, difference.after, by.value)]
         cells += [by.rounded_u, by.sign, by.rounded(difference.explained)] if is_known else ["", by.sign, ""]
         cells.append(verdict)

@@ -33,8 +33,8 @@ def sentences(history: History) -> list[str]:
         size = Quantity(change.after - change.before, change.u, series.quantities[0].unit)
         verb = "rose" if change.after > change.before else "fell"
         also = [f"{its_series.title}" for its_series, _ in others]
-        seen = f"; {_listed(also)} show{'s' * (len(also) == 1)} it too" if also else ""
-        when = f"{dates(series, change)}{', and may go on' if change.is_last else ''}"
+        seen = f"; {_listed(also)} also show{'s' * (len(also) == 1)} the change" if also else ""
+        when = f"{dates(series, change)}{', and may continue' if change.is_last else ''}"
         changed.append(
             f"{series.label[0].upper()}{series.label[1:]} {verb} from {size.rounded(change.before)} to "
             f"{size.rounded(change.after)} {series.unit} {when} ({series.title}: by {size}; "
@@ -42,7 +42,7 @@ def sentences(history: History) -> list[str]:
         )
     if changed or all(is_short(series) for series in history.series):
         return [*limited, *changed]
-    return [*limited, "No figure changed by more than its scatter between runs explains."]
+    return [*limited, "All changes are within the scatter between runs."]
 
 
 def origin(history: History) -> str:
@@ -55,9 +55,9 @@ def too_few(history: History) -> str:
     """Return the reason for missing sentences, for example a single run and its day."""
     runs = _runs_of(history)
     if not runs:
-        return "No run has a figure that is followed."
-    begin = "There is one run" if len(runs) == 1 else f"There are {len(runs)} runs"
-    return f"{begin}, {_span(runs)}: a change shows only from {2 * FEWEST} runs of a test on."
+        return "The runs contain none of the monitored quantities."
+    begin = "There is only 1 run" if len(runs) == 1 else f"There are {len(runs)} runs"
+    return f"{begin}, {_span(runs)}: changes can be detected only from {2 * FEWEST} runs per test."
 
 
 def _runs_of(history: History) -> list[Record]:
@@ -69,13 +69,13 @@ def remarks(history: History) -> list[str]:
     """Return remarks: amount of data, omissions, and short series."""
     runs = _runs_of(history)
     short = sum(map(is_short, history.series))
-    alarms = f"; of a robot that does not change, {FALSE_ALARMS:.0%} of histories report a change"
-    looked_at = f"{counted(len(history.series), 'series', 'series')} of {counted(len(runs), 'run')} looked at"
+    alarms = f"; for an unchanged robot, {FALSE_ALARMS:.0%} of histories report a change"
+    looked_at = f"{counted(len(history.series), 'series', 'series')} of {counted(len(runs), 'run')} evaluated"
     lines = [looked_at + (alarms if short < len(history.series) else "")]
     if short:
-        lines.append(f"{short} of the series have fewer than {2 * FEWEST} runs, too few to show a change")
+        lines.append(f"{short} of the series have fewer than {2 * FEWEST} runs, too few to detect a change")
     if any(len(series.runs) > NEWEST for series in history.series):
-        lines.append(f"changes are looked for in the newest {NEWEST} runs of a series")
+        lines.append(f"changes are detected only in the newest {NEWEST} runs of a series")
     wild: dict[str, list[str]] = {}
     for series in history.series:
         for run, is_wild in zip(series.runs, series.trend.wild, strict=True):
@@ -83,7 +83,7 @@ def remarks(history: History) -> list[str]:
                 wild.setdefault(run.name, []).append(f"{series.label} of {series.title}")
     named = list(wild.items())[:_MOST_NAMED]
     lines += [
-        f"run {plain(name)} is a wild run: changes are looked for without it in {_listed(of)}" for name, of in named
+        f"run {plain(name)} is an outlier and was not used to detect changes in {_listed(of)}" for name, of in named
     ]
     if len(wild) > _MOST_NAMED:
         lines.append(f"{len(wild) - _MOST_NAMED} further wild runs are ignored where changes are looked for")
@@ -103,7 +103,7 @@ def without_figures(runs: Sequence[tuple[str, str]]) -> list[str]:
     lines = [f"{counted(len(runs), 'run has no figures and is', 'runs have no figures and are')} ignored:"]
     lines += [plain(f"  {name}: {why}") for name, why in runs[:_MOST_NAMED]]
     if len(runs) > _MOST_NAMED:
-        lines.append(f"  and {len(runs) - _MOST_NAMED} more, which --json names")
+        lines.append(f"  and {len(runs) - _MOST_NAMED} more, listed by --json")
     return lines
 
 
@@ -131,17 +131,17 @@ def _limit_sentences(series: Series) -> list[str]:
     figure = f"{series.label[0].upper()}{series.label[1:]} of {series.title}"
     newest = judged.newest.figures[series.figure]
     if judged.count == 1:
-        stands = "is beyond" if judged.standing == "fail" else "is not proven within"
+        stands = "is outside" if judged.standing == "fail" else "possibly exceeds"
         of = f"run {judged.newest.name} of {_day(judged.newest.when)}"
-        return [f"{figure} {stands} its limit of {judged.bound:g} {series.unit}: {of} has {newest}."]
+        return [f"{figure} {stands} the limit of {judged.bound:g} {series.unit}: {of} has {newest}."]
     since = f"{judged.bound:g} {series.unit} since {_day(judged.since.when)} (run {judged.since.name})"
     standing = {
-        "pass": f"was beyond its limit, and has been within {since}",
-        "watch": f"has not been proven within its limit of {since}",
-        "fail": f"has been beyond its limit of {since}",
+        "pass": f"was outside the limit, and has been within {since}",
+        "watch": f"has possibly exceeded the limit of {since}",
+        "fail": f"has been outside the limit of {since}",
     }[judged.standing]
     beyond = judged.beyond
-    among = f"; {len(beyond)} of {judged.count} runs beyond, {_span(beyond)}" if beyond else ""
+    among = f"; {len(beyond)} of {judged.count} runs outside, {_span(beyond)}" if beyond else ""
     return [f"{figure} {standing}: the newest run has {newest}{among}."]
 
 

@@ -69,10 +69,10 @@ class State:
     def doubts(self) -> list[str]:
         """Doubts as text."""
         counts = (
-            (len(self.without_figures), "without figures"),
+            (len(self.without_figures), "without results"),
             (self.wild, "wild"),
             (self.copies, "copied"),
-            (self.corrected, "driven corrected, which show the correction and not the arm"),
+            (self.corrected, "run with corrections, so they do not show the arm alone"),
         )
         return [*filter(None, [self.problem]), *(f"{count} {words}" for count, words in counts if count)]
 
@@ -162,6 +162,6 @@ def _trend(all_series: Sequence[Series]) -> tuple[str, str, bool]:
     further = f", and {len(last) - 1} more" if len(last) > 1 else ""
     words = (
         f"{series.title}: {series.label} {verb} from {size.rounded(change.before)} to {size.rounded(change.after)} "
-        f"{series.unit} {dates(series, change)}{', and may go on' if change.is_last else ''}{further}"
+        f"{series.unit} {dates(series, change)}{', and may continue' if change.is_last else ''}{further}"
     )
     return series.runs[change.last].when.date().isoformat(), words, bool(grown)

@@ -49,7 +49,7 @@ def seen_runs(directory: Path) -> Iterator[Seen]:
                 yield Seen(run.path, "/".join(run.path.parts[len(directory.parts) :]), signature)
         return
     if not directory.is_dir():
-        raise FileError(str(directory), "no such directory", "give the directory that holds the plant's runs")
+        raise FileError(str(directory), "no such directory", "give the directory with the plant's runs")
     for path in run_directories([directory]):
         if path != directory:  # It is returned itself if there are no runs.
             yield Seen(path, os.path.relpath(path, directory), signature_of(path))

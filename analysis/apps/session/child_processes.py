@@ -113,7 +113,7 @@ class Child:
             last_line = next(
                 (line for line in reversed(self.log.read_text("utf-8", "replace").splitlines()) if line), ""
             )
-        problem = f"ended by itself: {last_line.removeprefix('error: ')}" if last_line else "ended by itself"
+        problem = f"exited unexpectedly: {last_line.removeprefix('error: ')}" if last_line else "exited unexpectedly"
         return CellError(self.name, problem, f"see {self.log}; then repeat the command")
 
     @property

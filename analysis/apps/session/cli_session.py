@@ -26,7 +26,7 @@ _MINUTES, _WAIT_MIN = 50.0, 15.0
 def session(
     rig_file: RigArgument,
     minutes: Annotated[
-        float, typer.Option(min=1, max=1440, help="Time at hand, with set-ups and the verification.")
+        float, typer.Option(min=1, max=1440, help="Available time, including set-up and verification.")
     ] = _MINUTES,
     aim: Annotated[
         Literal["faults", "accuracy", "check"],
@@ -36,7 +36,7 @@ def session(
         ),
     ] = "faults",
     maker: Annotated[
-        MakerName | None, maker_option("Maker of the controller", "that of the feedback, or of the robot's name")
+        MakerName | None, maker_option("Maker of the controller", "from the feedback or the name of the robot")
     ] = None,
     directory: Annotated[
         Path | None,
@@ -50,10 +50,11 @@ def session(
         ),
     ] = None,
     entered: Annotated[
-        bool, typer.Option("--entered", help="The values of the correction are entered at the controller.")
+        bool,
+        typer.Option("--entered", help="Confirm that the values of the correction were entered at the controller."),
     ] = False,
     wait_min: Annotated[
-        float, typer.Option(min=0.1, max=1440, help="Minutes that the robot has to begin a program.")
+        float, typer.Option(min=0.1, max=1440, help="Minutes to wait for the robot to start a program.")
     ] = _WAIT_MIN,
     operator: Annotated[str, typer.Option(help="Name of the operator; default: the user.")] = "",
     emulated: Annotated[
@@ -70,9 +71,9 @@ def session(
     ] = "",
     fast: Annotated[
         bool,
-        typer.Option("--fast", help="With --emulated: in simulated time, 50 minutes in a few."),
+        typer.Option("--fast", help="With --emulated: run in simulated time, 50 minutes in a few."),
     ] = False,
-    seed: Annotated[int, typer.Option(min=0, help="With --emulated: seed of the noise of the gauges.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="With --emulated: seed of the gauge noise.")] = 1,
     status: Annotated[bool, typer.Option("--status", help="Show the progress of the session, and end.")] = False,
     as_json: AsJson = False,
 ) -> None:
@@ -97,7 +98,7 @@ def session(
             raise UseError(option, "is allowed only with --emulated", "add --emulated")
     controller = maker or rig.maker
     if controller is None:
-        raise UseError("--for", "is not given, and neither feedback nor robot names the maker", "give --for")
+        raise UseError("--for", "is required, because neither feedback nor robot names the maker", "give --for")
     from analysis.apps.session.run_session import Asked, run_session
 
     if Path(effects).is_file():  # an absolute path is valid in any working directory; the name of a shipped rig is kept
@@ -134,7 +135,7 @@ def _show(place: Place, rig_file: Path | str, rig_text: str, *, as_json: bool) -
 
     kept_session = place.read()
     if kept_session is None:
-        raise FileError(str(place.file), "this directory has no session", f"begin one: {place.command(rig_file)}")
+        raise FileError(str(place.file), "this directory has no session", f"start a session: {place.command(rig_file)}")
     place.hold_whole(kept_session, rig_text)
     if as_json:
         say_json(kept_session.model_dump(mode="json"))

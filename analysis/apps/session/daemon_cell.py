@@ -145,7 +145,9 @@ class Rigd:
         while silent := self.silent():
             if clock.now_s() > until_s:
                 names = ", ".join(silent)
-                raise CellError(names, f"no readings in {_READS_S:.0f} s", "see rig doctor; then the same command")
+                raise CellError(
+                    names, f"sent no readings for {_READS_S:.0f} s", "run rig doctor, then repeat the command"
+                )
             clock.sleep(LOOK_S)
 
     def ask(self, command: str, **fields: Any) -> dict[str, Any]:
@@ -411,7 +413,7 @@ class Person:
         """Ignored: the guide has already printed the request."""
 
     def go_on(self, program: Program) -> None:
-        self._screen.say(f"{program.name} is recorded: mount the link, and let the program continue")
+        self._screen.say(f"{program.name} is being recorded: mount the link, and continue the program")
 
     def look(self) -> None:
         """Ignored: the operator is always present."""

@@ -351,11 +351,11 @@ def _failed(step: Step, *, is_emulated: bool) -> tuple[Stop, ...]:
     if len(step.tries) % MOST_TRIES:
         return ()
     if is_emulated or any(attempt.held_up for attempt in step.tries[-MOST_TRIES:]):
-        vain = f"after {MOST_TRIES} failed attempts at {step.program}, the last time: {last}"
+        vain = f"after {MOST_TRIES} failed attempts at {step.program}, last error: {last}"
         remedy = "close other programs, or use a faster computer; then repeat the command here"
         return (Stop(CellError("this computer", f"was delayed, so that readings are missing ({vain})", remedy)),)
     remedy = "check the cell (rig doctor); then repeat the command here"
-    return (Stop(CellError(step.program, f"failed {MOST_TRIES} times, the last time: {last}", remedy)),)
+    return (Stop(CellError(step.program, f"failed {MOST_TRIES} times, last error: {last}", remedy)),)
 
 
 def _begun(state: State, *, joins: bool) -> Outcome:
@@ -392,7 +392,7 @@ def _answered(state: State, answer: Answer) -> Outcome:
     early = changed.skipping("find", _ANSWERED if is_known else "")
     if count := abs(len(session.open_steps) - len(early.session.open_steps)):
         programs = counted(count, "further program is", "further programs are")
-        sentence = f"{_ANSWERED}: {programs} left out" if is_known else f"{_OPEN}: {programs} driven after all"
+        sentence = f"{_ANSWERED}: {programs} skipped" if is_known else f"{_OPEN}: {programs} required after all"
         return early, (*actions, Say((f"  {sentence}",)))
     return changed, actions
 

@@ -95,13 +95,13 @@ def run_session(
                 raise UseError("--entered", "this session does not have values to enter", "remove it")
             session = session.model_copy(update={"correction": session.correction.model_copy(update={"entered": True})})
         if kept is not None:
-            which_session = f"of {kept.began}: aim {kept.aim}, {kept.minutes:g} minutes, for {kept.maker}"
+            which_session = f"from {kept.began}: aim {kept.aim}, {kept.minutes:g} minutes, for {kept.maker}"
             if kept.report:
                 screen.say(
                     f"this session is complete ({which_session}); to start a new session, choose a different --output"
                 )
             else:
-                screen.say(f"going on with the session {which_session}")
+                screen.say(f"Continuing the session {which_session}")
         place.write(session)
         with _means(session, place, asked, screen) if means is None else nullcontext(means) as equipment:
             driver = LiveDriver(
@@ -248,7 +248,7 @@ class Conductor:
         inference, began_s = self.inferences.pop(self.state.inferring), clock.now_s()
         count = len(self.state.session.runs_for("find"))
         while not inference.is_done:
-            self.screen.show(f"understanding {counted(count, 'run')}: {clock.now_s() - began_s:.0f} s")
+            self.screen.show(f"diagnosing {counted(count, 'run')}: {clock.now_s() - began_s:.0f} s")
             clock.sleep(_LOOK_S)
         return guide.Answered(inference.result())
 
@@ -281,10 +281,10 @@ class Conductor:
     def _enter(self) -> guide.Event:
         """Have the values entered. Raises CellError if the operator does not confirm it."""
         file = entries_file(self.place.directory / CORRECTIONS)
-        self.screen.say(f"enter the values of {file}, as it says")
+        self.screen.say(f"enter the values of {file}, as described in that file")
         if not self.driver.enter(file):
             kept = self.state.session
-            remedy = f"enter them, then: {self.place.command(kept.rig_file, kept)} --entered"
+            remedy = f"enter the values, then run: {self.place.command(kept.rig_file, kept)} --entered"
             raise CellError(str(file), "the operator has not confirmed that the values are entered", remedy)
         return "entered"
 
@@ -349,7 +349,7 @@ def _hold_same(session: Session, text: str, asked: Asked, place: Place) -> None:
         kind = "a real" if session.emulated is None else "an emulated"
         raise UseError(
             "--emulated",
-            f"this session is of {kind} cell",
+            f"this session uses {kind} cell",
             "continue with the original options, or choose a different -o",
         )
 

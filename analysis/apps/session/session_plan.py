@@ -96,7 +96,7 @@ def planned(
     """
     if not rig.gauges.recorded:
         problem = "does not have gauges, but a session needs two gauges to read circles"
-        remedy = "measure poses (rig plan RIG --poses 60) or touches (rig record touch), then rig diagnose"
+        remedy = "measure poses (rig plan RIG --poses 60) or touches (rig record touch), then run rig diagnose"
         raise FileError(RigPlace.of(rig.name), problem, remedy)
     require_test(rig, MAIN)
     minutes -= pace.thinking_min

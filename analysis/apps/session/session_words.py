@@ -34,7 +34,7 @@ def plan_lines(session: Session, pace: Pace, directory: Path) -> Iterator[str]:
     if not (open_steps := session.open_steps):
         return
     driven = len(session.steps) - len(open_steps)
-    goes_on = f", {driven} of {len(session.steps)} steps are done" if driven else ""
+    goes_on = f", {driven} of {len(session.steps)} steps completed" if driven else ""
     minutes = minutes_of(session.stages, open_steps, pace)
     yield f"{session.rig}: {counted(len(open_steps), 'program')} to drive, {counted(round(minutes), 'minute')}{goes_on}"
     for (purpose, stage), group in groupby(open_steps, key=lambda step: (step.purpose, step.stage)):
@@ -52,7 +52,7 @@ def step_lines(session: Session, number: int) -> Iterator[str]:
     yield f"step {number + 1} of {len(session.steps)}: start program {step.program}{again}"
     if not again:
         way = f" --direction {step.direction}" if step.direction else ""
-        yield f"  the same by hand: rig record start {step.program} --test {step.test}{way}; rig record stop"
+        yield f"  to record by hand: rig record start {step.program} --test {step.test}{way}; rig record stop"
 
 
 def answer_lines(answer: Answer, before: Answer | None) -> Iterator[str]:
@@ -66,7 +66,7 @@ def more_lines(answer: Answer, stage: Stage) -> Iterator[str]:
     """Yield the additional stage and the reason for it."""
     measure = next((act.words for act in answer.acts if act.kind == "measure"), answer.next_step)
     yield f"  {answer.condition}: {measure}"
-    yield f"  so the stage {stage.name} comes next"
+    yield f"  next stage: {stage.name}"
 
 
 def budget_lines(parts: tuple[PartOfError, ...]) -> Iterator[str]:
@@ -109,7 +109,7 @@ def end_lines(session: Session, directory: Path) -> Iterator[str]:
         yield f"  {texts_of('en')(f'after_cause_{correction.way}')}"
     programs = sum(len(step.tries) for step in session.steps)
     driven = f"{counted(programs, 'run')}, {counted(round(session.driven_minutes), 'minute')} of driving"
-    yield f"{driven}; {session.minutes:g} were at hand"
+    yield f"{driven}, {session.minutes:g} available"
     yield f"report: {directory / session.report}"
     if answer and answer.level != 1:
         rig_file = as_argument(Path(session.rig_file))
@@ -126,7 +126,7 @@ def correction_lines(correction: Correction, sides: Sequence[Side]) -> Iterator[
         where = f"error of the path {'on the same circle' if side.place == 'same' else 'at the other place'}"
         expected = f" (expected {side.expected.text})" if side.expected else ""
         before = _size(side.before)
-        yield f"{where}: was {before}, is {_size(side.after)}{expected}" if side.after else f"{where}: {before}"
+        yield f"{where}: {before} before, {_size(side.after)} after{expected}" if side.after else f"{where}: {before}"
     if is_driven and correction.work:
         work = correction.work
         yield (
@@ -136,7 +136,7 @@ def correction_lines(correction: Correction, sides: Sequence[Side]) -> Iterator[
 
 
 _DRIVEN: dict[Way, str] = {
-    "programs": "The corrected programs were loaded and driven.",
+    "programs": "The corrected programs were loaded and run.",
     "entries": "The values were entered at the controller, and the programs were driven.",
     "none": "The robot was not corrected.",
 }
@@ -150,7 +150,7 @@ def status_lines(session: Session, following: Following, directory: Path) -> Ite
     """Yield the progress of a session, with a line for each step, and the next step."""
     began = session.began.replace("T", " ")
     minutes = counted(round(session.driven_minutes), "minute")
-    yield f"session of {session.rig}, begun {began}, aim {session.aim}, {minutes} driven"
+    yield f"session of {session.rig}, started {began}, aim {session.aim}, {minutes} of driving"
     for number, step in enumerate(session.steps, start=1):
         open_state = f"to be repeated: {step.tries[-1].why}" if step.tries else "to be driven"
         state = step.run or (f"skipped: {step.skipped}" if step.skipped else open_state)
@@ -166,11 +166,11 @@ def status_lines(session: Session, following: Following, directory: Path) -> Ite
         if isinstance(following, Drive):
             action = next(step_lines(session, following.number)).partition(": ")[2]
         command = Place(directory).command(session.rig_file, session)
-        yield f"next: {action or 'understand the runs'}; go on with: {command}"
+        yield f"next: {action or 'diagnose the runs'}; continue with: {command}"
 
 
 _NEXT: dict[Following, str] = {
-    "decide": "decide whether more is measured",
+    "decide": "decide on further measurements",
     "correct": "make the correction",
     "enter": "enter the values of the correction at the controller",
     "report": "write the report",

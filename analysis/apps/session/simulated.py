@@ -89,7 +89,7 @@ class SimulatedChild:
 
     def ended(self) -> CellError:
         """Return an error that reports the end of the cell."""
-        return CellError(self.name, "ended by itself", "the same command goes on")
+        return CellError(self.name, "exited unexpectedly", "repeat the command to continue")
 
     def stop(self) -> None:
         """Stop the cell."""
@@ -108,7 +108,7 @@ class SimulatedRigd(Rigd):
     def ask(self, command: str, **fields: Any) -> dict[str, Any]:
         """Send a command to the daemon. Raises RigError."""
         if self._daemon is None:
-            raise CellError("rigd", "ended by itself", "see the log, then repeat the command")
+            raise CellError("rigd", "exited unexpectedly", "see the log, then repeat the command")
         answer: dict[str, Any] = self._daemon.answer({"command": command, **fields})
         return answer
 

@@ -136,7 +136,7 @@ def app_of(window: Window) -> Guard:
 
 
 NOT_ALLOWED = CellError(
-    "rig window", "your user is not allowed to control rigd, by its socket", "join the group rig, or ask for --token"
+    "rig window", "the socket does not allow this user to control rigd", "join the group rig, or use --token"
 )
 
 
@@ -158,7 +158,7 @@ class _Pages:
     async def events(self, request: Request) -> Response | Follow:
         board = self._window.watcher.board
         if board.viewers >= MOST_VIEWERS:
-            return JSONResponse({"why": "too many pages follow already"}, 503, {"retry-after": "10"})
+            return JSONResponse({"why": "too many pages are open"}, 503, {"retry-after": "10"})
         return Follow(board)
 
     async def session(self, request: Request) -> Response:
@@ -412,7 +412,7 @@ def _written(value: Quantity) -> str:
 def _say_why(watching: asyncio.Task[None]) -> None:
     """Log the reason for the end of the watch task. The pages report the missing updates."""
     if not watching.cancelled() and (error := watching.exception()) is not None:
-        log.error("the cell is not watched any more", exc_info=error)
+        log.error("the cell is no longer monitored", exc_info=error)
 
 
 async def _form(request: Request) -> dict[str, str]:

@@ -21,39 +21,40 @@ def window(
         typer.Argument(
             metavar="CELL",
             autocompletion=completion.rig_files,
-            help="Rig file of the cell; default: the only daemon that runs, without a session.",
+            help="Rig file of the cell; default: the only running daemon, without a session.",
         ),
     ] = None,
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Port to serve at; 0: any that is free.")] = _PORT,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the server; 0 selects a free port.")] = _PORT,
     listen: Annotated[
         str,
-        typer.Option(metavar="ADDRESS", help="Address to listen on; any but this computer's own needs --token."),
+        typer.Option(metavar="ADDRESS", help="Address to listen on; addresses of other interfaces require --token."),
     ] = "127.0.0.1",
     token: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="File with the token that a browser must show; default: none is needed."),
+        typer.Option(metavar="FILE", help="File with the token that a browser must send; default: none required."),
     ] = None,
     name: Annotated[
         list[str] | None,
         typer.Option(
             metavar="NAME",
-            help="Host name under which it is reached, as behind a proxy; repeatable; default: --listen.",
+            help="Host name in the browser's address, for example behind a proxy; repeatable; default: --listen.",
         ),
     ] = None,
     control: Annotated[
         bool,
-        typer.Option("--control", help="Allow to start and stop recordings, to zero, and to go on with the session."),
+        typer.Option("--control", help="Allow recordings, zeroing, and continuing the session from the browser."),
     ] = False,
     foxglove: Annotated[
         int | None,
         typer.Option(
-            min=0, max=65535, metavar="PORT", help="Also serve gauges and joints to Foxglove at this port; default: no."
+            min=0, max=65535, metavar="PORT", help="Also serve gauges and joints to Foxglove on this port; default: no."
         ),
     ] = None,
     runs: Annotated[
         Path | None,
         typer.Option(
-            metavar="DIR", help="Directory of the runs; default: that of the session if there is one, or runs."
+            metavar="DIR",
+            help="Directory of the runs; default: the directory of the session if available, otherwise runs.",
         ),
     ] = None,
     session: Annotated[
@@ -74,7 +75,7 @@ def window(
     except ModuleNotFoundError as error:
         if error.name not in ("starlette", "uvicorn"):
             raise
-        problem = f"needs {error.name}, which is not installed"
+        problem = f"needs the Python package {error.name}, which is not installed"
         raise CellError("rig window", problem, to_install("starlette", "uvicorn")) from None
     asked = Asked(rig_file, port, listen, token, tuple(name or ()), control, foxglove, runs, session)
     run_window(asked, say)

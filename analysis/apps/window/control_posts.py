@@ -83,10 +83,12 @@ class Controls:
     def _go_on(self, maker: MakerName | None, *, entered: bool) -> str:
         """Start or resume the session, as in `rig session`. maker: maker of the controller, for a new session."""
         if self._place is None or self._log is None:
-            raise CellError("rig window", "was started without a cell", "start it as rig window CELL --control")
+            raise CellError("rig window", "was started without a cell", "start rig window CELL --control")
         with self._lock:
             if self._session is not None and self._session.runs:
-                raise CellError(str(self._place.directory), "this session is under way", "look at what it says")
+                raise CellError(
+                    str(self._place.directory), "this session is already running", "see the messages of the session"
+                )
             kept = self._place.read()
             words = ["session", self._rig_file, "-o", str(self._place.directory)]
             chosen = kept.maker if kept else maker

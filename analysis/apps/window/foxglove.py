@@ -165,7 +165,7 @@ class Foxglove:
         try:
             import foxglove  # noqa: PLC0415 - an extra
         except ModuleNotFoundError:
-            problem = "needs foxglove-sdk, which is not installed"
+            problem = "needs the Python package foxglove-sdk, which is not installed"
             raise CellError("--foxglove", problem, to_install("foxglove-sdk")) from None
         context = self._context = foxglove.Context()  # the channels live as long as the context
 
@@ -182,12 +182,12 @@ class Foxglove:
         try:
             self._server = foxglove.start_server(name="rig", host=inner, port=0, context=context)
         except RuntimeError as error:
-            raise CellError(f"{inner}:0", f"cannot be listened on: {error}", "leave --foxglove out") from None
+            raise CellError(f"{inner}:0", f"cannot be used for listening: {error}", "leave --foxglove out") from None
         try:
             self._door = Door.opened(port, (inner, int(self._server.port)), gate)
         except OSError as error:
             self._server.stop()
-            problem = f"cannot be listened on: {error.strerror or error}"
+            problem = f"cannot be used for listening: {error.strerror or error}"
             raise CellError(f"127.0.0.1:{port}", problem, "choose a different port") from None
 
     @property

@@ -53,12 +53,12 @@ def token_of(file: Path) -> str:
     try:
         token = read_text(file, _MOST_TOKEN).strip()
     except OSError as error:
-        raise FileError(str(file), error.strerror or str(error), "give the file that holds the token") from None
+        raise FileError(str(file), error.strerror or str(error), "give a file with the token") from None
     if len(token) < _LEAST_TOKEN or not token.isascii() or not token.isprintable() or " " in token:
         problem = f"contains no token: one is a word of at least {_LEAST_TOKEN} letters, digits and signs"
-        raise FileError(str(file), problem, "make one: openssl rand -hex 24 > FILE, and chmod 600 FILE")
+        raise FileError(str(file), problem, "create a token: openssl rand -hex 24 > FILE, and chmod 600 FILE")
     if file.stat().st_mode & 0o007:
-        raise FileError(str(file), "can be read by every user of this computer", f"chmod 600 {file}")
+        raise FileError(str(file), "is readable for every user of this computer", f"chmod 600 {file}")
     return token
 
 
@@ -67,8 +67,8 @@ def is_loopback(address: str) -> bool:
     try:
         return ipaddress.ip_address(address).is_loopback
     except ValueError:
-        remedy = "give an address of this computer, as 192.168.1.5, or 0.0.0.0 for all of them"
-        raise UseError("--listen", f"{address!r} is no IP address", remedy) from None
+        remedy = "give an address of this computer, such as 192.168.1.5, or 0.0.0.0 for all addresses"
+        raise UseError("--listen", f"{address!r} is not an IP address", remedy) from None
 
 
 @dataclass(frozen=True)
@@ -122,17 +122,17 @@ class Gate:
         host = headers.get("host", "")
         name = (urlsplit(f"//{host}").hostname or "").lower()  # remove the port and the brackets of IPv6
         if name not in self.names:
-            return 421, "This window is not served under that name; rig window --name NAME allows one."
+            return 421, "This host name is not allowed; add it with rig window --name NAME."
         origin, site = headers.get("origin"), headers.get("sec-fetch-site", "none")
         is_own = urlsplit(origin).netloc == host if origin else site in ("same-origin", "none")
         if scope["method"] not in ("GET", "HEAD", "POST"):
-            return 405, "Only GET and POST are answered."
+            return 405, "Only GET and POST are supported."
         if scope["method"] == "POST" and not origin and "sec-fetch-site" not in headers:
             return 403, "A form must come from a page of this window."
         if not is_own or site == "cross-site" or (scope["method"] == "POST" and not origin):
             return 403, "A different site has asked for this; type the address of the window instead."
         if int(headers.get("content-length", "0") or 0) > MOST_BODY:
-            return 413, f"A request holds at most {MOST_BODY} bytes."
+            return 413, f"A request may have at most {MOST_BODY} bytes."
         return 0, ""
 
 
@@ -161,7 +161,7 @@ class Guard:
             try:
                 status, why = self._gate.wrong(scope)
             except ValueError:
-                status, why = 400, "The request is not understood."
+                status, why = 400, "The request is not valid."
         if status:
             app = PlainTextResponse(why, status)
         elif not self._gate.is_let_in(Headers(scope=scope)) and not scope["path"].startswith(_OPEN):
@@ -180,7 +180,7 @@ async def form_of(request: Request) -> dict[str, str]:
         async for piece in request.stream():
             body += piece
             if len(body) > MOST_BODY:
-                raise ValueError(f"a form holds at most {MOST_BODY} bytes")
+                raise ValueError(f"a form may have at most {MOST_BODY} bytes")
     return dict(parse_qsl(body.decode("utf-8"), max_num_fields=20, keep_blank_values=True))
 
 

@@ -82,10 +82,10 @@ class Made:
                 if not why:
                     return self._directory / key
                 del self._done[key]
-                raise FileError(making.arguments[0], why, "see the runs, or try again")
+                raise FileError(making.arguments[0], why, "check the runs, or retry")
             if key not in self._waiting and (self._current is None or self._current[0] != key):
                 if len(self._waiting) >= MOST_WAITING:
-                    raise CellError("rig window", "other pages are being made", "try again in a minute")
+                    raise CellError("rig window", "other pages are being created", "retry in a minute")
                 self._waiting[key] = making
                 self._advance()
             return None

@@ -117,7 +117,7 @@ def listening(address: str, port: int) -> socket.socket:
         sock.listen(MOST_CONNECTIONS)
     except (OSError, OverflowError) as error:
         sock.close()
-        problem = f"cannot be listened on: {getattr(error, 'strerror', None) or error}"
+        problem = f"cannot be used for listening: {getattr(error, 'strerror', None) or error}"
         raise CellError(
             f"{address}:{port}", problem, "choose a different --port, or end the program that has it"
         ) from None
@@ -187,8 +187,8 @@ class Asked:
         Raises UseError for public access without a token, and FileError for an invalid token.
         """
         if not is_loopback(self.listen) and self.token is None:
-            problem = f"{self.listen} can be reached by other computers"
-            remedy = "give --token FILE as well, or put a proxy that asks who it is before 127.0.0.1"
+            problem = f"{self.listen} is accessible from other computers"
+            remedy = "add --token FILE, or use an authenticating proxy in front of 127.0.0.1"
             raise UseError("--listen", problem, remedy)
         return Gate.of([self.listen, *self.names], token_of(self.token) if self.token else None)
 
@@ -210,7 +210,7 @@ def run_window(asked: Asked, say: Callable[[str], object]) -> None:
         if asked.foxglove is not None:
             stream = Foxglove(asked.foxglove, rig, gate)
             ends.callback(stream.close)
-            open_to = "" if gate.token else "; pages that other programs of this computer serve can read it, too"
+            open_to = "" if gate.token else "; web pages of other programs on this computer can also read the data"
             say(f"ws://127.0.0.1:{stream.port}{'/?token=TOKEN' if gate.token else ''} for Foxglove{open_to}")
         begin = place.command(asked.rig_file) if place and asked.rig_file else ""
         daemon = partial(find_socket, rig.name if rig else None)
@@ -221,8 +221,8 @@ def run_window(asked: Asked, say: Callable[[str], object]) -> None:
             ends.callback(controls.close)
         ends.callback(signal.signal, signal.SIGINT, signal.SIG_IGN)
         where = f"[{asked.listen}]" if ":" in asked.listen else asked.listen
-        say(f"http://{where}:{sock.getsockname()[1]}{' with control' if controls else ''}; Ctrl-C ends it")
+        say(f"http://{where}:{sock.getsockname()[1]}{' with control' if controls else ''}; stop with Ctrl-C")
         remark = "" if shelf.directory.is_dir() else ", which is missing yet"
-        cell = rig.name if rig else "the only cell that rigd serves"
+        cell = rig.name if rig else "the only cell served by rigd"
         say(f"showing {cell}, and the runs in {shelf.directory}{remark}")
         serve(app_of(Window(watcher, shelf, place, made, gate, controls)), sock, watcher.board.end)

@@ -102,7 +102,7 @@ class Shelf:
                 return _shown(look(path), self._records().get(name))
         except (OSError, ValueError):
             pass
-        raise FileError(name, "is no run here", "choose one of the list")
+        raise FileError(name, "is no run here", "choose a run from the list")
 
     def robots(self) -> list[str]:
         """Return the names of all rigs with runs in the directory."""
@@ -172,10 +172,10 @@ def metrics_of(runs: Iterable[Shown], *, daemon_is_up: bool) -> str:
         for name in _STANDINGS
     )
     metrics: tuple[tuple[str, str, tuple[tuple[Labels, float], ...]], ...] = (
-        ("rig_up", "1 where rigd answers, 0 where it does not.", (({}, float(daemon_is_up)),)),
-        ("rig_figure", "Figure of the newest run of each test, in the unit of its name.", values),
+        ("rig_up", "1 if rigd answers, otherwise 0.", (({}, float(daemon_is_up)),)),
+        ("rig_figure", "Result of the newest run of each test, in the unit of its name.", values),
         ("rig_figure_uncertainty", "Its standard uncertainty.", u),
-        ("rig_figure_limit", "Limits of the rig file: from watch on, and beyond fail.", limits),
-        ("rig_figure_standing", "1 for how the figure stands against its limits.", standings),
+        ("rig_figure_limit", "Limits of the rig file: lower bounds of watch and of fail.", limits),
+        ("rig_figure_standing", "1 for the current state of the result relative to its limits.", standings),
     )
     return render([Metric(name, "gauge", help_text, samples) for name, help_text, samples in metrics])

@@ -90,7 +90,7 @@ def _connected(address: str) -> Any:
     try:
         from distributed import Client  # noqa: PLC0415 - an extra
     except ModuleNotFoundError:
-        problem = "needs dask.distributed, which is not installed"
+        problem = "needs the Python package dask.distributed, which is not installed"
         raise FileError("--scheduler", problem, to_install("distributed")) from None
     # The log of a lost connection would appear among the results. Relevant errors are raised here.
     for logger in ("distributed", "distributed.client"):
@@ -101,8 +101,8 @@ def _connected(address: str) -> Any:
         return Client(address, timeout=_CONNECTED_S, set_as_default=False)
     # MemoryError: other programs may announce any message size
     except (MemoryError, OSError, TypeError, ValueError) as error:
-        problem = f"no Dask scheduler answers: {str(error) or f'nothing came within {_CONNECTED_S} s'}"
-        remedy = "give the address that it printed, as tcp://10.0.0.5:8786"
+        problem = f"the Dask scheduler does not answer: {str(error) or f'nothing came within {_CONNECTED_S} s'}"
+        remedy = "give the address printed by the scheduler, such as tcp://10.0.0.5:8786"
         raise CellError(f"--scheduler {address}", problem, remedy) from None
 
 
@@ -121,11 +121,11 @@ def _require_same_versions(client: Any, address: str) -> None:
         ours = metadata.version(package)
         theirs = client.run(metadata.version, package, on_error="return")
         if not theirs:
-            raise CellError(address, "has no workers", f"start one: dask worker {address} --nthreads 1")
+            raise CellError(address, "has no workers", f"start a worker: dask worker {address} --nthreads 1")
         for worker, version in theirs.items():
             if version != ours:
                 has = f"has {package} {version}" if isinstance(version, str) else f"lacks {package}"
-                raise CellError(str(worker), f"{has}, and this computer {ours}", "install the same version on both")
+                raise CellError(str(worker), f"{has}, but this computer {ours}", "install the same version on both")
 
 
 def _result(future: Any, item: object, address: str) -> Any:
@@ -136,8 +136,10 @@ def _result(future: Any, item: object, address: str) -> Any:
         return future.result()
     except KilledWorker:
         remedy = "it may need more memory than a worker has: give the workers more, or work on it here"
-        return CellError(str(item), "the workers that worked on it died, one after another", remedy)
+        return CellError(str(item), "all workers that processed this run died", remedy)
     except (CancelledError, OSError) as error:
         raise CellError(
-            address, f"the Dask scheduler is gone: {type(error).__name__}", "start it and this command again"
+            address,
+            f"the connection to the Dask scheduler was lost: {type(error).__name__}",
+            "start the scheduler, then repeat the command",
         ) from None

@@ -18,7 +18,7 @@ from daq.store.run_directory import removed_at_signals
 from rigs.errors import CellError, FileError, RigError
 
 _PREFIX = "rig-"
-_MORE_ROOM = "set TMPDIR to a directory with more room"
+_MORE_ROOM = "set TMPDIR to a directory with more space"
 _place: ContextVar[str | None] = ContextVar("place", default=None)
 
 
@@ -46,7 +46,7 @@ def named(text: str, copy: Path, run: Path) -> str:
     """Replace the path of the copy by the original run in a text."""
     if copy == run:
         return text
-    return text.replace(to_recover(copy), "run `rig recover` on a copy of it").replace(str(copy), str(run))
+    return text.replace(to_recover(copy), "run `rig recover` on a copy of the run").replace(str(copy), str(run))
 
 
 @contextmanager
@@ -73,7 +73,7 @@ def _temporary_directory(within: str | None) -> Iterator[str]:
     try:
         made = tempfile.TemporaryDirectory(prefix=_PREFIX, dir=within)
     except OSError as error:
-        raise CellError("TMPDIR", f"no temporary directory can be made: {error.strerror}", _MORE_ROOM) from None
+        raise CellError("TMPDIR", f"a temporary directory cannot be created: {error.strerror}", _MORE_ROOM) from None
     with made as name:
         yield name
 
@@ -94,13 +94,13 @@ def _fetch(run: RemotePath, into: Path) -> None:
         store, folder = opened(run)
         files = [file for file in entries(store, folder)[0] if is_read(file.name)]
         if not files:
-            raise FileError(str(run), "contains no run", "give a run, or a directory of runs")
+            raise FileError(str(run), "contains no run", "give a run or a directory of runs")
         needed, free = sum(file.size for file in files), shutil.disk_usage(into).free
         if needed > free:
-            room = f"{tempfile.gettempdir()} has room for {free / 1e6:.1f} MB"
-            raise CellError(str(run), f"has {needed / 1e6:.1f} MB, and the temporary directory {room}", _MORE_ROOM)
+            room = f"{tempfile.gettempdir()} has {free / 1e6:.1f} MB of free space"
+            raise CellError(str(run), f"has {needed / 1e6:.1f} MB, but the temporary directory {room}", _MORE_ROOM)
         store.get([f"{folder}/{file.name}" for file in files], [str(into / file.name) for file in files])
         for file in files:
             if (into / file.name).stat().st_size != file.size:
-                problem = f"has changed while it was read: {file.name} is not as it was listed"
+                problem = f"has changed while being read: {file.name} differs from the listing"
                 raise FileError(str(run), problem, "repeat this command")

@@ -47,7 +47,7 @@ def attempt(work: Callable[[Item], Value], item: Item) -> Value | RigError:
     except RigError as error:
         return error
     except MemoryError:
-        return CellError(str(item), "there is not enough memory for it", "close other programs, or give fewer --jobs")
+        return CellError(str(item), "not enough memory for this run", "close other programs, or give fewer --jobs")
     except (ArithmeticError, ValueError, RuntimeWarning) as error:
         if not is_numerical(error):
             raise

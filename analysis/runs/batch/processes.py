@@ -135,8 +135,8 @@ def _killed(item: object, process: BaseProcess) -> CellError:
     how = f"was killed by signal {-code}" if code < 0 else f"ended with code {code}"
     return CellError(
         str(item),
-        f"the process that worked on it {how}, {_TRIES} times",
-        "it may need more memory than there is: close other programs, or give fewer --jobs",
+        f"the process for this run {how}, {_TRIES} times",
+        "the memory may be too small: close other programs, or give fewer --jobs",
     )
 
 

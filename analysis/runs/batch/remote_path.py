@@ -63,8 +63,8 @@ def location(text: str) -> Path:
     """Parse a local path or a URL. Raises FileError for an unsupported URL."""
     url = _URL.fullmatch(text)
     if "::" in text and "://" in text:
-        problem = "holds ::, which fsspec takes for a chain of URLs"
-        raise FileError(f"{text.partition(':')[0]}:…", problem, "give one URL, and a computer by its name")
+        problem = "contains ::, which fsspec reads as a chain of URLs"
+        raise FileError(f"{text.partition(':')[0]}:…", problem, "give a single URL, and a computer by name")
     if not url:
         return Path(text)
     protocol, host, names = url[1].lower(), url[2], url[3]
@@ -74,7 +74,9 @@ def location(text: str) -> Path:
     if protocol in _WEB and "?" in names:
         raise FileError(f"{protocol}://…", "contains a query, and may hold a key", "give the URL of a directory")
     if host and protocol in _WITHOUT_HOST:
-        raise FileError(text, "names a computer, which this protocol cannot", f"give three slashes: {protocol}:///DIR")
+        raise FileError(
+            text, "names a computer, which this protocol does not support", f"give three slashes: {protocol}:///DIR"
+        )
     if not host and protocol not in _WITHOUT_HOST:
-        raise FileError(text, "names no bucket and no computer", "give one: s3://BUCKET/DIR, sftp://HOST/DIR")
+        raise FileError(text, "names neither a bucket nor a computer", "give one: s3://BUCKET/DIR, sftp://HOST/DIR")
     return RemotePath(f"{protocol}:", host, *names.strip("/").split("/"))

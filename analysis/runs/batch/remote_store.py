@@ -157,26 +157,26 @@ def _explanation(where: RemotePath, error: Exception) -> RigError:
         (
             isinstance(error, ImportError),
             FileError,
-            f"needs a package that is not installed: {message}",
+            f"needs a Python package that is not installed: {message}",
             to_install(_PACKAGES[where.protocol]) if where.protocol in _PACKAGES else "install it beside rig",
         ),
         (
             isinstance(error, ValueError) and "Protocol not known" in message,
             FileError,
-            "is of a protocol that fsspec does not know",
+            "uses a protocol that fsspec does not support",
             "give s3://…, sftp://… or a directory",
         ),
         (
             "HostKeyNotVerifiable" in kinds,
             CellError,
             "the computer's host key is unknown",
-            "compare its key and accept it once by ssh, so that it stands in ~/.ssh/known_hosts",
+            "verify the host key and accept the key once with ssh, which adds the key to ~/.ssh/known_hosts",
         ),
         (
             bool(kinds & _DENIED),
             FileError,
-            f"may not be read: {message}",
-            "check the credentials, and the right to list and read",
+            f"cannot be read (permission denied): {message}",
+            "check the credentials, and the permission to list and read",
         ),
         (
             isinstance(error, FileNotFoundError | NotADirectoryError),
@@ -188,7 +188,7 @@ def _explanation(where: RemotePath, error: Exception) -> RigError:
             number in (errno.ENOSPC, errno.EDQUOT),
             CellError,
             "does not fit into the temporary directory",
-            "set TMPDIR to a directory with more room",
+            "set TMPDIR to a directory with more space",
         ),
         (
             bool(kinds & _LOST) or (type(error) is OSError and number in _UNREACHABLE),

@@ -133,13 +133,13 @@ def doubts_of(rig: Rig, names: Sequence[str], on: dt.date) -> list[str]:
     parts = [*((name, gauge.certificate) for name, gauge in rig.gauges), ("ball", rig.ball), ("link", rig.link)]
     certificates = [(name, certificate) for name, certificate in parts if certificate is not None and name in names]
     overdue = [
-        f"{name}: certificate {certificate.number} was valid until {certificate.due}, and this is of {on}; "
-        "have it calibrated"
+        f"{name}: certificate {certificate.number} was valid until {certificate.due}, but the run is from "
+        f"{on}; have the gauge calibrated"
         for name, certificate in certificates
         if certificate.due is not None and certificate.due < on
     ]
     if rig.temperature is None and any(certificate.coefficient_per_c for _, certificate in certificates):
-        overdue.append("the rig file does not say how warm the cell is: 20 ± 5 °C is assumed; give temperature")
+        overdue.append("the rig file does not give the temperature of the cell: 20 ± 5 °C is assumed; set temperature")
     return overdue
 
 

@@ -50,9 +50,9 @@ def wrong(about: str, observation: str, remedy: str) -> Finding:
 
 STOPS = {
     SafetyState.PROTECTIVE_STOP: ("protective stop", "find the cause, then unlock the robot on the pendant"),
-    SafetyState.SAFEGUARD_STOP: ("safeguard stop", "close the safety gate and reset it"),
-    SafetyState.EMERGENCY_STOP: ("emergency stop", "release it and switch the robot on again"),
-    SafetyState.RECOVERY: ("recovery mode", "move the robot back inside its limits"),
+    SafetyState.SAFEGUARD_STOP: ("safeguard stop", "close the safety gate and reset the stop"),
+    SafetyState.EMERGENCY_STOP: ("emergency stop", "release the emergency stop and switch the robot on"),
+    SafetyState.RECOVERY: ("recovery mode", "move the robot back into the limits"),
     SafetyState.FAULT: ("a fault", "read the message on the pendant; clear it, or restart the controller"),
 }
 """Safety states that prevent programs from running, each with a remedy."""
@@ -74,14 +74,14 @@ def of_condition(about: str, shown: Mapping[str, float]) -> Iterator[Finding]:
         state, remedy = STOPS[SafetyState(int(shown[SAFETY]))]
         yield wrong(about, f"is in {state}", remedy)
     if shown.get(MOTORS) == 0:
-        yield doubtful(about, "the motors are off", "switch them on before the recording")
+        yield doubtful(about, "the motors are off", "switch the motors on before the recording")
     if shown.get(PROGRAM) == ProgramState.PAUSED:
         yield doubtful(
-            about, "the program is paused", "resume it, or stop it and start it after the recording has begun"
+            about,
+            "the program is paused",
+            "resume the program; or stop the program and start it after the start of the recording",
         )
     # A controller may show a speed of zero while no program is running, regardless of the setting.
     if 0 < shown.get(SPEED, 0.0) < FULL_PERCENT:
         observation = f"the speed is set to {shown[SPEED]:.0f} %"
-        yield doubtful(
-            about, observation, "set it to 100 %; at another speed the figures differ from those of other runs"
-        )
+        yield doubtful(about, observation, "set the speed to 100 %; results at other speeds are not comparable")

@@ -46,7 +46,9 @@ def examine_computer(runs: Path, unit: str | None) -> Iterator[Finding]:
         yield sync_time(runs, slowest_sync_s(place))
     except PermissionError:
         yield doubtful(
-            "disk", f"{runs}: this user may not write there", "run it as the owner: sudo -u rig rig doctor …"
+            "disk",
+            f"{runs}: this user has no write permission",
+            "run the command as the owner: sudo -u rig rig doctor …",
         )
     except OSError as error:
         yield wrong("disk", f"{runs}: {error.strerror or error}", "repair the disk, or choose a different --runs")
@@ -59,9 +61,9 @@ def room(runs: Path, free_gb: float) -> Finding:
     """Check the free space for recording."""
     observation = f"{free_gb:.1f} GB free for {runs}"
     if free_gb < _TOO_LITTLE_GB:
-        return wrong("disk", observation, "make room; a full disk ends a recording")
+        return wrong("disk", observation, "free some space; a full disk ends a recording")
     if free_gb < _LITTLE_GB:
-        return doubtful("disk", observation, "make room before a long recording")
+        return doubtful("disk", observation, "free some space before a long recording")
     return ok("disk", observation)
 
 
@@ -69,9 +71,9 @@ def sync_time(runs: Path, slowest_s: float) -> Finding:
     """Check that the disk is fast enough for two syncs a second."""
     observation = f"writing 64 kB to the disk took up to {slowest_s * 1e3:.0f} ms"
     if slowest_s > _TOO_SLOW_S:
-        return wrong("disk", observation, f"put {runs} on a disk of its own, not on a memory card or a network drive")
+        return wrong("disk", observation, f"put {runs} on a separate disk, not on a memory card or a network drive")
     if slowest_s > _SLOW_S:
-        return doubtful("disk", observation, "find out what else writes to it: iostat -x 1")
+        return doubtful("disk", observation, "find other programs that write to the disk: iostat -x 1")
     return ok("disk", observation)
 
 
@@ -79,9 +81,7 @@ def wall_clock(state: int) -> Finding:
     """Check that NTP controls the clock. state: result of adjtimex."""
     if state != _TIME_ERROR:
         return ok("clock", "synchronised by NTP")
-    observation = (
-        "not synchronised by NTP: the start time of a run may be wrong (its readings are not timed by this clock)"
-    )
+    observation = "not synchronised by NTP: the start time of a run may be wrong (readings use a different clock)"
     return doubtful("clock", observation, "run: sudo timedatectl set-ntp true")
 
 
@@ -93,13 +93,15 @@ def service(unit: str, properties: Mapping[str, str]) -> Finding:
     restarts = int(properties.get("NRestarts") or 0)
     if active == "failed":
         return wrong(
-            unit, f"failed ({properties.get('Result')})", f"see why: rig logs; then: sudo systemctl restart {unit}"
+            unit,
+            f"failed ({properties.get('Result')})",
+            f"find the cause with rig logs; then: sudo systemctl restart {unit}",
         )
     if sub == "auto-restart" or active == "activating":
-        return wrong(unit, f"does not start, {restarts} attempts so far", "see why: rig logs")
+        return wrong(unit, f"does not start, after {restarts} attempts", "see why: rig logs")
     if active != "active":
         return doubtful(unit, "stopped", f"start the service: sudo systemctl enable --now {unit}")
-    observation = f"running, restarted {restarts} times since it was started"
+    observation = f"running, restarted {restarts} times"
     if properties.get("UnitFileState") != "enabled":
         return doubtful(unit, f"{observation}; not started at boot", f"run: sudo systemctl enable {unit}")
     return doubtful(unit, observation, "see why: rig logs") if restarts else ok(unit, observation)
@@ -161,7 +163,9 @@ def present(about: str, port: str, root: Path) -> Finding:
         return ok(about, f"{port} exists")
     ports = ", ".join(port_names(root)) or "none"
     return wrong(
-        about, f"{port}: no such port", f"plug it in and switch it on, or correct the port; ports here: {ports}"
+        about,
+        f"{port}: the port does not exist",
+        f"connect the device and switch it on, or correct the port; available ports: {ports}",
     )
 
 
@@ -172,8 +176,8 @@ def lasting(about: str, port: str, root: Path) -> Finding | None:
     names = [
         name for name in port_names(root) if _at(name, root).resolve() == _at(port, root).resolve() and name != port
     ]
-    remedy = f"write port: {names[0]}" if names else "write its name in /dev/serial/by-id, or install the udev rules"
-    return doubtful(about, f"{port} is given to adapters in the order in which they are plugged in", remedy)
+    remedy = f"write port: {names[0]}" if names else "use the name in /dev/serial/by-id, or install the udev rules"
+    return doubtful(about, f"{port} depends on the order in which adapters are connected", remedy)
 
 
 def allowed(about: str, port: str, root: Path) -> Finding | None:
@@ -189,9 +193,11 @@ def allowed(about: str, port: str, root: Path) -> Finding | None:
         remedy = f"join the group {group}"
         with contextlib.suppress(KeyError, OSError):
             remedy = f"run: sudo usermod -aG {group} {getpass.getuser()}; then log in again"
-        return wrong(about, f"{port} {mode}; this user may not use it", remedy)
+        return wrong(about, f"{port} {mode}; this user has no access", remedy)
     if _BY_PLUGGING_ORDER.fullmatch(f"/dev/{device.resolve().name}") and group != _GROUP:
-        return doubtful(about, f"{port} {mode}; the service may use ports of {_GROUP} only", "run scripts/install")
+        return doubtful(
+            about, f"{port} {mode}; the service has access only to ports of {_GROUP}", "run scripts/install"
+        )
     return None
 
 
@@ -214,7 +220,7 @@ def free(about: str, port: str, root: Path) -> Finding | None:
             ):
                 name = (folder / "comm").read_text().strip()
                 stop = f"systemctl disable --now {name}" if name in _GREEDY else f"kill {folder.name}"
-                return wrong(about, f"{port} is held by {name} (process {folder.name})", f"end it: sudo {stop}")
+                return wrong(about, f"{port} is in use by {name} (process {folder.name})", f"end it: sudo {stop}")
     return None
 
 
@@ -227,8 +233,10 @@ def quick(about: str, port: str, root: Path) -> Finding | None:
         return None
     if ms < _LONG_MS:
         return ok(about, f"the adapter's latency timer is {ms} ms")
-    observation = f"the adapter's latency timer is {ms} ms: answers wait for it, and their stamps with them"
-    return doubtful(about, observation, f"run scripts/install, or until it is replugged: echo 1 | sudo tee {timer}")
+    observation = f"the adapter's latency timer is {ms} ms: answers and their timestamps are delayed"
+    return doubtful(
+        about, observation, f"run scripts/install; or, until the adapter is reconnected: echo 1 | sudo tee {timer}"
+    )
 
 
 def _at(port: str, root: Path) -> Path:

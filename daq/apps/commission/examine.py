@@ -40,7 +40,7 @@ def examine(
             "this rig file is a shipped example: the ports and addresses are of no cell of yours, and none was asked"
         )
         yield doubtful(
-            "instruments", observation, "write the rig file of your cell with rig init cell.yaml, and give it"
+            "instruments", observation, "create the rig file of your cell with rig init cell.yaml, and give that file"
         )
         return
     for stream in streams_of(rig):
@@ -64,7 +64,7 @@ def ask(rig: str) -> dict[str, Any] | None:
         closed = [folder for folder in Path("/run").glob("rigd-*") if not os.access(folder, os.X_OK)]
         if closed:
             raise CellError(
-                str(closed[0]), "this user is not allowed to query the daemon", "join the group rig, or use sudo"
+                str(closed[0]), "this user has no permission to query the daemon", "join the group rig, or use sudo"
             ) from None
         return None
     with Client(path) as client:
@@ -74,10 +74,10 @@ def ask(rig: str) -> dict[str, Any] | None:
 def of_daemon(status: dict[str, Any], streams: Sequence[Stream]) -> Iterator[Finding]:
     """Yield findings from the status of a daemon that has opened the ports. streams: streams of the rig file."""
     recording = f"records {status['recording']}" if status["recording"] else "records nothing"
-    yield ok("rigd", f"serves {status['rig']} and {recording}; queried instead of the ports")
+    yield ok("rigd", f"serves {status['rig']} and {recording}; queried through the daemon")
     served = {name: stream.get("port") for name, stream in status["streams"].items()}
     if None in served.values():
-        yield doubtful("rigd", "is older than this rig", "restart it between two recordings")
+        yield doubtful("rigd", "is an older version than this rig", "restart rigd between two recordings")
     elif served != {stream.name: stream.port for stream in streams}:
         ports = ", ".join(f"{name} on {port}" for name, port in served.items())
         yield wrong(
@@ -96,7 +96,9 @@ def _stream(name: str, stream: dict[str, Any]) -> Finding:
     ages_s = {column: age_s for column, age_s in stream["age_s"].items() if column not in CONDITION}
     silent = [column for column, age_s in ages_s.items() if age_s > _FRESH_S]
     if silent or not ages_s:
-        return wrong(name, f"no reading of {', '.join(silent) or name}", stream["last_fault"] or "see rig logs")
+        return wrong(
+            name, f"readings of {', '.join(silent) or name} are missing", stream["last_fault"] or "see rig logs"
+        )
     faults = {kind: count for kind, count in stream["counters"].items() if kind != "samples"}
     good = stream["counters"].get("samples", 0)
     observation = f"{stream['rate_hz']:.1f} readings a second, {good} so far"

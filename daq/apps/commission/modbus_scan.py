@@ -187,7 +187,7 @@ def scan_modbus(rig: Rig, say: Callable[[str], None]) -> Iterator[Finding]:
     """Yield findings about each Modbus gauge of a rig. say: shows instructions to the user."""
     gauges = {name: gauge for name, gauge in rig.gauges if isinstance(gauge, ModbusMap)}
     if not gauges:
-        yield doubtful("scan", "the rig file has no gauge of interface modbus_map", "scan a rig with Modbus gauges")
+        yield doubtful("scan", "the rig file has no gauge with interface modbus_map", "give a rig with Modbus gauges")
     for stream in streams_of(rig):
         for name in (column.removesuffix("_mm") for column in stream.columns):
             if name in gauges:
@@ -196,7 +196,7 @@ def scan_modbus(rig: Rig, say: Callable[[str], None]) -> Iterator[Finding]:
 
 def scan_gauge(name: str, gauge: ModbusMap, stream: Stream, say: Callable[[str], None]) -> Finding:
     """Search for a gauge, with the line settings of the rig file or others."""
-    say(f"{name}: every unit number is asked on {stream.port}, for up to half a minute")
+    say(f"{name}: querying all unit addresses on {stream.port}, for up to half a minute")
     lines = [stream.line]
     if stream.port.startswith("/"):
         lines += [line for line in USUAL_LINES if line != stream.line]
@@ -266,9 +266,9 @@ def _finding(name: str, gauge: ModbusMap, line: dict[str, object], moving: list[
         return doubtful(name, f"several values move: {choices}", "repeat the scan, and move this probe alone")
     changed = line | best.changed
     if not changed:
-        return ok(name, f"as the rig file describes it, it moves from {span}")
+        return ok(name, f"matches the rig file; the value moves from {span}")
     words = ", ".join(f"{key}: {value}" for key, value in changed.items())
-    return wrong(name, f"moves from {span} with {words}, and not as the rig file describes it", f"write {words}")
+    return wrong(name, f"moves from {span} with {words}, which differs from the rig file", f"write {words}")
 
 
 def _list(asker: Asker) -> str:

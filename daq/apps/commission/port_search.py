@@ -112,7 +112,7 @@ def search_port(port: str, description: str, options: Wanted, progress: Progress
     try:
         _PORT.validate_python(port)
     except ValidationError:
-        return _failed(report, "is not a port", "write it as /dev/serial/by-id/… or tcp://host:502")
+        return _failed(report, "is not a port", "write a port such as /dev/serial/by-id/… or tcp://host:502")
     if port.startswith("/"):
         for finding in examine_port(port, port, _ROOT, served=False):
             if finding.verdict is Verdict.WRONG:
@@ -179,7 +179,7 @@ def _tried(
         return _with_gauges(report, *ranked[0], also)
     if own_error:
         attempt, trial = own_error
-        problem = f"{attempt.interface} answers at {attempt.line} with an error of its own"
+        problem = f"{attempt.interface} at {attempt.line}: the device answers with an error"
         return _failed(report, problem, trial.last_fault)
     return _nothing(report, received, len(tried), len(tried))
 
@@ -220,11 +220,11 @@ def _with_gauges(report: PortReport, attempt: Attempt, trial: Trial, also: tuple
 
 def _nothing(report: PortReport, received: int, attempts_made: int, of: int) -> PortReport:
     if received:
-        problem = f"{received} bytes arrived, but none of the {attempts_made} attempts understands them"
-        return _failed(report, problem, "see rig interfaces; name what it is: --key g1.interface=… --g1 PORT")
+        problem = f"{received} bytes arrived, but none of the {attempts_made} attempts can decode them"
+        return _failed(report, problem, "see rig interfaces; give the interface: --key g1.interface=… --g1 PORT")
     problem = f"silent in {attempts_made} attempts"
     if attempts_made < of:
-        problem += f" of {of}; a built-in port is not tried for longer than {_SILENT_S:.0f} s"
+        problem += f" of {of}; a built-in port is tried for at most {_SILENT_S:.0f} s"
     remedy = (
         "switch it on and check the cable; if it sends at the press of a button alone, press it during a longer "
         "--listen-s; if a command makes it send, name it: --g1 PORT --key g1.interface=…"

@@ -147,8 +147,8 @@ def search_robot(address: str, named: Feedback | None = None) -> RobotReport:
                 )
             trial = tried.trial
             answers |= _accepts(tried)
-            quiet = "accepts the connection and sends nothing" if _accepts(tried) else "nothing arrived"
-            silence = "sends what is not understood" if trial.received else quiet
+            quiet = "accepts the connection, but sends nothing" if _accepts(tried) else "nothing arrived"
+            silence = "sends data in an unknown format" if trial.received else quiet
             why = trial.error.what if trial.error else _own_report(trial) or silence
             failed.append(f"{tried.feedback.interface} on {tried.feedback.port}: {why}")
     except ValidationError:
@@ -240,21 +240,21 @@ def _remedy(address: str, named: Feedback | None, *, answers: bool) -> str:
     """Return the remedy for a robot that reports no joint angles. answers: the connection is accepted."""
     tcp, udp = tcp_address(address), udp_address(address)
     if named is not None and named.interface != "line_feed":
-        return f"check that {named.interface} is served at this address and allowed in the controller's settings"
+        return f"check that {named.interface} is available at this address and allowed in the controller's settings"
     if udp and udp[1] == _STREAM_MOTION:
         return "check the address, the cable, and that the controller has option J519"
     if udp:
-        return "start the program that sends (RSI_ON, EGMStreamStart), to this address and port of this computer"
+        return "start the sending program (RSI_ON, EGMStreamStart), with the address and port of this computer"
     if tcp and tcp[1] == _OPC_UA:
-        return "switch the OPC UA server on, and allow anonymous reading without encryption in its settings"
+        return "switch the OPC UA server on, and allow anonymous reading without encryption"
     if tcp and tcp[1] != _RTDE:
         return (
-            "start the program that prints; for a Universal Robots arm give its host alone, or --key "
-            "feedback.interface=ur_rtde if RTDE has this port; rig interfaces lists the others"
+            "start the sending program; for a Universal Robots arm give only the host, or --key "
+            "feedback.interface=ur_rtde if RTDE uses this port; rig interfaces lists the others"
         )
-    first = "allow RTDE in its settings (Security, Services)" if answers else "switch it on"
+    first = "allow RTDE in the settings (Security, Services)" if answers else "switch it on"
     return (
-        f"{first}; where RTDE has another port give tcp://HOST:PORT and --key feedback.interface=ur_rtde, where a "
-        "program prints lines tcp://HOST:PORT, for FANUC's Stream Motion udp://HOST:60015, and where the controller "
-        "calls this computer (KUKA RSI, ABB EGM) udp://ADDRESS:PORT"
+        f"{first}; for RTDE on a different port give tcp://HOST:PORT and --key feedback.interface=ur_rtde; "
+        "for a program that prints lines tcp://HOST:PORT; for FANUC's Stream Motion udp://HOST:60015; and "
+        "for a controller that connects to this computer (KUKA RSI, ABB EGM) udp://ADDRESS:PORT"
     )

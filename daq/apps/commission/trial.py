@@ -139,7 +139,7 @@ def try_line(stream: Stream, line: Line, patience_s: float, listen_s: float) -> 
     try:
         run_conversation(counted, host, deliver, ended)
     except LinkLost as lost:
-        end.append(Fault(FaultKind.DISCONNECTED, clock.now_ns(), f"the link was lost: {lost}"))
+        end.append(Fault(FaultKind.DISCONNECTED, clock.now_ns(), f"the connection was lost: {lost}"))
     finally:
         link.close()
     items += [*host.lost(clock.now_ns()), *link.take_ignored(), *end]  # including pending faults
@@ -184,15 +184,15 @@ def answers(stream: Stream, trial: Trial, search: Callable[[], Line | None]) -> 
     if trial.samples and trial.understood:
         return _of_readings(stream, trial, how)
     if trial.understood:
-        return wrong(stream.name, f"{how} answers with an error of its own", trial.last_fault)
+        return wrong(stream.name, f"{how}: the device answers with an error", trial.last_fault)
     if line := search():
-        return wrong(stream.name, f"does not answer at {stream.line}, but does at {line}", f"write line: {line}")
+        return wrong(stream.name, f"does not answer at {stream.line}, but answers at {line}", f"write line: {line}")
     if trial.received:
-        observation = f"{how}: {trial.received} bytes arrived, but no reading among them"
+        observation = f"{how}: {trial.received} bytes arrived, but no reading"
         return wrong(
             stream.name,
             observation,
-            trial.last_fault or "check `interface` and the port: another kind of device is connected",
+            trial.last_fault or "check `interface` and the port: the connected device is of a different kind",
         )
     return wrong(stream.name, f"{how}: nothing arrived", trial.last_fault or "check that it is on, and the cable")
 
@@ -203,14 +203,14 @@ def _of_readings(stream: Stream, trial: Trial, how: str) -> Finding:
     observation = f"{how}: {len(readings)} readings in {trial.seconds:.0f} s"
     silent = [stream.columns[k] for k in np.flatnonzero(np.isnan(readings.values).all(axis=0))]
     if missing := [name for name in silent if name not in CONDITION]:
-        return wrong(stream.name, f"{observation}, but none of {', '.join(missing)}", trial.last_fault)
+        return wrong(stream.name, f"{observation}, but without {', '.join(missing)}", trial.last_fault)
     faults = Counter[str]()
     for fault in faults_of(trial.items):
         faults[fault.kind] += fault.count
     if faults.total() > _FEW and faults.total() > _POOR_SHARE * len(readings):
         counts = ", ".join(f"{count} {kind}" for kind, count in faults.items() if count)
         return doubtful(stream.name, f"{observation}, and {counts}", trial.last_fault)
-    return ok(stream.name, f"{observation}; it does not show {', '.join(silent)}" if silent else observation)
+    return ok(stream.name, f"{observation}; not available: {', '.join(silent)}" if silent else observation)
 
 
 def pace(stream: Stream, trial: Trial) -> Finding | None:
@@ -221,11 +221,11 @@ def pace(stream: Stream, trial: Trial) -> Finding | None:
     host = stream.host()
     gap_ns = host.gap_ns if isinstance(host, Bus) else 0
     possible_hz = readings * 1e9 / (trial.carried * stream.line.character_ns + readings * gap_ns)
-    observation = f"{reached_hz:.1f} readings a second; the line could carry {possible_hz:.1f}"
+    observation = f"{reached_hz:.1f} readings a second; the line supports {possible_hz:.1f}"
     if reached_hz >= _SLOW * possible_hz:
         return ok(stream.name, observation)
     return doubtful(
-        stream.name, observation, "shorten the adapter's latency timer; otherwise the instrument itself needs that time"
+        stream.name, observation, "shorten the adapter's latency timer; otherwise the instrument is the limit"
     )
 
 

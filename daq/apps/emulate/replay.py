@@ -51,8 +51,10 @@ class Replay:
         heard = {stream.name: capture.of(stream.name) for stream in streams}
         for name, pieces in heard.items():
             if not any(piece.mark is Mark.CAME for piece in pieces):
-                problem = f"the capture holds nothing of {name} (it has {', '.join(capture.streams) or 'nothing'})"
-                raise FileError(rig.name, problem, "give the rig file that it was captured with")
+                problem = (
+                    f"the capture contains no data of {name} (it contains {', '.join(capture.streams) or 'nothing'})"
+                )
+                raise FileError(rig.name, problem, "give the rig file used for the capture")
         may_ns = bearable_ns(
             [_u_ns(stream, heard[stream.name]) for stream in streams if stream.name != ROBOT],
             *(_u_ns(stream, heard[stream.name]) for stream in streams if stream.name == ROBOT),

@@ -116,7 +116,7 @@ class SimulatedClock:
             raise KeyboardInterrupt
         if self._stuck:
             names = ", ".join(task.thread.name for task in self._tasks.values())
-            raise Deadlock(f"all wait, and none for a time: {names}")
+            raise Deadlock(f"all threads wait without a timeout: {names}")
         return ready()
 
     def begin(self, thread: threading.Thread, body: Callable[[], None]) -> Callable[[], None]:
@@ -183,7 +183,7 @@ class SimulatedClock:
         turn = self._turns
         while me is not None and not me.go.acquire(timeout=self._hangs_s):
             if self._turns == turn:
-                raise Deadlock(f"{chosen.thread.name} comes to no wait")
+                raise Deadlock(f"{chosen.thread.name} never waits")
             turn = self._turns
 
     def _next(self) -> _Task:

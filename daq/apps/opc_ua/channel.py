@@ -81,7 +81,7 @@ class Bounded:
         """Return the next `size` bytes."""
         begin, self._at = self._at, self._at + size
         if not begin <= self._at <= len(self._data):
-            raise ValueError(f"a length of {size} where {len(self._data) - begin} bytes remain")
+            raise ValueError(f"a length of {size}, but only {len(self._data) - begin} bytes remain")
         return self._data[begin : self._at]
 
     def elements(self) -> int:
@@ -108,7 +108,7 @@ def structure(kind: Any, data: Bounded) -> Any:
     try:
         return _reader(kind)(data)
     except _UNREADABLE as error:
-        raise Unreadable(f"{size} bytes are no {kind.__name__}: {error}") from None
+        raise Unreadable(f"{size} bytes cannot be decoded as {kind.__name__}: {error}") from None
 
 
 def type_of(body: bytes) -> Any:
@@ -116,7 +116,7 @@ def type_of(body: bytes) -> Any:
     try:
         return nodeid_from_binary(Bounded(body)).Identifier
     except _UNREADABLE as error:
-        raise Unreadable(f"the type of a message: {error}") from None
+        raise Unreadable(f"the message type cannot be decoded: {error}") from None
 
 
 @cache
@@ -246,7 +246,7 @@ class Channel:
     def agree(self, size: int) -> None:
         """Limit the chunk size to the limit of the peer. Raises Unreadable."""
         if size < _SMALLEST_CHUNK:
-            raise Unreadable(f"chunks of at most {size} bytes, where {_SMALLEST_CHUNK} have to be received")
+            raise Unreadable(f"chunks of at most {size} bytes; at least {_SMALLEST_CHUNK} are required")
         self._longest = min(CHUNK, size)
 
     def packed(self, kind: bytes, message: Any, request: int = 0) -> bytes:
@@ -274,18 +274,18 @@ class Channel:
             remainder = Bounded(chunk[_HEADER.size + 4 :])
             policy = structure(ua.AsymmetricAlgorithmHeader, remainder).SecurityPolicyURI
             if policy != NO_SECURITY:
-                raise Unreadable(f"a channel with the security policy {str(policy)[:100]!r}")
+                raise Unreadable(f"unsupported security policy {str(policy)[:100]!r}")
         else:
             remainder = Bounded(chunk[_HEADER.size + 8 :])
         request = structure(ua.SequenceHeader, remainder).RequestId
         part = remainder.read(len(remainder))
         if final == _ABORT:
             reply = decoded(ua.ErrorMessage, part)
-            raise Unreadable(f"a message is broken off: {reply.Error.name} ({(reply.Reason or '')[:100]})")
+            raise Unreadable(f"an incomplete message: {reply.Error.name} ({(reply.Reason or '')[:100]})")
         if final not in (_INTERMEDIATE, _FINAL):
-            raise Unreadable(f"a chunk of the kind {final!r}")
+            raise Unreadable(f"unsupported chunk type {final!r}")
         if self._parts and request != self._begun:
-            raise Unreadable(f"a part of message {request} within message {self._begun}")
+            raise Unreadable(f"a part of message {request} inside message {self._begun}")
         self._begun = request
         self._parts.append(part)
         if len(self._parts) > CHUNKS or sum(map(len, self._parts)) > LIMIT:

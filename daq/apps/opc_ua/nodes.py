@@ -137,7 +137,7 @@ def robot_nodes(feedback: OPCUARobotics) -> Talk[RobotNodes]:
     axes = _in_order((yield from _below(robot.get("Axes"))), feedback)
     parameters = yield from _parameters(list(axes.values()))
     if missing := [name for name, below in zip(axes, parameters, strict=True) if "ActualPosition" not in below]:
-        raise Unfit(f"axis {missing[0]!r} shows no ActualPosition; name `axes` by node ids")
+        raise Unfit(f"axis {missing[0]!r} has no ActualPosition; give `axes` as node ids")
     positions = [below["ActualPosition"] for below in parameters]
     deg_per_unit = yield from _deg_per_unit(tuple(axes), positions, feedback)
     shown = (yield from _shown(system, robot, list(axes.values()))) if feedback.condition else {}
@@ -155,7 +155,9 @@ def _system_and_robot(feedback: OPCUARobotics) -> Talk[tuple[Children, Children]
     ]
     chosen = [robot for robot in robots if feedback.device in (None, robot[0])]
     if not robots:
-        raise Unfit("the server shows no MotionDeviceSystem in its DeviceSet; name `axes` by node ids, or another port")
+        raise Unfit(
+            "the DeviceSet of the server contains no MotionDeviceSystem; give `axes` as node ids, or a different port"
+        )
     if len(chosen) != 1:
         names = ", ".join(name for name, _, _ in robots)[:300]
         raise Unfit(f"the server shows the robots {names}; name an existing effect as `device`")
@@ -168,7 +170,7 @@ def _in_order(axes: Children, feedback: OPCUARobotics) -> Children:
     names = ", ".join(axes)[:300] or "none"
     if feedback.axes:
         if missing := [axis for axis in feedback.axes if axis not in axes]:
-            raise Unfit(f"there is no axis {missing[0]!r}; the axes are {names}; correct `axes`")
+            raise Unfit(f"axis {missing[0]!r} does not exist; the axes are {names}; correct `axes`")
         return {axis: axes[axis] for axis in feedback.axes}
     numbers = {int(match[1]): name for name in axes if (match := _NUMBERED.fullmatch(name))}
     if len(axes) != 6 or len(numbers) != 6:
@@ -187,7 +189,7 @@ def _deg_per_unit(names: Sequence[str], positions: Sequence[Any], feedback: OPCU
     declared = {"deg": 1.0, "rad": math.degrees(1)}.get(feedback.units or "")
     scales = tuple(per or declared for per in stated)
     if any(per is None for per in scales):
-        raise Unfit(f"the server does not state the unit of axis {names[scales.index(None)]!r}; state `units`")
+        raise Unfit(f"the server does not state the unit of axis {names[scales.index(None)]!r}; set `units`")
     return tuple(per for per in scales if per is not None)
 
 
@@ -293,12 +295,12 @@ def children(nodes: Sequence[Any]) -> Talk[list[Children]]:
     ]
     results = (yield request).Results or ()
     if len(results) != len(nodes):
-        raise Unfit(f"the server answers for {len(results)} nodes where it was asked for {len(nodes)}; update it")
+        raise Unfit(f"the server answered for {len(results)} of {len(nodes)} nodes; update the server")
     named = [_named(result.References) for result in results]
     open_ = {k: result.ContinuationPoint for k, result in enumerate(results) if result.ContinuationPoint}
     for _ in range(_MOST_PAGES):
         if (shown := sum(map(len, named))) > _MOST_NODES:
-            raise Unfit(f"the server shows {shown} nodes where a robot is looked for; name `axes` by node ids")
+            raise Unfit(f"the server has {shown} candidate nodes for a robot; give `axes` as node ids")
         if not open_:
             break
         next_page = ua.BrowseNextRequest()
@@ -366,7 +368,7 @@ def session(feedback: OPCUARobotics) -> Talk[None]:
     tokens = [token for end in unsecured for token in end.UserIdentityTokens or ()]
     anonymous = [token for token in tokens if token.TokenType == ua.UserTokenType.Anonymous]
     if not anonymous:
-        raise Unfit("the server wants a user or encryption for reading; allow anonymous reading in its settings")
+        raise Unfit("the server requires a user or encryption for reading; allow anonymous reading in the settings")
     activation = ua.ActivateSessionRequest()
     activation.Parameters.UserIdentityToken = ua.AnonymousIdentityToken(PolicyId=anonymous[0].PolicyId)
     yield activation

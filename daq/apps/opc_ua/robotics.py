@@ -91,7 +91,7 @@ class _Client:
 
     def __init__(self, feedback: OPCUARobotics) -> None:
         self.frames = chunks()
-        self.check = "check that the robot is on, and that an OPC UA server has this port"
+        self.check = "check that the robot is on, and that the port belongs to an OPC UA server"
         self.due_ns: int | None = None
         self._polls = False
         self._feedback = feedback
@@ -140,12 +140,12 @@ class _Client:
             reply = decoded(ua.ErrorMessage, received.body)
             raise Refused(f"{reply.Error.name} ({(reply.Reason or '')[:100]}); check port and `path`")
         if received.kind not in (OPEN, MESSAGE) or received.request not in self._asked:
-            raise Unreadable(f"an answer {received.kind!r} to no request")
+            raise Unreadable(f"an answer {received.kind!r} without a request")
         request, asked_ns = self._asked.pop(received.request)
         response = _response(request, received.body)
         if isinstance(request, ua.OpenSecureChannelRequest):
             if isinstance(response, ua.ServiceFault):
-                raise Refused(f"{_name(response)} where a channel is asked for")
+                raise Refused(f"{_name(response)} instead of a channel")
             token, begins = response.Parameters.SecurityToken, self._channel.number == 0
             self._channel.number, self._channel.token = token.ChannelId, token.TokenId
             self._renew_ns = message.last_byte_ns + round(_RENEW * max(token.RevisedLifetime, _SHORTEST_MS) * 1e6)
@@ -155,7 +155,7 @@ class _Client:
         if isinstance(request, ua.PublishRequest):
             return self._published(self._values, response, message)
         if isinstance(response, ua.ServiceFault):
-            raise Refused(f"{_name(response)} where values are read")
+            raise Refused(f"{_name(response)} instead of values")
         self.due_ns = max(asked_ns + round(1e9 / self._feedback.rate_hz), message.last_byte_ns)
         return Reaction(tuple(self._values.polled(response.Results or (), asked_ns, message)))
 
@@ -192,7 +192,7 @@ class _Client:
             return Reaction()
         note = response.Parameters.NotificationMessage
         if ended := [data for data in note.NotificationData or () if isinstance(data, ua.StatusChangeNotification)]:
-            raise Refused(f"{ended[0].Status.name}, which ends the subscription; reconnecting")
+            raise Refused(f"{ended[0].Status.name} ended the subscription; reconnecting")
         if values.stand_still(note):
             self._polls, self.due_ns = True, message.last_byte_ns
             return Reaction()
@@ -205,8 +205,8 @@ def _prepared(feedback: OPCUARobotics) -> Talk[tuple[RobotNodes, bool]]:
     try:
         yield from session(feedback)
     except Refused as error:
-        remedy = "allow anonymous reading without encryption in its settings, or close other clients"
-        raise Refused(f"{error} where a session is asked for; {remedy}") from None
+        remedy = "allow anonymous reading without encryption in the settings, or close other clients"
+        raise Refused(f"{error} instead of a session; {remedy}") from None
     nodes = yield from robot_nodes(feedback)
     try:
         yield from subscribed(nodes, feedback)
@@ -220,7 +220,7 @@ def _response(request: Any, body: bytes) -> Any:
     kind = getattr(ua, type(request).__name__.removesuffix("Request") + "Response")
     number = type_of(body)
     if number not in (kind().TypeId.Identifier, ua.ObjectIds.ServiceFault_Encoding_DefaultBinary):
-        raise Unreadable(f"an answer of type {number} where {kind.__name__} is expected")
+        raise Unreadable(f"an answer of type {number} instead of {kind.__name__}")
     begin = decoded(ua.ServiceFault, body)  # every answer begins with a type and a header
     good = number == kind().TypeId.Identifier and begin.ResponseHeader.ServiceResult.is_good()
     return decoded(kind, body) if good else begin

@@ -157,9 +157,11 @@ class RobotValues:
                 angle = float(plain)
             if math.isnan(angle):
                 why = ua.StatusCode(code).name if severity > _UNCERTAIN else f"{plain!r}"[:60]
-                yield Fault(FaultKind.DEVICE_ERROR, at_ns, f"axis {place + 1}: {why} in place of an angle")
+                yield Fault(FaultKind.DEVICE_ERROR, at_ns, f"axis {place + 1}: {why} instead of an angle")
             if code & _OVERFLOW == _OVERFLOW:
-                yield Fault(FaultKind.SKIPPED, at_ns, f"axis {place + 1}: values found no room in the server's queue")
+                yield Fault(
+                    FaultKind.SKIPPED, at_ns, f"axis {place + 1}: values were lost because the server's queue was full"
+                )
             status = code & _CODE if severity == _UNCERTAIN else 0
             stamps = [
                 stamp for stamp in (value.SourceTimestamp, value.ServerTimestamp) if stamp not in (None, NO_STAMP)
@@ -179,6 +181,6 @@ class RobotValues:
             if position.apart_s > _APART_S and not self._apart_reported:
                 self._apart_reported = True
                 detail = f"the server stamps the axes of a position up to {1e3 * position.apart_s:.1f} ms apart"
-                yield Fault(FaultKind.DOUBTFUL, at_ns, f"{detail}; the middle is taken")
+                yield Fault(FaultKind.DOUBTFUL, at_ns, f"{detail}; the mean time is used")
             values = (*position.angles_deg, *condition)
             yield Sample(values, *stamps, message.size, position.clock_s, position.status)

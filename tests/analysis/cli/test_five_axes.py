@@ -35,7 +35,7 @@ def test_circles_and_programs_say_what_such_an_arm_lacks(rig: Path, tmp_path: Pa
     for command in (["simulate", str(rig), "--test", "yaw"], ["program", str(rig), "--for", "ur", "--test", "yaw"]):
         done = ran(*command, "-o", str(tmp_path / "out"))
         assert done.returncode != 0
-        assert "is an arm of 5 axes, and circles, hemispheres and their programs are of 6" in done.stderr
+        assert "is an arm of 5 axes, but circles, hemispheres and their programs need 6" in done.stderr
 
 
 def test_corrected_targets_take_the_place_and_say_how_the_tool_stays_turned(rig: Path, tmp_path: Path) -> None:
@@ -51,7 +51,7 @@ def test_corrected_targets_take_the_place_and_say_how_the_tool_stays_turned(rig:
     poses.write_text("x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg\n200,0,100,0,90,0\n", encoding="utf-8")
     done = ran("correct", str(rig), "--path", str(poses), "-o", str(tmp_path / "more"))
     assert done.returncode != 0
-    assert "an arm of 5 axes reaches in part" in " ".join(done.stderr.split())
+    assert "an arm of 5 axes cannot reach exactly" in " ".join(done.stderr.split())
 
 
 def test_a_sixth_joint_of_touches_is_a_gripper_until_it_is_renamed(rig: Path, tmp_path: Path) -> None:

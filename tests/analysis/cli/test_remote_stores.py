@@ -84,7 +84,7 @@ def printed_there(plant: Path, url: str, *words: object) -> tuple[int, str, str]
     done = ran(*words)
     mended = f"run `rig recover {plant}/robot-001/bad`"
     texts = (text.replace(url, str(plant)) for text in (done.stdout, done.stderr))
-    out, err = (text.replace("run `rig recover` on a copy of it", mended) for text in texts)
+    out, err = (text.replace("run `rig recover` on a copy of the run", mended) for text in texts)
     return done.returncode, out, err
 
 
@@ -203,7 +203,11 @@ def test_what_is_not_there_is_one_line(kind: str, line: str, written: Path, tmp_
         done = subprocess.run(
             [*RIG, "verify", made.url], env=environment | denied, capture_output=True, text=True, check=False
         )
-        assert done.returncode == 3 and "may not be read" in done.stderr and done.stderr.count("\n") == 1
+        assert (
+            done.returncode == 3
+            and "cannot be read (permission denied)" in done.stderr
+            and done.stderr.count("\n") == 1
+        )
 
 
 def test_a_computer_whose_key_is_not_known_is_refused(written: Path, tmp_path: Path) -> None:

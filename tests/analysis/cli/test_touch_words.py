@@ -40,7 +40,7 @@ def test_a_plan_of_touches_is_of_touches(cell: Path) -> None:
 def test_seven_axes_are_refused_as_seven_axes(cell: Path, words: tuple[str, ...]) -> None:
     done = ran(*(word.format(cell) for word in words))
     assert done.returncode == 3
-    assert "is an arm of 7 axes, and circles, hemispheres and their programs are of 6" in done.stderr
+    assert "is an arm of 7 axes, but circles, hemispheres and their programs need 6" in done.stderr
 
 
 def test_a_diagnosis_of_touches_speaks_of_touches(cell: Path, tmp_path: Path) -> None:

@@ -28,7 +28,7 @@ from tests.support.command_line import ran
         ),
         (
             ("program", "ur10e", "--for", "ur", "--test", "yaw", "-o", "out", "--outputs", "0,99"),
-            "--outputs: the rig file has no rule that waits for a signal of the yaw test; add it to automatic.rules",
+            "--outputs: the rig file has no rule for a signal of the yaw test; add a rule to automatic.rules",
         ),
         (("diagnose", "run", "--tolerance-um", "inf"), "rig diagnose: Invalid value for '--tolerance-um'"),
         (
@@ -152,7 +152,7 @@ def test_a_missing_directory_is_made(tmp_path: Path) -> None:
     (run,) = (path for path in tmp_path.iterdir() if path.is_dir())
     assert ran("export", run, "--to", "csv", "-o", tmp_path / "new" / "deeper" / "lap.csv").returncode == 0
     done = ran("export", run, "--to", "csv", "-o", tmp_path / "new" / "deeper" / "lap.csv" / "x.csv")
-    assert done.returncode == 3 and "lap.csv: is a file, and a directory is needed; give another" in done.stderr
+    assert done.returncode == 3 and "lap.csv: is a file, but a directory is needed; give another" in done.stderr
 
 
 def test_runs_below_are_pointed_out(tmp_path: Path) -> None:

@@ -180,7 +180,7 @@ def test_a_rig_with_soft_joints_alone_has_corrected_targets_and_a_figure(tmp_pat
     done = CliRunner().invoke(app, ["correct", str(cell), "-o", str(tmp_path / "out")])
     told = " ".join(done.stdout.split())
     assert told.startswith(
-        "Send the controller to corrected targets (--program FILE, or --path TARGETS.csv): the tool's error"
+        "Send the controller to corrected targets (--program FILE, or --path TARGETS.csv): the tool error"
     )
     rig = load(str(cell))[0]
     q = work_angles(rig)
@@ -288,7 +288,7 @@ def test_a_path_is_judged_by_its_own_targets(tmp_path: Path, q1: float, status: 
     in_vain = "corrected targets do not reduce the error there, so none are written"
     assert (in_vain in done.stderr) == bool(status)
     said = " ".join(done.stdout.split())
-    assert ("corrected targets of path.csv: the tool's error at these targets falls from" in said) == (not status)
+    assert ("corrected targets of path.csv: the tool error at these targets falls from" in said) == (not status)
 
 
 def test_u_of_a_program_is_that_of_targets_that_runs_cover() -> None:

@@ -153,7 +153,7 @@ def test_a_rail_that_one_of_rig_file_and_table_does_not_know_is_told(case: Case,
 
 def test_what_stands_is_refused_on_a_rail() -> None:
     circle = "tests: {circle: {centre_mm: [700, 0, 400], posture_deg: [0, -90, 90, 0, 90, 0]}}\n"
-    with pytest.raises(RigFileError, match="an arm on a rail is measured by poses and touches"):
+    with pytest.raises(RigFileError, match="an arm on a rail can be measured only with imported poses and touches"):
         parse(CELL + circle, "cell.yaml")
 
 

@@ -112,7 +112,7 @@ def test_a_path_is_no_evidence_and_says_so(cell: Path) -> None:
     [
         (("program", "ur10e", "--for", "ur", "--test", "iso9283", "-o", "P"), "has no tests.iso9283"),
         (("simulate", "ur10e", "--test", "iso9283", "-o", "P"), "has no tests.iso9283"),
-        (("program", "SEVEN", "--for", "ur", "--test", "iso9283", "-o", "P"), "is of an arm of 7 axes"),
+        (("program", "SEVEN", "--for", "ur", "--test", "iso9283", "-o", "P"), "is for an arm of 7 axes"),
         (("program", "CELL", "--for", "ur", "--test", "iso9283", "--targets", "-o", "P"), "remove it"),
     ],
 )

@@ -68,7 +68,7 @@ def test_what_shows_runs_is_made_again_and_nothing_else_is_replaced(
         for other in (b"Dear all,", b"<!doctype html><p>mine", b"\x89PNG\r\n\x1a\nmine"):
             file.write_bytes(other)
             again = ran(*words)
-            assert again.returncode == 3 and f"{file}: exists already, and rig did not make it" in again.stderr
+            assert again.returncode == 3 and f"{file}: already exists, and was not created by rig" in again.stderr
             assert file.read_bytes() == other
         file.write_bytes(b"")  # of a disk that was full
         assert ran(*words).returncode == 0 and file.stat().st_size

@@ -94,7 +94,7 @@ def test_no_cell_and_no_header_of_a_workbook_is_a_formula_or_a_link() -> None:
 
 
 def test_more_rows_than_a_sheet_has_are_refused() -> None:
-    with pytest.raises(FileError, match="export it as csv or parquet"):
+    with pytest.raises(FileError, match="export the run as csv or parquet"):
         write_xlsx(pa.table({"a": np.zeros(1_048_576)}), io.BytesIO())
 
 

@@ -103,7 +103,7 @@ def test_of_rows_that_a_coarse_clock_gives_one_time_the_first_had_it(step_s: flo
     # private: what becomes of rows before gauges and robot are put together
     track, seen = align._track(robot_instants(stream), sent_s[:, None], np.ones(3000, dtype=bool), None)
     assert np.abs(track.ns / 1e9 - track.values[:, 0]).max() < 0.012
-    assert "the same time as that of one before" in align.doubts_of({"robot": seen}, 3000)[0]
+    assert "the same timestamp as the previous message" in align.doubts_of({"robot": seen}, 3000)[0]
 
 
 def test_one_bundle_and_a_pause_change_no_uncertainty() -> None:

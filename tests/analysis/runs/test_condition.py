@@ -49,7 +49,7 @@ def test_a_robot_that_drives_undisturbed_gives_no_doubt() -> None:
         ({"speed_percent": (0, 100, 40)}, "speed was 40 % throughout; compare only"),
         (
             {"speed_percent": (60, 61, 97)},
-            "speed was 97 % from 60.0 s on for 1.0 s, and not the same throughout; record",
+            "speed was 97 % from 60.0 s on for 1.0 s, and not constant; repeat",
         ),
     ],
 )
@@ -88,7 +88,7 @@ def test_several_spells_are_counted_and_a_pause_is_not_a_speed_as_well() -> None
     later = (columns["last_byte_ns"] - 5e9 >= 50e9) & (columns["last_byte_ns"] - 5e9 < 53e9)
     columns["program_state"][later] = ProgramState.PAUSED
     (doubt,) = condition_of(columns).doubts
-    assert "paused 2 times, first from 30.0 s on, 5.0 s in all" in doubt
+    assert "paused 2 times, first from 30.0 s on, 5.0 s in total" in doubt
 
 
 def test_the_range_of_a_speed_that_changes() -> None:

@@ -59,7 +59,7 @@ def test_stands_before_and_after_the_program_are_no_visits(before: list[int], af
     assert table.target.tolist() == program.target.tolist()
     numbers = np.arange(len(before), len(before) + len(program.q))
     np.testing.assert_allclose(table.g_mm, 1e-3 * numbers, atol=2e-5)
-    assert any(said.startswith(f"{len(before) + len(after)} stands outside the order") for said in doubts), doubts
+    assert any(said.startswith(f"{len(before) + len(after)} stops outside the order") for said in doubts), doubts
 
 
 def test_one_pass_and_the_way_home_are_one_visit_of_each() -> None:
@@ -114,4 +114,4 @@ def test_a_repeatability_program_with_a_stand_before_it() -> None:
     expected, _ = format_of("repeatability").recorded(driven(q), rig, None, "run")
     assert table.approach.tolist() == expected.approach.tolist()
     assert table.round.tolist() == expected.round.tolist()
-    assert any(said.startswith("1 stands outside the order") for said in doubts)
+    assert any(said.startswith("1 stops outside the order") for said in doubts)

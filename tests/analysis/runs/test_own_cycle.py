@@ -144,7 +144,7 @@ def test_keys_that_contradict_each_other_are_refused() -> None:
 def test_a_gauge_that_sends_unasked_is_not_timed_by_a_request(timing: dict[str, object]) -> None:
     gauge = {"interface": "sylvac_opto_rs", "port": "/dev/ttyUSB0", "offset_mm": 25.0, "timing": timing}
     SylvacOptoRS.model_validate(gauge)
-    with pytest.raises(ValueError, match="sends unasked"):
+    with pytest.raises(ValueError, match="sends unprompted"):
         SylvacOptoRS.model_validate({**gauge, "mode": "continuous"})
 
 

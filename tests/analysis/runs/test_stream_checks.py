@@ -42,7 +42,7 @@ def with_column(stream: str, column: str, rows: Any, value: Any) -> Run:
         ("last_byte_ns", -1, LAST, "has an impossible stamp"),
         ("last_byte_ns", 40, 0, "row 41 of {} has a first byte later than the last"),
         ("requested_ns", 40, LAST, "row 41 of {} has a request later than the answer"),
-        ("last_byte_ns", 40, 2**60, "row 42 of {} has a stamp earlier than that of the row before"),
+        ("last_byte_ns", 40, 2**60, "row 42 of {} has a timestamp earlier than the timestamp of the previous row"),
         ("size", 40, -1, "row 41 of {} has an impossible message size"),
         ("size", 40, 2**31 - 1, "row 41 of {} has an impossible message size"),
     ],

@@ -38,7 +38,7 @@ def test_every_cable_comes_back_and_nothing_is_wrong(tmp_path: Path, kind: str) 
     assert found.problems == []
     assert all(count == 1 for count in found.lost.values()) and min(found.readings.values()) > 3
     (path,) = (tmp_path / "runs").glob("[!.]*")
-    assert [fault["detail"] for fault in read_run(path).faults if " is back after " in fault["detail"]]
+    assert [fault["detail"] for fault in read_run(path).faults if " reconnected after " in fault["detail"]]
     if kind == KINDS[0]:
         _sees_what_is_wrong(path)
 
@@ -98,7 +98,7 @@ def test_names_that_go_while_they_are_listed_end_no_reader(monkeypatch: pytest.M
         raise FileNotFoundError(str(self))
 
     monkeypatch.setattr(Path, "iterdir", gone)
-    with pytest.raises(CellError, match="plug it in"):
+    with pytest.raises(CellError, match="connect the device"):
         open_link("g1", "/dev/serial/by-id/usb-1", Line(baud=9600, bits=8, parity="N", stop=1))
 
 
@@ -116,7 +116,7 @@ def test_an_outage_is_one_fault_and_each_of_its_reasons_is_told_once(monkeypatch
             return Link("g1", -1, lambda: None)
         if len(attempts) > 45:
             ended.set()
-        raise CellError("g1", "no such port" if len(attempts) < 20 else "permission denied", "plug it in")
+        raise CellError("g1", "no such port" if len(attempts) < 20 else "permission denied", "connect the device")
 
     stream = replace(stream, opening=opened)
     reader = Reader(stream, buffer, Link("g1", -1, lambda: None))
@@ -127,7 +127,7 @@ def test_an_outage_is_one_fault_and_each_of_its_reasons_is_told_once(monkeypatch
     faults = [item for item in buffer.drain() if isinstance(item, Fault)]
     assert {fault.kind for fault in faults} == {FaultKind.DISCONNECTED}
     told = [(fault.count, fault.detail.split(": ")[-1].split(";")[0].split(" after ")[0]) for fault in faults]
-    lost, back = (1, "the conversation could not go on"), (0, f"{stream.port} is back")
+    lost, back = (1, "the protocol failed"), (0, f"{stream.port} reconnected")
     assert told == [lost, (0, "no such port"), (0, "permission denied"), back, lost, (0, "permission denied")]
     assert buffer.state().counters["disconnected"] == 2
 

@@ -174,7 +174,7 @@ def test_the_late_answer_of_a_silent_unit_is_not_that_of_the_next() -> None:
     script.receive(_answer(1, 1.5))
     script.receive(_answer(2, 2.5))
     late, sample = script.taken()
-    assert isinstance(late, Fault) and late.kind is FaultKind.LATE and "unit 1 answered too late" in late.detail
+    assert isinstance(late, Fault) and late.kind is FaultKind.LATE and "a late answer of unit 1" in late.detail
     assert isinstance(sample, Sample) and math.isnan(sample.values[0]) and sample.values[1] == 2.5
 
 

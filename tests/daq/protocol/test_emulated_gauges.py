@@ -80,13 +80,13 @@ def test_an_emulated_cell_with_this_gauge_is_read(interface: str, shared: bool) 
 def test_two_gauges_share_a_port_only_where_one_answer_holds_both(interface: str) -> None:
     text = _rig_text(interface, shared=True)
     if gauge(interface).bus:
-        with pytest.raises(RigFileError, match="unit 1, parameter 2; give each its own"):
+        with pytest.raises(RigFileError, match="unit 1, parameter 2; use different values"):
             parse(text, "cell")
         return
     if interface in SHARED:
         assert parse(text, "cell").gauges.g2 is not None
         return
-    with pytest.raises(RigFileError, match="carries one gauge a port"):
+    with pytest.raises(RigFileError, match="supports a single gauge per port"):
         parse(text, "cell")
 
 

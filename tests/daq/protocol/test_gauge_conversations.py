@@ -112,10 +112,10 @@ def test_nd287_nuls_before_a_message_are_passed_over_and_none_in_it(reply: bytes
 @pytest.mark.parametrize(
     ("status", "units", "words"),
     [
-        (b"\x0200000111\r\n", "mm", "reads in inch, the rig file says mm"),
-        (b"\x02 0 0 0 0 0 0 1 1\r\n", "inch", "reads in mm, the rig file says inch"),
+        (b"\x0200000111\r\n", "mm", "reads in inch, but the rig file has mm"),
+        (b"\x02 0 0 0 0 0 0 1 1\r\n", "inch", "reads in mm, but the rig file has inch"),
         (b"\x0200000211\r\n", "mm", "reads in an angle"),
-        (b"\x0210000011\r\n", "mm", "distance to go; switch it"),
+        (b"\x0210000011\r\n", "mm", "distance to go; switch to"),
     ],
 )
 def test_nd287_whose_display_shows_something_else_is_not_read(status: bytes, units: str, words: str) -> None:
@@ -256,7 +256,8 @@ def test_orbit_reading_and_status() -> None:
 
 
 @pytest.mark.parametrize(
-    ("code", "word"), [(18, "under range"), (19, "over range"), (246, "incompatible"), (247, "no probe"), (7, "manual")]
+    ("code", "word"),
+    [(18, "under range"), (19, "over range"), (246, "incompatible"), (247, "probe is missing"), (7, "manual")],
 )
 def test_orbit_status_words(code: int, word: str) -> None:
     script = _orbit()

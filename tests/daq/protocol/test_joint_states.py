@@ -96,8 +96,8 @@ def test_a_message_in_pieces_and_two_in_one() -> None:
         (published(10**400), FaultKind.GARBLED, ("less than",)),
         (published(-1), FaultKind.GARBLED, ("greater than",)),
         ("{", FaultKind.GARBLED, ("JSON",)),
-        ("[" * 5000, FaultKind.GARBLED, ("no joint state",)),
-        ('{"op": "fragment", "data": ""}', FaultKind.GARBLED, ("no joint state",)),
+        ("[" * 5000, FaultKind.GARBLED, ("not a joint state",)),
+        ('{"op": "fragment", "data": ""}', FaultKind.GARBLED, ("not a joint state",)),
         ('{"op": "status", "level": "error", "msg": "no type"}', FaultKind.DEVICE_ERROR, ("rosbridge: no type",)),
     ],
 )

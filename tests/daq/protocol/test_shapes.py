@@ -137,7 +137,7 @@ def test_in_or_mm_pressed_on_a_gauge_that_sends_no_unit_is_a_fault_and_no_readin
     after = _answers(script, *[b"-0.0217%d\r" % (k % 10) for k in range(30)])
     assert not any(isinstance(item, Sample) for item in after)
     changed = next(item for item in after if item.kind is FaultKind.UNIT_CHANGED)
-    assert "5 decimals, before it wrote 4" in changed.detail and "in/mm" in changed.detail and "; " in changed.detail
+    assert "5 decimals instead of 4" in changed.detail and "in/mm" in changed.detail and "; " in changed.detail
     (back,) = [item for item in _answers(script, b"-0.5512\r") if isinstance(item, Sample)]
     assert back.values == (-0.5512,)
 
@@ -202,7 +202,7 @@ def test_a_gauge_that_ends_its_lines_with_cr_lf_is_read() -> None:
 
 def test_a_decimal_comma_is_told() -> None:
     (fault,) = _answers(asked(daq.gauges.host([sylvac()])), b"+1,2001\r")
-    assert isinstance(fault, Fault) and fault.kind is FaultKind.GARBLED and "decimal comma; set" in fault.detail
+    assert isinstance(fault, Fault) and fault.kind is FaultKind.GARBLED and "decimal comma; configure" in fault.detail
 
 
 @pytest.mark.parametrize("heard", [b"A0100\r\n", b"0100\r\n", b"\x1bA01 12.3\r\n"])
@@ -211,7 +211,7 @@ def test_a_part_of_our_own_request_is_told_as_an_echo(heard: bytes) -> None:
     script = asked(daq.gauges.host([gauge("heidenhain_nd287")]))
     script.receive(b"\x0200010012\r\n")
     (fault,) = _answers(script, heard)
-    assert isinstance(fault, Fault) and "our own request, so the adapter echoes: switch off the echo" in fault.detail
+    assert isinstance(fault, Fault) and "the request, so the adapter echoes: switch off the echo" in fault.detail
 
 
 def test_a_part_of_a_modbus_request_is_told_as_an_echo() -> None:

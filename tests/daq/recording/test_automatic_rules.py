@@ -69,7 +69,7 @@ retention: {}"""
     problems = told(rules)
     words = ["did you mean signal?", "has a direction", "no direction", "either signal, or", "both from_deg and to_deg"]
     words += [
-        "give a posture further on",
+        "give a more distant posture",
         "'pose' is not known",
         "greater than or equal to 0.2",
         "days, gigabytes or both",
@@ -89,11 +89,11 @@ def test_two_rules_for_one_event_are_refused(event: str) -> None:
 def test_what_the_cell_lacks_is_told() -> None:
     rules = "automatic: {rules: [{when: {signal: 1}, test: yaw, direction: cw}]}"
     (problem,) = told(rules, UR10E)
-    assert "rule 1 waits for a signal, and feedback carries none" in problem
+    assert "rule 1 waits for a signal, but the feedback has none" in problem
     one_gauge = yaml.safe_load(UR10E)
     del one_gauge["gauges"]["g2"]
     (problem,) = told(rules, yaml.safe_dump(one_gauge))
-    assert "carries none" in problem and "rule 1 needs two gauges" in problem
+    assert "feedback has none" in problem and "rule 1 needs two gauges" in problem
 
 
 @pytest.mark.parametrize("signal", ["{}", "{outputs: [0], int_register: 3}", "{outputs: [1, 1]}", "{outputs: [18]}"])
@@ -162,7 +162,7 @@ def test_the_rule_of_a_run_with_a_signal_waits_for_it(tmp_path: Path) -> None:
     ("q1_deg", "why"),
     [
         (STAND, "stood still"),
-        (TURN[100:], "moves already"),
+        (TURN[100:], "is already moving"),
         (STAND[:0], "stood still"),
         (NIGHT, "cannot be turned into a rule: still_s "),
     ],

@@ -105,7 +105,7 @@ def test_people_come_first(cell: Bench) -> None:
     path = cell.record("mine")
     cell.motion.program = 2
     state = cell.until(lambda state: state["automatic"]["refused"] == 1)
-    assert state["recording"] == "mine" and "mine is being recorded by hand" in state["automatic"]["why_not"]
+    assert state["recording"] == "mine" and "a manual recording, mine, is running" in state["automatic"]["why_not"]
     assert "not started: yaw acw" in cell.run("rig", "status").stdout
     cell.motion.program = 0
     assert cell.run("rig", "record", "stop").stdout == f"{path}\n"

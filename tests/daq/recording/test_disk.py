@@ -219,7 +219,7 @@ def test_what_no_run_follows_to_count_is_in_the_log_and_in_the_status(
         written.recorder.stop_run().result()
     assert written.recorder.losses.counts == dict.fromkeys(COLUMNS, 7)
     assert written.buffers["g1"].state().counters["dropped"] == 7
-    assert f"g1: dropped: 7 samples are in no run: {written.path.name} could not be closed" in caplog.text
+    assert f"g1: dropped: 7 samples were not recorded: {written.path.name} could not be closed" in caplog.text
     recover(written.path)
     assert len(read_run(written.path).streams["g1"]["g1_mm"]) == 10, "the rest is there"
 
@@ -264,7 +264,7 @@ def test_a_chunk_that_vanishes_ends_its_run_whole_and_another_follows(
     written.round()
     (written.path / "g1-0001.arrow").unlink()
     written.round()
-    assert "run ended, failed: " in caplog.text and "g1-0001.arrow: has vanished during the recording" in caplog.text
+    assert "run ended, failed: " in caplog.text and "g1-0001.arrow: disappeared during the recording" in caplog.text
     written.until_it_goes_on()
     former, _ = written.accounted()
     assert load_manifest(former).exit_status == "failed", "with every row: the open file still had them"
@@ -302,7 +302,7 @@ def test_who_stops_or_starts_anew_ends_the_waiting(
     written.round(7)
     with pytest.raises(CellError, match="disk nearly full"):
         end(written.recorder)
-    assert "is given up, samples missed: 7 of g1, 7 of g2, 7 of robot" in caplog.text
+    assert "was abandoned, samples missed: 7 of g1, 7 of g2, 7 of robot" in caplog.text
     monkeypatch.undo()
     assert written.round()["waiting"] is None
 
@@ -560,7 +560,7 @@ def test_who_stops_while_a_run_begins_that_the_disk_refuses_ends_the_waiting(
         ending.result()
     written.begun()
     assert written.recorder.state()["waiting"] is None
-    assert "is given up, samples missed: 7 of g1, 7 of g2, 7 of robot" in caplog.text
+    assert "was abandoned, samples missed: 7 of g1, 7 of g2, 7 of robot" in caplog.text
 
 
 def test_who_starts_while_a_run_of_before_is_brought_back_need_not_stop_that_first(

@@ -50,7 +50,7 @@ def test_for_a_controller_that_speaks_first_private_networks_are_allowed() -> No
 
 
 def test_a_name_that_nobody_knows_is_one_line() -> None:
-    with pytest.raises(CellError, match=r"has no address here.*; write its address into the rig file"):
+    with pytest.raises(CellError, match=r"cannot be resolved here.*; write the IP address into the rig file"):
         resolved("no-such-host.invalid")
 
 

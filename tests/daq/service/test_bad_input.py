@@ -44,7 +44,7 @@ def _edited(bench: Bench, **gauges: str) -> None:
 def test_a_missing_port_is_named_with_the_ports_there_are(bench: Bench) -> None:
     _edited(bench, g1="/dev/ttyNOPE")
     told = bench.fails("rigd", bench.rig, code=4)
-    assert "g1, /dev/ttyNOPE: no such port" in told and "plug it in" in told
+    assert "g1, /dev/ttyNOPE: no such port" in told and "connect the device" in told
 
 
 def test_zeros_of_a_view_are_noted_in_the_run_and_leave_its_rows(bench: Bench) -> None:
@@ -153,7 +153,7 @@ def test_garbage_on_the_line_is_told_and_never_a_reading(bench: Bench) -> None:
         state = bench.until(lambda state: state["streams"]["g1"]["counters"].get("garbled", 0) > 5)
         assert "samples" not in state["streams"]["g1"]["counters"]
         told = bench.fails("rig", "record", "start", "x", "--test", "yaw", "--direction", "cw", code=4)
-        assert "g1: no reading" in told and "check the line's settings" in told
+        assert "g1: no reading" in told and "check the line settings" in told
     finally:
         stop.set()
         player.join()
@@ -192,7 +192,7 @@ def test_a_full_disk_ends_the_recording_and_not_the_daemon(bench: Bench) -> None
     with Client(bench.socket) as client, pytest.raises(RigError) as told:  # soon, before another run follows
         client.ask("record_stop")
     assert "no recording is active" in told.value.what and "File too large" in told.value.what
-    assert "is given up" in told.value.what
+    assert "was abandoned" in told.value.what
     bench.all_reading()
     # The writer lets go of its files after the state says that the recording has ended.
     assert until(lambda: bench.run("rig", "recover", path).returncode == 0)
@@ -207,7 +207,7 @@ def test_ctrl_c_while_recording_closes_the_run(bench: Bench) -> None:
     bench.recorded(50)
     code, said = bench.signalled(signal.SIGINT)
     assert code == 130
-    assert f"the recording was cut short and is safe: {path}" in said and "Traceback" not in said
+    assert f"The recording was interrupted, but all data are safe: {path}" in said and "Traceback" not in said
     run = read_run(path)
     assert run.manifest.exit_status == "interrupted" and "SIGINT" in run.manifest.reason
     assert bench.run("rig", "verify", path).returncode == 0
@@ -274,7 +274,7 @@ def test_a_robot_that_stood_still_is_no_lap(bench: Bench) -> None:
         ),
         (("record", "start", "x", "--test", "yaw"), 2, "needs its direction"),
         (("record", "start", "x", "--test", "radial", "--direction", "cw"), 2, "does not have a direction"),
-        (("status", "--rig", "other"), 4, "no daemon runs for other"),
+        (("status", "--rig", "other"), 4, "no daemon is visible for other"),
     ],
 )
 def test_what_cannot_be_asked_is_refused(running: Bench, command: tuple[str, ...], code: int, told: str) -> None:
@@ -335,12 +335,12 @@ def test_a_socket_left_by_a_daemon_that_was_killed_hides_no_other(bench: Bench) 
     bench.socket.parent.mkdir()
     with socket.socket(socket.AF_UNIX) as left:
         left.bind(str(bench.socket.with_name("other.sock")))
-    assert "no daemon runs" in bench.fails("rig", "status", code=4)
+    assert "no daemon is visible to this user" in bench.fails("rig", "status", code=4)
     bench.start().all_reading()
     assert bench.run("rig", "status", "--json").returncode == 0
     bench.signalled(signal.SIGKILL)
     assert bench.socket.exists()
-    assert "no daemon runs for bench" in bench.fails("rig", "status", "--rig", "bench", code=4)
+    assert "no daemon is visible for bench" in bench.fails("rig", "status", "--rig", "bench", code=4)
 
 
 def test_a_socket_that_cannot_be_leaves_no_empty_capture(bench: Bench) -> None:
@@ -352,7 +352,7 @@ def test_a_socket_that_cannot_be_leaves_no_empty_capture(bench: Bench) -> None:
 def test_a_place_where_no_run_can_go_is_told_at_the_start(bench: Bench) -> None:
     (bench.folder / "runs").touch()
     bench.start()
-    assert "no run can be recorded: it is a file; give rigd a directory there" in "".join(bench.said)
+    assert "runs cannot be recorded: it is a file; give rigd a directory" in "".join(bench.said)
 
 
 def test_a_host_name_that_cannot_be_is_told(bench: Bench) -> None:

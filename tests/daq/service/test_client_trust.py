@@ -137,7 +137,7 @@ def test_an_endless_line_is_given_up_on_with_little_memory(tmp_path: Path) -> No
     with (
         answering(tmp_path / "rigd" / "cell.sock", b"x" * (1 << 20), pause_s=1e-6) as path,
         Client(path) as client,
-        pytest.raises(CellError, match="sends more than 1048576 bytes"),
+        pytest.raises(CellError, match="exceeds 1048576 bytes"),
     ):
         client.ask("status")
 
@@ -164,7 +164,7 @@ def test_a_directory_that_others_can_write_is_no_place_for_a_socket(tmp_path: Pa
             assert client.ask("status")["rig"] == "cell"
         outer.chmod(0o700)
         path.chmod(0o666)
-        with pytest.raises(CellError, match="lets every user of this computer control rigd"), Client(path):
+        with pytest.raises(CellError, match="allows every user of this computer to control rigd"), Client(path):
             pass
 
 
@@ -239,9 +239,9 @@ def test_a_lock_spoils_nothing_that_it_finds(tmp_path: Path) -> None:
     place.parent.mkdir(mode=0o700)
     made = (
         (lambda: place.symlink_to(notes), "is a symbolic link"),
-        (lambda: place.hardlink_to(notes), "is not the lock of a rigd"),
-        (lambda: os.mkfifo(place), "is not the lock of a rigd"),
-        (lambda: place.write_text(notes.read_text()), "is not the lock of a rigd"),
+        (lambda: place.hardlink_to(notes), "is not a lock file of rigd"),
+        (lambda: os.mkfifo(place), "is not a lock file of rigd"),
+        (lambda: place.write_text(notes.read_text()), "is not a lock file of rigd"),
         (place.mkdir, "cell.lock"),
     )
     for make, says in made:

@@ -80,7 +80,7 @@ def test_a_daemon_that_hangs_is_told_from_none(tmp_path: Path, monkeypatch: pyte
             with pytest.raises(CellError, match="has not answered"):
                 client.ask("status")
             assert find_socket("hanging") == path
-            with pytest.raises(CellError, match="other clients are waiting already"), Client(path):
+            with pytest.raises(CellError, match="too many clients are waiting"), Client(path):
                 pass
 
 

@@ -87,7 +87,7 @@ def test_where_all_are_busy_a_new_one_is_refused_and_none_is_cut_off(
             sock.sendall(b"{}\n")
             assert begun.acquire(timeout=PATIENCE_S)
         with connected(path) as refused:
-            assert "all its connections are busy" in asked(refused, b"")["what"]
+            assert "all connections are busy" in asked(refused, b"")["what"]
         may_answer.set()
         assert [asked(sock, b"") for sock in busy] == [{"ok": True, "answered": True}] * 3
 
@@ -120,7 +120,7 @@ def test_requests_and_answers_have_a_longest_size(tmp_path: Path) -> None:
         with connected(path) as sock:
             assert "one line of at most 65536 bytes" in asked(sock, b" " * 100_000 + b"{}\n")["what"]
         with connected(path) as sock:
-            assert "more than a client takes" in asked(sock, b'{"size": 2000000}\n')["what"]
+            assert "more than a client accepts" in asked(sock, b'{"size": 2000000}\n')["what"]
             assert asked(sock, b'{"size": 3}\n') == {"ok": True, "big": "xxx"}
 
 
@@ -152,7 +152,7 @@ def test_where_the_system_has_no_descriptor_left_that_is_what_is_said(
             resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
             for fd in taken:
                 os.close(fd)
-        assert "control socket: limit: no connection can be accepted: Too many open files" in caplog.text
+        assert "control socket: limit: connections cannot be accepted: Too many open files" in caplog.text
         assert caplog.text.count("Too many open files") == 1
         assert asked(sock) == {"ok": True}
 

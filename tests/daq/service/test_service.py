@@ -144,7 +144,7 @@ def test_an_error_in_the_program_closes_the_run_as_failed_and_ends_the_daemon(
     assert manifest.exit_status == "failed"
     assert thread in manifest.reason and error in manifest.reason
     assert bench.run("rig", "verify", path).returncode == 0
-    assert "no daemon runs" in bench.fails("rig", "status", code=4)
+    assert "no daemon is visible to this user" in bench.fails("rig", "status", code=4)
 
 
 @pytest.mark.parametrize("command", [["--help"], ["analyse", "--help"], ["record", "start", "--help"]])

@@ -14,7 +14,7 @@ from daq.store import recover
 from rigs.errors import CellError
 from tests.support.store_cases import crash, record, samples, start, sync
 
-REMEDY = r"Too many open files.*; close what holds file descriptors"
+REMEDY = r"Too many open files.*; close programs or connections with open files"
 
 
 @contextmanager
@@ -47,5 +47,5 @@ def test_a_run_that_cannot_go_on_asks_for_descriptors(tmp_path: Path) -> None:
         sync(writer)
     assert "disk" not in str(refused.value)
     left = crash(writer)
-    with no_descriptor(), pytest.raises(CellError, match=rf"{REMEDY}.*; nothing was lost"):
+    with no_descriptor(), pytest.raises(CellError, match=rf"{REMEDY}.*; no data were lost"):
         recover(left)

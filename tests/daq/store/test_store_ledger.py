@@ -99,7 +99,7 @@ def test_faults_that_are_gone_are_missed(run: Path) -> None:
     seal = ledger_records(run)[-1]
     seal["seal"]["rows"]["faults"] = 0
     put_ledger(run, [*ledger_records(run)[:-1], seal])
-    assert said(run).splitlines() == ["not whole", "15 garbled of g1 were counted, the faults hold 0"]
+    assert said(run).splitlines() == ["not whole", "15 garbled of g1 were counted, but the faults contain 0"]
 
 
 def test_a_chunk_under_another_number_is_told(run: Path) -> None:
@@ -112,7 +112,7 @@ def test_a_ledger_that_is_cut_is_a_run_that_was_never_ended(run: Path) -> None:
     lines = (run / "ledger.jsonl").read_bytes().splitlines(keepends=True)
     for count in range(len(lines)):
         (run / "ledger.jsonl").write_bytes(b"".join(lines[:count]))
-        assert "was never ended" in said(run) and said(run).startswith("not whole")
+        assert "was never closed" in said(run) and said(run).startswith("not whole")
         with pytest.raises(FileError, match="rig recover"):
             read_run(run)
 
@@ -194,7 +194,7 @@ def test_a_seal_of_another_run_claims_nothing(run: Path, tmp_path: Path) -> None
 
 def test_a_ledger_that_is_gone_is_made_anew_from_the_chunks(run: Path) -> None:
     (run / "ledger.jsonl").unlink()
-    assert "ledger.jsonl: is missing or damaged from its first line on; run `rig recover" in said(run)
+    assert "ledger.jsonl: is missing or damaged from the first line; run `rig recover" in said(run)
     recover(run)
     assert said(run) == CUT
     assert load_manifest(run).counters == {"g1": {"samples": 20, "garbled": 15}, "robot": {"samples": 20}}
@@ -203,7 +203,9 @@ def test_a_ledger_that_is_gone_is_made_anew_from_the_chunks(run: Path) -> None:
 def test_a_manifest_that_was_changed_is_refused_and_comes_back_from_a_chunk(run: Path) -> None:
     before = (run / "manifest.json").read_text()
     (run / "manifest.json").write_text(before.replace('"cw"', '"acw"'))
-    with pytest.raises(FileError, match=r"has changed since the run began: ledger\.jsonl names another SHA-256"):
+    with pytest.raises(
+        FileError, match=r"has changed since the start of the run: ledger\.jsonl contains a different SHA-256"
+    ):
         read_run(run)
     assert said(run).startswith("not whole")
     recover(run)
@@ -222,7 +224,7 @@ def test_what_follows_a_seal_half_written_is_told_and_cut_by_the_next_record(run
     with (run / "ledger.jsonl").open("ab") as ledger:
         ledger.write(b'{"sha256":"12')
     lines = len(ledger_lines := (run / "ledger.jsonl").read_bytes().split(b"\n"))
-    assert f"line {lines} and what follows cannot be verified" in said(run)
+    assert f"line {lines} and later lines cannot be verified" in said(run)
     assert ledger_lines[-1] and read_run(run).manifest.exit_status == "complete"
     relabel(run, operator="bob")
     assert said(run) == "whole" and load_manifest(run).operator == "bob"
@@ -265,7 +267,7 @@ def test_a_file_that_vanishes_is_noticed_at_the_next_write_and_no_row_is_lost(
         (writer.path / name).unlink()
     writer.append("g1", samples(4, 1, 12))
     writer.append("robot", samples(4, 2, 12))
-    with pytest.raises(CellError, match=rf"{name}: has vanished during the recording; find out what deletes"):
+    with pytest.raises(CellError, match=rf"{name}: disappeared during the recording; find the program that deletes"):
         writer.write()
     writer.close("failed", f"{name} has vanished", {})
     recover(writer.path)
@@ -322,7 +324,7 @@ def test_a_whole_old_run_with_a_file_left_over_gets_a_ledger_with_all_that_was_k
 
 def test_a_manifest_of_a_version_to_come_is_refused(run: Path) -> None:
     edit_manifest(run, {"version": 3})
-    with pytest.raises(FileError, match="a newer one wrote it"):
+    with pytest.raises(FileError, match="the file is from a newer version"):
         read_run(run)
 
 
@@ -351,7 +353,7 @@ def test_a_run_that_is_being_recorded_is_not_to_be_recovered(tmp_path: Path) -> 
 
 def test_a_crash_is_not_whole_until_it_is_recovered(tmp_path: Path) -> None:
     path = crash(record(tmp_path))
-    assert said(path).startswith("not whole") and "was never ended" in said(path)
+    assert said(path).startswith("not whole") and "was never closed" in said(path)
     recover(path)
     assert said(path) == CUT
 

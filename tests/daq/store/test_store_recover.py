@@ -52,7 +52,7 @@ def test_a_test_of_a_package_that_is_not_here_needs_the_package(tmp_path: Path) 
     text = manifest.read_text().replace('"yaw"', '"height"')
     manifest.write_text(text)
     for use in (load_manifest, recover):
-        with pytest.raises(FileError, match=r"of the test 'height', which neither .*; install that package"):
+        with pytest.raises(FileError, match=r"uses the test 'height', which is in neither .*; install the package"):
             use(manifest.parent)
     assert manifest.read_text() == text
 
@@ -204,7 +204,7 @@ def test_a_manifest_that_the_disk_does_not_give_now_is_left_alone(
 def test_lost_manifest_without_a_chunk_says_so(tmp_path: Path) -> None:
     path = crash(record(tmp_path, batches=0))
     (path / "manifest.json").unlink()
-    with pytest.raises(FileError, match="no chunk is left that says what the run was"):
+    with pytest.raises(FileError, match="all chunks with a description of the run are missing"):
         recover(path)
 
 

@@ -55,7 +55,7 @@ def test_a_manifest_without_a_history_reads_and_is_written_as_before(run: Path) 
 
 def test_a_run_that_is_no_circle_any_more_has_no_direction(run: Path) -> None:
     assert relabel(run, test="radial").direction is None
-    with pytest.raises(FileError, match="has a direction, and the run has none; add --direction"):
+    with pytest.raises(FileError, match="needs a direction, which this run does not have; add --direction"):
         relabel(run, test="yaw")
     assert relabel(run, test="yaw", direction="acw").direction == "acw"
     assert len(load_manifest(run).relabelled) == 4
@@ -65,7 +65,7 @@ def test_what_makes_no_sense_is_refused_and_changes_nothing(run: Path) -> None:
     before = (run / MANIFEST).read_bytes()
     with pytest.raises(UseError, match="a radial test does not have a direction; remove it"):
         relabel(run, test="radial", direction="acw")
-    with pytest.raises(FileError, match="data of a yaw test, which cannot be of a pose test"):
+    with pytest.raises(FileError, match="data of a yaw test, which cannot be relabelled as a pose test"):
         relabel(run, test="pose")
     for name in ("a\nb", "a\x1b[2Jb", "a\tb"):
         with pytest.raises(UseError, match=r"--operator: .* contains control characters; write one line"):
@@ -94,9 +94,9 @@ def test_a_table_is_relabelled_only_as_far_as_its_rows_allow(tmp_path: Path) -> 
     run = table_run(tmp_path / "lap", columns, test="yaw", direction="cw", **who)
     write_table_run(run, run.path)
     assert relabel(tmp_path / "lap", test="roll").test == "roll"
-    with pytest.raises(FileError, match="whose rows say cw; import it again with --direction acw"):
+    with pytest.raises(FileError, match="with the direction cw in its rows; import the table with --direction acw"):
         relabel(tmp_path / "lap", direction="acw")
-    with pytest.raises(FileError, match="data of a roll test, which cannot be of a radial test"):
+    with pytest.raises(FileError, match="data of a roll test, which cannot be relabelled as a radial test"):
         relabel(tmp_path / "lap", test="radial")
 
 
@@ -133,7 +133,7 @@ def test_the_command_takes_several_runs_and_analyse_says_so_once(tmp_path: Path)
     assert done.stdout.splitlines() == [f"{run}: roll acw, measured by bob" for run in runs]
     told = [doubt for doubt in load_measured(runs[0]).doubts if "relabelled" in doubt]
     assert len(told) == 1
-    assert told[0].endswith("after it was recorded: test yaw to roll, operator rig simulate to bob")
+    assert told[0].endswith("after the recording: test yaw to roll, operator rig simulate to bob")
     relabel(runs[0], operator="rig simulate", test="yaw")
     assert not any("relabelled" in doubt for doubt in load_measured(runs[0]).doubts), "it is what it was"
     relabel(runs[0], operator="bob", test="roll")

@@ -74,12 +74,12 @@ def test_what_cannot_be_marked_is_told(run: Path, tmp_path: Path, monkeypatch: p
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr(durable, "replace", refuse)
-    with pytest.raises(CellError, match="cannot be marked: Permission denied; do it as the owner"):
+    with pytest.raises(CellError, match="cannot be marked: Permission denied; run the command as the owner"):
         mark_kept(run, True)
     output = tmp_path / "raw.mcap"
     done = CliRunner().invoke(app, ["export", str(run), "--to", "mcap", "-o", str(output)])
     assert done.exit_code == 0 and output.exists(), "the export itself is good"
-    assert "could not be marked as exported, so rigd will not delete it: cannot be marked" in done.stderr
+    assert "could not be marked as exported, so rigd will not delete the run: cannot be marked" in done.stderr
 
 
 def test_a_run_counts_as_exported_once_its_copy_is_on_the_disk(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:

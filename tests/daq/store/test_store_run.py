@@ -141,7 +141,7 @@ def test_crashed_run_names_the_cure(tmp_path: Path) -> None:
     path = crash(record(tmp_path))
     with pytest.raises(FileError, match=f"rig recover {path}"):
         read_run(path)
-    assert any("never ended" in problem for problem in verify(path))
+    assert any("never closed" in problem for problem in verify(path))
 
 
 def test_missing_run_and_manifest(tmp_path: Path) -> None:
@@ -176,7 +176,7 @@ def test_deleted_chunk(run: Path) -> None:
 
 def test_changed_row_count(run: Path) -> None:
     edit_chunk(run, "g1-0002.parquet", {"rows": 7})
-    assert "holds 8 rows, the manifest says 7" in verify(run)[0]
+    assert "has 8 rows, but the manifest states 7" in verify(run)[0]
     with pytest.raises(FileError, match="holds 8 rows"):
         read_run(run)
 
@@ -184,7 +184,7 @@ def test_changed_row_count(run: Path) -> None:
 def test_wrong_columns(run: Path) -> None:
     edit_manifest(run, {"streams": {"g1": ["g1_um"], "robot": ["q1_deg", "q2_deg"]}})
     assert len(verify(run)) == 3
-    with pytest.raises(FileError, match="g1_mm, the manifest says otherwise"):
+    with pytest.raises(FileError, match="g1_mm, which differ from the manifest"):
         read_run(run)
 
 
@@ -209,7 +209,7 @@ def test_text_that_is_none_is_damage(run: Path) -> None:
 def test_rows_missing_between_chunks(run: Path) -> None:
     forget_chunk(run, "g1-0002.parquet")
     assert [line.removeprefix(f"{run}: ") for line in verify(run)] == [
-        "chunk 2 of g1 is missing, and nothing says what it held",
+        "chunk 2 of g1 is missing, with unknown contents",
         "rows 8 to 15 of g1 are missing",
     ]
 
@@ -218,13 +218,13 @@ def test_left_over_files_and_rig_text(run: Path) -> None:
     shutil.copy(run / "g1-0001.parquet", run / "g1-0009.parquet")
     edit_manifest(run, {"rig_text": "other"})
     text = "\n".join(verify(run))
-    assert "g1-0009.parquet: is not in the ledger" in text
+    assert "g1-0009.parquet: is not listed in the ledger" in text
     assert "rig file in the manifest does not match" in text
 
 
 def test_chunk_files_stay_inside_the_run(run: Path) -> None:
     edit_chunk(run, "g1-0002.parquet", {"file": "../moved/g1-0002.parquet"})
-    with pytest.raises(FileError, match="is no chunk of a stream"):
+    with pytest.raises(FileError, match="does not belong to a stream"):
         read_run(run)
 
 
@@ -300,7 +300,7 @@ def test_reading_leaves_no_thread_behind(whole: Path) -> None:
 
 def test_a_directory_that_holds_runs_is_told_from_a_run_without_manifest(tmp_path: Path) -> None:
     path = finished(tmp_path / "runs")
-    with pytest.raises(FileError, match="is not a run but holds runs; give one of them"):
+    with pytest.raises(FileError, match="is not a run but a directory of runs; give a run"):
         read_run(path.parent)
     (tmp_path / "empty").mkdir()
     with pytest.raises(FileError, match="contains no run; give the directory of a run"):

@@ -234,7 +234,7 @@ def test_what_the_port_counts_as_lost_or_damaged_is_told(monkeypatch: pytest.Mon
         counts[6:9], counts[10], now_s[0] = [2, 3, 4], 1, 2.0
         (fault,) = link.take_ignored()
         assert (fault.kind, fault.count) == (FaultKind.LINE, 10)
-        assert "3 overrun, 2 wrong framing, 4 wrong parity, 1 no room in the port" in fault.detail
+        assert "3 overrun, 2 wrong framing, 4 wrong parity, 1 buffer overrun" in fault.detail
         now_s[0] = 4.0
         assert link.take_ignored() == []
     finally:

@@ -79,7 +79,7 @@ def test_no_command_waits_for_or_swallows_what_is_no_file(
 def test_a_lock_that_is_a_link_is_not_followed(tmp_path: Path, run: Path) -> None:
     outside = tmp_path / "made by another user's run"
     replaced(run / ".lock", lambda lock: lock.symlink_to(outside))
-    with pytest.raises(CellError, match=r"cannot be recovered: .*\.lock'; remove that link; nothing was lost"):
+    with pytest.raises(CellError, match=r"cannot be recovered: .*\.lock'; remove that link; no data were lost"):
         recover(run)
     assert not outside.exists()
 
@@ -91,7 +91,7 @@ def test_a_table_has_an_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     paper, _ = load("paper-fanuc")
     # private: a table of that many cells would take minutes to write
     monkeypatch.setattr(analysis.intake.read, "_MOST_CELLS", 400)
-    with pytest.raises(FileError, match=r"has more than 400 cells.*; import it in several runs"):
+    with pytest.raises(FileError, match=r"has more than 400 cells.*; import the bag in several runs"):
         read_file(table, "pose", paper)
     table.write_text(",".join(f"c{number}" for number in range(5000)) + "\n")
     with pytest.raises(FileError, match="has 5000 columns, more than 1000"):
@@ -113,7 +113,7 @@ def test_a_small_file_that_stands_for_millions_of_rows_is_not_decoded(monkeypatc
     data = many_equal_rows(120_000_000)
     assert len(data) < 1_000_000
     monkeypatch.setattr("pyarrow.parquet.ParquetFile.read", lambda *_, **__: pytest.fail("it is decoded"))
-    with pytest.raises(OSError, match="declares 120000000 rows of 1 columns, more than any chunk has"):
+    with pytest.raises(OSError, match="120000000 rows of 1 columns exceed the limits of a chunk"):
         from_parquet(data)
 
 
@@ -128,7 +128,9 @@ def test_a_small_file_that_stands_for_much_text_is_not_decoded(
     pq.write_table(table, sink, compression="zstd", use_dictionary=is_repeated, store_schema=False)
     data = bytes(sink.getvalue().to_pybytes())
     assert len(data) < 10_000
-    with pytest.raises(OSError, match="longer than that of any chunk" if is_repeated else "more than any chunk has"):
+    with pytest.raises(
+        OSError, match="exceeds the limit of a chunk" if is_repeated else "exceed the limits of a chunk"
+    ):
         from_parquet(data)
 
 
@@ -149,7 +151,7 @@ def test_a_file_that_no_recorder_has_written_is_named(run: Path) -> None:
     """As a crash would have left it: in no ledger."""
     put_ledger(run, ledger_records(run)[:1])
     (run / "g1-0001.parquet").write_bytes(many_equal_rows(120_000_000))
-    with pytest.raises(CellError, match=r"g1-0001.parquet'; move that file elsewhere; nothing was lost"):
+    with pytest.raises(CellError, match=r"g1-0001.parquet'; move that file elsewhere; no data were lost"):
         recover(run)
 
 
@@ -168,7 +170,8 @@ def test_where_the_memory_is_short_the_file_is_not_at_fault(run: Path, monkeypat
     with monkeypatch.context() as short:
         short.setattr(pq.ParquetFile, "read", _no_memory)
         with pytest.raises(
-            CellError, match=r"not enough memory: .*g1-0001.parquet.; use a computer with more memory; nothing was lost"
+            CellError,
+            match=r"not enough memory: .*g1-0001.parquet.; use a computer with more memory; no data were lost",
         ):
             recover(run)
         assert {file.name: file.read_bytes() for file in run.iterdir()} == before

@@ -18,11 +18,11 @@ CONTROLLER = Controller(
     "gear ratio",
     (
         "Change the calibration offset in the topic Motion (MOC.cfg), then restart the controller.",
-        "Where the new offset leaves the turn of the motor (± 2π rad), update the revolution counters as well.",
+        "If the new offset exceeds a turn of the motor (± 2π rad), also update the revolution counters.",
     ),
     "a service article (W): industrialmonitordirect.com/blogs/knowledgebase/"
     "abb-irb-6400-axis-3-encoder-drift-after-fine-calibration",
-    "the sign of the offset and gear ratios were not found in public; a robot with the option Absolute Accuracy "
-    "has values of its links in MOC.cfg, whose frames are not public (W: "
-    "github.com/ros-industrial/abb/discussions/195), so corrected targets are the way to the rest",
+    "the sign of the offset and the gear ratios are not published; a robot with the option Absolute "
+    "Accuracy has individual link parameters in MOC.cfg, whose frames are not published (W: "
+    "github.com/ros-industrial/abb/discussions/195), so use corrected targets for the other errors",
 )

@@ -62,7 +62,7 @@ def run(text: str, _: str, machine: Machine) -> None:
         _declaration(tokens, data)
     tokens.take("PROC")
     if _name(tokens) in {module, *data}:
-        raise ProgramError("a procedure needs a name of its own")
+        raise ProgramError("a procedure needs a unique name")
     tokens.take("(")
     tokens.take(")")
     controller = _Controller(data, machine)
@@ -94,12 +94,12 @@ def _declaration(tokens: Tokens, data: dict[str, Any]) -> None:
         raise ProgramError(f"{name} is declared twice")
     if storage == "VAR":
         if kind != "egmident":
-            raise ProgramError(f"no variable of the kind {kind}")
+            raise ProgramError(f"variables of the kind {kind} are not supported")
         data[name] = kind
     else:
         tokens.take(":=")
         if kind not in _KINDS:
-            raise ProgramError(f"no data of the kind {kind}")
+            raise ProgramError(f"data of the kind {kind} are missing")
         value = _value(tokens)
         if _form(value) != f"[{_KINDS[kind].replace('p', '[[nnn][nnnn]]')}]":
             raise ProgramError(f"{name} is not {kind}: {_form(value)}")
@@ -179,13 +179,13 @@ class _Controller:
 
     def _frames(self, words: list[str]) -> None:
         if len(words) != 5 or words[1:4] != ["\\", "WObj", ":="] or not (self._free_posture and self._mm_s2):
-            raise ProgramError(f"{' '.join(words)}: a move needs tool and work object, ConfL and PathAccLim before it")
+            raise ProgramError(f"{' '.join(words)}: tool, work object, ConfL and PathAccLim must be set before a move")
         is_held, frame, load = self._of(words[0], "tooldata")
         if not is_held or load[0] <= 0 or not np.any(load[1]):
-            raise ProgramError("a tool that the robot holds needs a mass and its centre")
+            raise ProgramError("a tool held by the robot needs a mass and a centre of mass")
         _, _, _, user, thing = self._of(words[4], "wobjdata")
         if [user, thing] != [[[0.0] * 3, [1.0, 0.0, 0.0, 0.0]]] * 2:
-            raise ProgramError("this interpreter knows no other work object than the base")
+            raise ProgramError("this interpreter supports only the base as work object")
         self._machine.tool = _pose(frame)
 
     def _pose(self, name: str) -> Pose:
@@ -199,7 +199,7 @@ class _Controller:
 
 def _pose(value: Any) -> Pose:
     if abs(np.linalg.norm(value[1]) - 1) > 1e-6:
-        raise ProgramError("a quaternion is not of length 1")
+        raise ProgramError("the length of a quaternion is not 1")
     return Pose(np.array(value[0]), Rotation.from_quat(value[1], scalar_first=True))
 
 

@@ -55,7 +55,7 @@ def parse(texts: Texts) -> Parsed:
         reader.points.axes |= external_axes_in(text)
         for parameters in _PARAMETERS.finditer(text):
             for word in _WORD.finditer(text, parameters.start(1), parameters.end(1)):
-                why = Unknown(file, reader.lines[file].at(word.start()), f"{word[0]} is what a routine is given")
+                why = Unknown(file, reader.lines[file].at(word.start()), f"{word[0]} is a parameter of a routine")
                 reader.shadowed |= {f"{kind} {word[0].lower()}": why for kind in ("tool", "frame")}
     for file in range(len(blank)):
         read_module(reader, file)
@@ -105,7 +105,9 @@ def _other_tasks(reader: Reader) -> None:
             if sets:
                 key = f"\0{file} {name}"
                 reader.routines[key] = sets
-                reader.beside.append(Call(key, Unknown(file, 1, f"the main of {reader.names[file]} may run beside")))
+                reader.beside.append(
+                    Call(key, Unknown(file, 1, f"the main routine of {reader.names[file]} may run in parallel"))
+                )
 
 
 def _declare(reader: Reader, file: int, stated: dict[str, Value]) -> None:
@@ -147,7 +149,7 @@ def _declare_frame(
     part = f"{family} {name}"
     reader.frames.add(part)
     frames = literal_frames(kind, declared["value"] or "")
-    value: Value = Unknown(file, line, f"{declared['name']} is not one that is written in numbers, on the robot")
+    value: Value = Unknown(file, line, f"{declared['name']} is not declared with numbers, on the robot")
     if frames is not None:
         value = as_value(frames)
     elif declared["value"] is None:

@@ -396,7 +396,7 @@ def _handed(reader: Reader, begin: int, end: int) -> None:
     for word in _WORD.finditer(text, begin, end):
         for kind in ("tool", "frame"):
             if f"{kind} {word[0].lower()}" in reader.frames:
-                why = reader.why(begin, f"{word[0]} is handed to a routine")
+                why = reader.why(begin, f"{word[0]} is passed to a routine")
                 reader.blocks.add(Set(f"{kind} {word[0].lower()}", why))
 
 
@@ -433,7 +433,7 @@ def _statement(reader: Reader, begin: int, end: int) -> None:
         _handed(reader, instruction.start("rest"), end)
         blocks.add(Lose(EXTERNAL, reader.why(at, f"{instruction['name']} moves external axes")))
     elif name in ("setdataval", "setalldataval"):
-        reader.by_name = reader.why(at, "data are written by a name in a text")
+        reader.by_name = reader.why(at, "data are written by a name in a string")
         blocks.add(Forget(reader.by_name))
     elif name in _NOTHING:
         _handed(
@@ -498,7 +498,7 @@ def _move(reader: Reader, at: int, instruction: re.Match[str], move: re.Match[st
         if not _WORD.fullmatch(name):  # Parts of records and elements of arrays are not tracked.
             active[family] = reader.why(at, f"{name} is a part of other data")
     if wobj and wobj["given"] == "?":
-        active["frame"] = reader.why(at, f"{names['frame']} is what a routine may be given")
+        active["frame"] = reader.why(at, f"{names['frame']} may be passed to a routine")
     way = "joint" if kind in ("J", "ABSJ") else "line"
     tracked = _TRACKED.search(text, instruction.start("rest"), instruction.end("rest"))
     reader.blocks.add(Set("tracking here", "on" if tracked else Ref("tracking")))
@@ -509,7 +509,7 @@ def _move(reader: Reader, at: int, instruction: re.Match[str], move: re.Match[st
         state = Move("", way, reader.file, line, active["tool"], active["frame"], needs, trusts)
         _target(reader, begin, end, state, "jointtarget" if kind == "ABSJ" else "robtarget", instruction["name"])
     if instruction["name"].lower().endswith("sync"):
-        reader.blocks.add(Forget(reader.why(at, f"{instruction['name']} runs a procedure that a text names")))
+        reader.blocks.add(Forget(reader.why(at, f"{instruction['name']} runs a procedure named in a string")))
 
 
 def _target(reader: Reader, begin: int, end: int, move: Move, kind: str, instruction: str) -> None:
@@ -522,7 +522,7 @@ def _target(reader: Reader, begin: int, end: int, move: Move, kind: str, instruc
     if wrapped := _OFFSET.match(text, begin, end):
         places = arguments(text, wrapped.end(), text.rfind(")", begin, end))
         key = text[slice(*places[0])].lower()
-        value: Value = reader.why(begin, "the offset is not written in numbers")
+        value: Value = reader.why(begin, "the offset is not given as numbers")
         if (T := _shift(wrapped[1].lower(), [text[slice(*place)] for place in places[1:]])) is not None:
             value = as_value(T)
         offset = ("frame" if wrapped[1].lower() == "offs" else "tool", value)

@@ -132,4 +132,6 @@ def _quaternion(T: Array) -> Array:
     return values
 
 
-WRITER = ProgramWriter(write, {ABBEGM: "the program starts the stream to the UdpUc device rig, which you set up"})
+WRITER = ProgramWriter(
+    write, {ABBEGM: "the program starts the stream to the UdpUc device rig, which must be set up first"}
+)

@@ -16,8 +16,8 @@ CONTROLLER = Controller(
     "counts per degree",
     (
         "Change the count, then calibrate (MENU, SYSTEM, Master/Cal).",
-        "Set the quick master reference again: the old $REF_POS and $REF_COUNT belong to the old zero.",
-        "Note the old lengths; new ones count after a cold start.",
+        "Set a new quick master reference: the old $REF_POS and $REF_COUNT belong to the old zero.",
+        "Note the old lengths; new lengths take effect after a cold start.",
     ),
     "service articles (W): industrialmonitordirect.com/blogs/knowledgebase/"
     "reset-fanuc-extended-axis-master-count-without-continuous-turn, "

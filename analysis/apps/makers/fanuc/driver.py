@@ -85,7 +85,7 @@ def _positions(text: str) -> dict[int, _Position]:
             posture = Posture(flip == "F", tuple(map(int, counts)))
             pose, q = replace(_pose([float(value) for value in cartesian.groups()[4:]]), posture=posture), None
         else:
-            raise ProgramError(f"the coordinates {match[4]!r} are not FANUC's")
+            raise ProgramError(f"the coordinates {match[4]!r} are not in FANUC format")
         positions[int(match[1])] = _Position(int(match[2]), int(match[3]), pose, q)
         at = match.end()
     return positions
@@ -110,7 +110,7 @@ class _Controller:
             elif match := re.fullmatch(r"J P\[(\d+)\] (\d+)% FINE", line):
                 position = self._at(match[1])
                 if position.q is None or not 1 <= int(match[2]) <= 100:
-                    raise ProgramError("this interpreter moves joints to joint positions, at 1 to 100 %")
+                    raise ProgramError("this interpreter supports joint moves only to joint positions, at 1 to 100 %")
                 self._machine.joints(position.q, Speed(share=int(match[2]) / 100))
             elif match := re.fullmatch(rf"L P\[(\d+)\] {_NUMBER}mm/sec (FINE|CNT0)", line):
                 self._machine.line(self._pose_at(match[1]), float(match[2]), stops=match[3] == "FINE", speed=Speed())
@@ -155,7 +155,7 @@ class _Controller:
     def _pose_at(self, number: str) -> Pose:
         pose = self._at(number).pose
         if pose is None:
-            raise ProgramError(f"P[{number}] has joints where this interpreter wants a pose")
+            raise ProgramError(f"P[{number}] has joint angles, but this interpreter needs a pose")
         return pose
 
 

@@ -404,7 +404,7 @@ def _offset(reader: _Reader, texts: Sequence[str]) -> tuple[str, Value | Built] 
     if len(texts) > 1:
         return "frame", reader.why("the move has several offsets")
     (text,) = texts
-    why = reader.why("the offset stands in the controller")
+    why = reader.why("the offset is stored in the controller")
     register = re.fullmatch(r"(Tool_)?Offset\s*,\s*(.*)", text, re.IGNORECASE)
     if register is None:
         return "frame", why

@@ -120,7 +120,7 @@ def _field(name: str) -> str:
     if name == "_":
         return "'0'"
     if name in CONDITION:
-        raise FileError("feedback", f"the program written here cannot print {name}", "take it out of `fields`")
+        raise FileError("feedback", f"the generated program cannot print {name}", "remove the field from `fields`")
     joint = f"joints[{name[1]}]"
     return f"{joint}::12::4" if name.endswith("_deg") else f"{joint} * {_RAD_PER_DEG}::12::7"
 

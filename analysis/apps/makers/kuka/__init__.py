@@ -14,16 +14,16 @@ CONTROLLER = Controller(
     1.0,
     "",
     (
-        "Change the machine data, then master the axis at its notch again: there it reads $MAMES.",
-        "Programs that were taught keep their joint angles, so their points move with the correction.",
-        "Only a person trained for machine data may change them; keep a copy of the file.",
+        "Change the machine data, then master the axis at the notch: the reading there becomes $MAMES.",
+        "Taught programs keep their joint angles, so their points move with the correction.",
+        "Machine data must be changed only by trained personnel; keep a copy of the file.",
     ),
     "KUKA KR C2 operating handbook, machine data 2.1.7 and 2.1.156 to 2.1.161: "
     "manualshive.com/en/manual/kuka/kr-c2/2009633, pages 12, 76 and 77",
-    "which components of $TX3P3 and $TFLWP hold a length, the signs of $DH_4 and $DH_5, and whether a newer "
-    "controller keeps changed machine data were not found in public; the model of an absolutely accurate robot "
-    "(PID file) is closed, and where $ABS_ACCUR says that it is active these values do not say where the arm is: "
-    "use corrected targets",
+    "the components of $TX3P3 and $TFLWP that contain a length, the signs of $DH_4 and $DH_5, and whether "
+    "a newer controller keeps changed machine data are not published; the model of an absolutely accurate "
+    "robot (PID file) is closed, and if $ABS_ACCUR is active, these values do not describe the arm: use "
+    "corrected targets",
     constants=(
         ConstantParameter("a_mm", "$LENGTH_A", "mm", 1.0, axes=(2,), by_size=True),
         ConstantParameter("a_mm", "$LENGTH_B", "mm", 1.0, axes=(3,), by_size=True),

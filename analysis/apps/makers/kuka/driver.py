@@ -133,7 +133,7 @@ class _Controller:
 
     def _speed_mm_s(self) -> float:
         if self._settings.get("$BASE") != "$ROBROOT" or self._settings["$ACC.CP"] <= 0:
-            raise ProgramError("a path needs its base and its acceleration")
+            raise ProgramError("a path needs a base and an acceleration")
         return 1000 * float(self._settings["$VEL.CP"])
 
     def _limits(self) -> Speed:

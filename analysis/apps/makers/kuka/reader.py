@@ -68,7 +68,7 @@ def parse(texts: Texts) -> Parsed:
                 if data := _DATA.fullmatch(line):
                     _configured(reader, file, begin, data, stated)
             elif hides := _OWN_LIST.match(line):
-                why = reader.why(file, begin, f"{hides[1]} is declared here, beside the controller's own")
+                why = reader.why(file, begin, f"{hides[1]} is declared here and hides the controller's variable")
                 reader.beside.append(Call("\0", why))
     _watch_fdat(reader)
     for file, name in enumerate(texts.names):
@@ -87,7 +87,7 @@ def parse(texts: Texts) -> Parsed:
         if family in ("TOOL_DATA", "BASE_DATA"):
             return number.rstrip("]")
         if part in ("tool", "base", "fdat tool", "fdat base"):
-            return Unknown(0, 0, "nothing in these files sets it before")
+            return Unknown(0, 0, "these files do not set the value earlier")
         return "checked" if part == LINES else OFF
 
     kept, stem = ("TOOL_DATA[", "BASE_DATA[", "switch", "external_tcp"), texts.names[0].rpartition(".")[0].upper()

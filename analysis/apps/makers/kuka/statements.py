@@ -71,7 +71,7 @@ _WORD = re.compile(r"[A-Za-z_]\w*")
 _CALL = re.compile(r"(?<![\w$.#])([A-Za-z_]\w*)\s*\(")
 _MOVE = re.compile(r"\s*(?P<kind>S?PTP|S?LIN|S?CIRC|SPL)(?P<relative>_REL)?\s+(?!=)(?P<rest>.+)", re.IGNORECASE)
 _BARE = re.compile(r"\s*(?P<kind>S?PTP|S?LIN|S?CIRC|SPL)(?P<relative>_REL)?\s*(?P<rest>\{.+)", re.IGNORECASE)
-_ARC_MOVES_AXES = "an arc of a given angle may end with other coordinates of the external axes"
+_ARC_MOVES_AXES = "an arc of a given angle may end at different coordinates of the external axes"
 _WITH = re.compile(r"\sWITH\s(.*)", re.IGNORECASE)
 _SPLINE = re.compile(r"\s*(?:PTP_SPLINE|SPLINE|ENDSPLINE)\b", re.IGNORECASE)
 _WITH_PART = re.compile(r"\$(TOOL|BASE|IPO_MODE)\s*=\s*((?:[^,()]|\([^()]*\))*)", re.IGNORECASE)
@@ -283,11 +283,13 @@ def read_submit(reader: Reader, file: int) -> None:
         if (assigned := _ASSIGNED.fullmatch(line)) and _HANDED.search(assigned["left"]):
             left = re.sub(r"\s", "", assigned["left"]).upper()
             body += _assigned(reader, file, begin, left, assigned["right"])
-            why = reader.why(file, begin, f"{reader.names[file]} runs beside and may set it at any moment")
+            why = reader.why(file, begin, f"{reader.names[file]} runs in parallel and may set the value at any moment")
             reader.beside.append(Call(f"\0{file}", why))
         for call in _CALL.finditer(line):
             if reader.defined(file, call[1]) or call[1].upper() not in FUNCTIONS:
-                why = reader.why(file, begin, f"{reader.names[file]} runs beside and may set it at any moment")
+                why = reader.why(
+                    file, begin, f"{reader.names[file]} runs in parallel and may set the value at any moment"
+                )
                 body_of_call = _written_by(reader, file, begin, call[1], line[call.end() :])
                 _writes_beside(reader, file, begin, why, body_of_call)
     reader.routines[f"\0{file}"] = tuple(body)
@@ -311,7 +313,7 @@ def _written_by(reader: Reader, file: int, begin: int, name: str, after: str) ->
     """Return the motion settings that a call may write to, given the arguments in the text `after` the name."""
     statements: list[Statement] = []
     for argument in dict.fromkeys(match[0].upper() for match in _HANDED.finditer(after)):
-        why = reader.why(file, begin, f"{name} is given {argument} and may write it")
+        why = reader.why(file, begin, f"{name} receives {argument} and may change the value")
         parts = _PARTS_OF.get(argument, ())
         statements += [Set(part, why) for part in parts] or [Lose(argument, why)]
     return statements
@@ -370,7 +372,7 @@ def _runs_beside(reader: Reader, file: int, begin: int, interrupt: re.Match[str]
         if inner.blocks.body:
             key = f"\0{file}:{begin}"
             reader.routines[key] = tuple(inner.blocks.body)
-            reader.beside.append(Call(key, reader.why(file, begin, "an interrupt may set it at any moment")))
+            reader.beside.append(Call(key, reader.why(file, begin, "an interrupt may set the value at any moment")))
         return
     _calls_beside(reader, file, begin, action)
 
@@ -430,7 +432,7 @@ def _bas(reader: Reader, file: int, begin: int, command: str, argument: str) -> 
             taken.append(Set("switch", reader.why(file, begin, "motion data may keep the orientation")))
         return [*taken, Set("external_tcp", Ref("fdat ipo"))]
     if command == "INITMOV":
-        why = reader.why(file, begin, "BAS(#INITMOV) sets what the controller has")
+        why = reader.why(file, begin, "BAS(#INITMOV) sets the controller's defaults")
         return [Set("tool", why), Set("base", why), Set("external_tcp", OFF), Set("switch", OFF)]
     if command in _BAS_NOTHING:
         return []
@@ -443,7 +445,9 @@ def _assigned(reader: Reader, file: int, begin: int, left: str, right: str) -> l
     match name:
         case "$TOOL" | "$BASE":
             whole = left == name
-            value = reader.place(file, begin, right) if whole else reader.why(file, begin, f"a part of {name} is set")
+            value = (
+                reader.place(file, begin, right) if whole else reader.why(file, begin, f"only a part of {name} is set")
+            )
             return [Set(name[1:].lower(), value)]
         case "$IPO_MODE" | "$ORI_TYPE":
             mode, computed = right.strip().upper(), reader.why(file, begin, "$ORI_TYPE is computed")
@@ -453,7 +457,7 @@ def _assigned(reader: Reader, file: int, begin: int, left: str, right: str) -> l
         case "TOOL_DATA" | "BASE_DATA":
             return _data(reader, file, begin, left, right)
         case "FDAT_ACT":
-            why = reader.why(file, begin, "FDAT_ACT is set, and no BAS takes it")
+            why = reader.why(file, begin, "FDAT_ACT is set, but not used by BAS")
             taken = _fdat(reader, file, begin, right.strip() if left == name else "a part of FDAT_ACT")
             return [*taken, Set("tool", why), Set("base", why)]
     if name.startswith("$") and not SYSTEM.fullmatch(name):

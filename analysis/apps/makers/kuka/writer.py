@@ -129,4 +129,6 @@ def _frame(T: Array) -> str:
     return f"{{{', '.join(places + turned)}}}"
 
 
-WRITER = ProgramWriter(write, {KUKARSI: f"the program starts the RSI context {RSI_CONTEXT}, which you make"})
+WRITER = ProgramWriter(
+    write, {KUKARSI: f"the program starts the RSI context {RSI_CONTEXT}, which must be created first"}
+)

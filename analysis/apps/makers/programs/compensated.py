@@ -39,7 +39,7 @@ _AFTER_TURN_MM_S = 10.0
 """Speed from the end of a turn to the corrected position, fractions of a millimetre away."""
 _SAME_PLACE_MM = 1e-3
 """Smallest distance from the end of a turn to its target for which a line is added: below the resolution of a gauge."""
-_REMEDY = "give the table that rig program --targets wrote for this rig file and test, corrected by rig correct --path"
+_REMEDY = "give the table of rig program --targets for this rig file and test, corrected by rig correct --path"
 
 
 def targets_of(plan: Plan) -> list[Target]:
@@ -77,7 +77,7 @@ def compensated(plans: Sequence[Plan], q: Array, poses: Array, lines: Sequence[i
     """
     counts = [len(targets_of(plan)) for plan in plans]
     if len(q) != sum(counts):
-        raise FileError(where, f"has {len(q)} rows, this test has {sum(counts)} targets", _REMEDY)
+        raise FileError(where, f"has {len(q)} rows, but this test has {sum(counts)} targets", _REMEDY)
     ends = np.cumsum([0, *counts])
     return [
         _with_targets(
@@ -99,7 +99,7 @@ def _with_targets(plan: Plan, targets: Sequence[Target], lines: Sequence[int], w
             problem = f"axis {axis + 1} would be at {at_deg:.3f}°, the limits are {low:g}° and {high:g}°"
             raise FileError(f"{where}, line {line}", problem, "move the test away from the limit")
     new = {id(old_target): new_target for old_target, new_target in zip(old, targets, strict=True)}
-    steps: list[Step] = [Comment(f"the targets are corrected, by up to {farthest:.2f} mm")]
+    steps: list[Step] = [Comment(f"the targets are corrected by up to {farthest:.2f} mm")]
     moved_by_ends: dict[tuple[int, int], tuple[Step, ...]] = {}  # Laps and visits repeat identical moves.
     at = old[0]
     for step in plan.steps:
@@ -170,8 +170,8 @@ def _hold_near(old: Sequence[Target], targets: Sequence[Target], lines: Sequence
         joint_deg = float(np.degrees(np.abs(target.q - nominal.q).max()))
         if mm > _FURTHEST_MM or deg > _FURTHEST_DEG or joint_deg > _OTHER_POSTURE_DEG:
             problem = (
-                f"is {mm:.0f} mm and {deg:.0f}° from the target of this test, with a joint {joint_deg:.0f}° away: "
-                "more than a correction"
+                f"is {mm:.0f} mm and {deg:.0f}° from the target of this test, with a joint difference of "
+                f"{joint_deg:.0f}°: too large for a correction"
             )
             raise FileError(f"{where}, line {line}", problem, _REMEDY)
         farthest = max(farthest, mm)

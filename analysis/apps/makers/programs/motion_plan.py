@@ -259,22 +259,22 @@ def demand_lines(plan: Plan, demand: Demand, names: list[str]) -> list[str]:
     room = np.degrees(np.minimum(demand.low - plan.arm.limits[:, 0], plan.arm.limits[:, 1] - demand.high))
     tight = int(room.argmin())
     lines = [
-        f"within the limits; {names[tight]} comes nearest to one, {room[tight]:.0f}° from it",
-        f"conditioning {demand.least_conditioning:.2g} where it is least (0 is a singularity)",
+        f"within the limits; smallest margin: {names[tight]}, {room[tight]:.0f}°",
+        f"smallest conditioning {demand.least_conditioning:.2g} (0 is a singularity)",
     ]
     if plan.has_link:
         low_mm, high_mm = demand.distance_mm
         lines.append(f"the tool stays {low_mm:.2f} … {high_mm:.2f} mm from the base-ball")
     if demand.least_conditioning < _NEAR_SINGULAR:
         axes = ", ".join(map(str, cancelling_axes(plan.arm, demand.q_there)))
-        lines[1] += f": near one, where axes {axes} cancel each other; watch the first run"
+        lines[1] += f": nearly singular, because axes {axes} cancel each other; watch the first run"
     if demand.removals and plan.has_link:
         lines.append(
             f"the link comes off {demand.removals} times, where the arm cannot follow the sphere past a singularity"
         )
     lines += [
-        f"{names[axis]} turns from {low[axis]:.0f}° to {high[axis]:.0f}°, {travel[axis] / 360:.1f} turns in all: "
-        "lead cables and hoses so that they allow it"
+        f"{names[axis]} turns from {low[axis]:.0f}° to {high[axis]:.0f}°, {travel[axis] / 360:.1f} turns "
+        "in total: route cables and hoses accordingly"
         for axis in np.flatnonzero(high - low > _FULL_TURN_DEG)
     ]
     return lines

@@ -148,8 +148,8 @@ def plans_of(
     """
     directions: tuple[Direction, ...] = ("acw", "cw") if test in CIRCLES else ()
     if outputs and not any(_signal_of(rig, test, direction)[0] for direction in directions or (None,)):
-        problem = f"the rig file has no rule that waits for a signal of the {test} test"
-        raise UseError("--outputs", problem, "add it to automatic.rules, or leave --outputs out")
+        problem = f"the rig file has no rule for a signal of the {test} test"
+        raise UseError("--outputs", problem, "add a rule to automatic.rules, or omit --outputs")
     if directions:
         return [_circle(rig, test, direction, outputs, arc_deg) for direction in directions]
     return [_radial(rig, dwell_s, outputs) if test == "radial" else _repeatability(rig, dwell_s, outputs)]
@@ -226,7 +226,7 @@ def _line(rig: Rig, begin: Target, end: Target) -> tuple[Line, Target]:
     way = straight(begin.T, end.T, _APPROACH_MM_S)
     q = follow(arm, arm.T_world_base @ way.poses, begin.q, where)
     if (way.joint_speeds(q) > arm.speed).any():
-        raise FileError(where, "a target is so near a singularity that a joint is too slow", "choose other targets")
+        raise FileError(where, "a target is too close to a singularity: a joint is too slow", "choose other targets")
     arrived = replace(end, q=q[-1])
     return Line(arrived, _APPROACH_MM_S, q=q), arrived
 
@@ -292,7 +292,7 @@ def _signal_place(rig: Rig, number: int, outputs: tuple[int, ...]) -> SignalPlac
         raise FileError(
             RigPlace.of(rig.name, "automatic"),
             f"signal {number} does not fit into {len(outputs)} outputs",
-            "give --outputs with the digital outputs that the feedback reads, the least first",
+            "give --outputs with the digital outputs read by the feedback, least significant first",
         )
     return SignalPlace(outputs=outputs)
 
@@ -345,9 +345,7 @@ def _moves(arm: Arm, cube: Cube, path: CommandPath, speed: float, where: str) ->
         s = np.linspace(begin, end, 3 + 2 * int((end - begin) / _STEP_MM / 2))
         q = joints_along(arm, cube, path, s, where)
         for axis in np.flatnonzero(fastest_joints(s / speed, q) > arm.speed):
-            problem = (
-                f"axis {axis + 1} would have to move faster than {np.degrees(arm.speed[axis]):.0f}°/s, which it cannot"
-            )
+            problem = f"axis {axis + 1} would have to exceed {np.degrees(arm.speed[axis]):.0f}°/s, the maximum speed"
             raise PathError(where, problem, "lower path_speed_mm_s", "speed")
         stops = number == len(ends) - 1
         middle, last = targets_at(arm, q[[len(q) // 2, -1]])

@@ -109,9 +109,9 @@ def heading(plan: Plan, demand: Demand, shown: str) -> list[str]:
     link = "link off until" if plan.has_link else "keep away until"
     return [
         f"CHECK: override 10 % in the first run, 100 % to measure. Keep {space} mm (base frame) clear for "
-        f"{tool}, and the way of the arm free",
-        f"{plan.name}: written by rig program, no robot has run it before you",
+        f"{tool}, and the path of the arm clear",
+        f"{plan.name}: written by rig program, not run on any robot before",
         f"{link} the robot stands at the start: joints {joints} deg",
-        f"the pendant then shows {shown}. If it does not, stop: base, tool or arm differ from the rig file",
+        f"the pendant then shows {shown}. Otherwise stop: base, tool or arm differ from the rig file",
         f"payload {plan.payload_kg:g} kg: set it on the controller",
     ]

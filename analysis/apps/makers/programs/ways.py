@@ -152,4 +152,4 @@ def over_sphere(arm: Arm, begin: Target, end: Target, centre_mm: Array, radius_m
 
 
 def _without_link(end: Target) -> list[Step]:
-    return [Hold("take the link off and continue"), JointMove(end, JOINT_SPEED), Hold("mount the link and continue")]
+    return [Hold("remove the link, then continue"), JointMove(end, JOINT_SPEED), Hold("mount the link, then continue")]

@@ -29,7 +29,7 @@ def first_sentence(entries: ControllerEntries, *, entered: bool = False) -> str:
     maker, targets = entries.controller.maker, f"{entries.by_targets_um:.0f} µm"
     if not entries.entries:
         better = entries.carried_by_targets_um >= _REPORTED_UM
-        instead = f" Corrected targets (--path) leave {targets}." if better else ""
+        instead = f" With corrected targets (--path) the error is {targets}." if better else ""
         return (
             f"Do not change the {maker} controller: these runs do not show that it would help (error over the work "
             f"{entries.before_um:.0f} µm rms, with frame and tool taught with the robot).{instead}"
@@ -37,13 +37,13 @@ def first_sentence(entries: ControllerEntries, *, entered: bool = False) -> str:
         )
     count = "the value" if len(entries.entries) == 1 else f"the {len(entries.entries)} values"
     reads = entries.controller.changes_reading
-    check = "each axis reads as much more as said below" if reads else "the joint angles are those of before"
-    does = f"With {count} below, as entered" if entered else f"Enter {count} below"
+    check = "the reading of each axis has increased as listed below" if reads else "the joint angles are unchanged"
+    does = f"With {count} below entered" if entered else f"Enter {count} below"
     return (
-        f"{does} in {entries.controller.place} of the {maker} controller: the tool's error over the work "
-        f"falls from {entries.before_um:.0f} to {entries.after_um:.0f} µm rms with frame and tool taught with the "
-        f"robot (corrected targets: {targets}); before any motion check that {check}."
-        f"{base_note(entries.base_u_um, entries.by_targets_um)}"
+        f"{does} in {entries.controller.place} of the {maker} controller: the tool error over the work "
+        f"area falls from {entries.before_um:.0f} to {entries.after_um:.0f} µm rms with frame and tool "
+        f"taught with the robot (corrected targets: {targets}). Before any motion, check that "
+        f"{check}.{base_note(entries.base_u_um, entries.by_targets_um)}"
     )
 
 
@@ -73,17 +73,20 @@ def as_table(entries: ControllerEntries, rig: Rig, entered: bool = False) -> Ren
         parts.append(Text(f"from {entries.controller.source}", style="dim"))
     parts.append(Text(entries.controller.missing, style="dim"))
     if bool(entries.controller.scale) and any(entry.unit == "deg" for entry in entries.entries):
-        parts.append(Text(f"with --scale, six {entries.controller.scale}: the same as {entries.controller.unit}"))
-    parts += [Text(f"known only together, so divided by usual sizes: {', '.join(group)}") for group in entries.twins]
+        parts.append(Text(f"with --scale, six {entries.controller.scale}: in the units of {entries.controller.unit}"))
+    parts += [
+        Text(f"determined only as a sum, therefore divided by typical sizes: {', '.join(group)}")
+        for group in entries.twins
+    ]
     kept = [each for each in entries.not_entered if each.worth_um >= _REPORTED_UM]
     stays = "µm rms: neither a constant nor a target can correct this"
     parts += [Text(f"not entered: {plain(rig, each.effect)}, {each.worth_um:.0f} {stays}") for each in kept]
     before, after = entries.elsewhere_um
     if entries.entries:
         parts.append(Text(carried(entries), style="bold"))
-        elsewhere = f"beside the work, at other joint angles for which the model is known: {before:.0f} µm before, "
+        elsewhere = f"outside the work area, at other joint angles covered by the model: {before:.0f} µm before, "
         elsewhere += f"{after:.0f} µm after"
-        worse = ": worse, so enter them for this work only" if after > before else ""
+        worse = ": larger, so enter the values for this work area only" if after > before else ""
         parts.append(Text(elsewhere + worse, style="yellow" if worse else ""))
     return Group(*parts)
 
@@ -91,13 +94,13 @@ def as_table(entries: ControllerEntries, rig: Rig, entered: bool = False) -> Ren
 def carried(entries: ControllerEntries) -> str:
     """Return a sentence comparing the error removed by the entries with the error removed by corrected targets."""
     return (
-        f"entries carry {entries.carried_um:.0f} of {entries.before_um:.0f} µm over the work (rms, in a frame taught "
-        f"with the robot); corrected targets carry {entries.carried_by_targets_um:.0f}"
+        f"entries correct {entries.carried_um:.0f} of {entries.before_um:.0f} µm over the work area (rms, "
+        f"in a frame taught with the robot); corrected targets correct {entries.carried_by_targets_um:.0f}"
     )
 
 
 def _entries(entries: ControllerEntries, entered: bool) -> Table:
-    state = "entered already" if entered else "to be entered together, once,"
+    state = "entered already" if entered else "to be entered together, only once,"
     where = f"{state} at the controller ({entries.controller.maker})"
     title = f"{where}; worth and leaves: rms of the tool over the tests"
     lengths = any(entry.now is not None for entry in entries.entries)

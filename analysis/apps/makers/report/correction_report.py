@@ -37,10 +37,10 @@ _REPORTED_MM = 1e-3
 _count = program_report.targets_in_words
 _HEAD = "Corrections for the cell {name} by the effects of the rig file and the calibration beside it, {date}."
 _WAYS = {
-    "joint_zeros": "master each axis so that it reads `add_deg` more where it stands.",
-    "link_constants": "enter these into the controller if it accepts them; dh.csv is the whole table.",
-    "controller": "changes of the controller's own parameters that hold most of the whole model.",
-    "path": "the corrected targets hold the whole model, for a controller that keeps its zeros and constants.",
+    "joint_zeros": "master each axis so that the reading at the same position is `add_deg` larger.",
+    "link_constants": "enter these values into the controller if possible; dh.csv is the complete table.",
+    "controller": "changes of the controller's own parameters that cover most of the model.",
+    "path": "the corrected targets cover the whole model, for a controller with unchanged zeros and constants.",
     "programs": "they hold the whole model, too; no real controller has run one: try each at reduced speed.",
 }
 _NOTHING = (
@@ -62,11 +62,11 @@ def as_table(corrections: Corrections) -> RenderableType:
     parts: list[RenderableType] = [Text(_first(corrections), style="bold")]
     if calibrated := corrections.rig.calibrated:
         of_runs = f"the diagnosis states that of its runs, {calibrated.before_um:.0f} µm rms, which cover a part of it"
-        parts.append(Text(f"The error over the work is of the whole work area; {of_runs}."))
+        parts.append(Text(f"The error over the work area refers to the whole area; {of_runs}."))
     if effects.row_count:
         parts += [Text(), whole(effects)]
     if why := why_nothing(corrections.rig):
-        parts.insert(0, Text(f"Against the verdict: {why}.", style="bold red"))
+        parts.insert(0, Text(f"This contradicts the verdict: {why}.", style="bold red"))
     # The entries of a controller already cover the complete model. Listing these values too would correct twice.
     if not corrections.at_controller:
         instead = [
@@ -89,7 +89,7 @@ def as_table(corrections: Corrections) -> RenderableType:
 def _first(corrections: Corrections) -> str:
     work, of_work = corrections.work, texts_of("en").not_known(corrections.work.unknown)
     if all(support.use == "none" for support in corrections.effects) and work.model_um < GAIN_UM:
-        head = f"Nothing of the tool's {work.before_um:.0f} µm over the work can be corrected"
+        head = f"The tool error of {work.before_um:.0f} µm over the work area cannot be corrected"
         return f"{head}; the table gives why.{of_work}"
     if corrections.at_controller:
         first = controller_report.first_sentence(corrections.at_controller, entered=corrections.entered)
@@ -116,7 +116,7 @@ def _falls(how: str, error: WorkError, *, of_work: bool) -> str:
         guess = f" The uncertainty of the other {share:.0f} % of these targets is unknown: a guess of the model "
         guess += "corrects them, and the error may become larger. Measure there first, or keep them unchanged."
         unknown = guess if error.unknown else ""
-    falls = f"{how}: the tool's error {where} falls from"
+    falls = f"{how}: the tool error {where} falls from"
     if error.before_um - error.after_um >= GAIN_UM:
         return (
             f"{falls} {before} to {after} µm rms with frame and tool taught with the robot (standard uncertainty of "
@@ -124,8 +124,8 @@ def _falls(how: str, error: WorkError, *, of_work: bool) -> str:
         )
     if error.gains:
         return (
-            f"{falls} {error.base.before_um:.0f} to {error.base.after_um:.0f} µm rms in the robot's base; in a frame "
-            f"taught with the robot it is {before} µm as it is.{unknown}"
+            f"{falls} {error.base.before_um:.0f} to {error.base.after_um:.0f} µm rms in the robot's base; "
+            f"in a frame taught with the robot the error remains {before} µm.{unknown}"
         )
     return (
         f"Do not change the targets: the correctable effects move the tool by {error.model_um:.0f} µm rms {where}, "
@@ -146,14 +146,14 @@ def _never_both(corrections: Corrections) -> str:
     """Return a warning against correcting twice, once at the controller and once in the targets."""
     if not corrections.at_controller:
         ways = "programs, entered values" if corrections.rig.takes_programs else "targets"
-        return f" Corrected {ways} or a re-mastered axis: only one of them, as two correct twice."
+        return f" Choose a single method, corrected {ways} or a re-mastered axis: two methods would correct twice."
     if not corrections.at_controller.entries:
         return ""
     if not corrections.path:
-        return " Programs, targets and mastering then stay as they are, as two corrections correct twice."
+        return " Then leave programs, targets and mastering unchanged: a second method would correct twice."
     has, lacks = (
         "with these values already entered: the targets correct the rest",
-        "without these values: use one of both",
+        "without these values: choose one of the two",
     )
     state = has if corrections.entered else lacks
     return f" corrected-{corrections.path[0].name} is for a controller {state}."
@@ -173,10 +173,10 @@ def _path_lines(corrections: Corrections) -> list[str]:
         each = [(words[name], mm) for name, mm in _budget(targets).items() if mm >= _REPORTED_MM]
         if each:
             parts = ", ".join(f"{name} {_small(mm)}" for name, mm in each)
-            lines.append(f"not corrected, at its worst target, rms of both sides, cold and warm: {parts}")
+            lines.append(f"not corrected, rms of both sides, cold and warm, at the worst target: {parts}")
         lines += targets.doubts
         if targets.left:
-            lines.append(f"{_count(len(targets.left))} not corrected, with no in the column corrected: as they were")
+            lines.append(f"{_count(len(targets.left))} not corrected and left unchanged (no in the column corrected)")
     return lines
 
 
@@ -282,7 +282,7 @@ def write(corrections: Corrections, directory: Path) -> list[Path]:
     date = dt.datetime.now(dt.UTC).date()
     lines = [
         _HEAD.format(name=corrections.rig.name, date=date),
-        *(ways or [_NOTHING if corrections.rig.takes_programs else "Nothing to enter is here: see --path."]),
+        *(ways or [_NOTHING if corrections.rig.takes_programs else "There are no values to enter: see --path."]),
         _ONE,
         "u: standard uncertainty.",
     ]
@@ -305,7 +305,7 @@ def write(corrections: Corrections, directory: Path) -> list[Path]:
         for name, data in ({} if program.held else program.files).items():
             if name in files:
                 raise FileError(
-                    name, "would be written twice", "correct programs of one name into directories of their own"
+                    name, "would be written twice", "put corrected programs of the same name into different directories"
                 )
             remarks = [mark_of(date.isoformat())] if name in program.changed else []
             remarks += [ANYWAY] if program.path in against else []

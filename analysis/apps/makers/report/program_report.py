@@ -19,8 +19,8 @@ _LISTED = 30
 _KEPT = 10_000
 """Maximum number of uncorrected targets in corrections.yaml and in JSON. Robot programs are smaller."""
 NOT_TRIED = (
-    "No real controller has run a program that rig corrected, only rig's own models of controllers: try it as "
-    "docs/correct-a-program.md says"
+    "Programs corrected by rig were tested only on rig's models of controllers: first follow the trial "
+    "run in docs/correct-a-program.md"
 )
 _SHOWN_UM = 1.0
 """Rounding in µm below which nothing is reported: no supported gauge resolves it."""
@@ -36,14 +36,14 @@ def lines(program: CorrectedProgram) -> list[str]:
         )
     if steps := len(program.beside_left_mm):
         text_lines.append(
-            f"  half corrected: where one of two neighbours was left ({_steps(steps)}), they now stand "
-            f"{program.beside_left_mm.mean():.3f} mm (mean) off how they were taught to each other"
-            + ("" if program.held else "; --all-or-nothing does not write such a program")
+            f"  partly corrected: pairs of neighbouring targets with only one corrected ({_steps(steps)}) "
+            f"are now {program.beside_left_mm.mean():.3f} mm (mean) off their taught distance"
+            + ("" if program.held else "; --all-or-nothing does not write such programs")
         )
     text_lines += [
-        f"  {_place(program, overruling.file, overruling.line)}: the program gives {overruling.kind} "
-        f"{overruling.name} other numbers than "
-        f"--{overruling.kind}; from there its own count"
+        f"  {_place(program, overruling.file, overruling.line)}: the numbers of the program for "
+        f"{overruling.kind} {overruling.name} differ from --{overruling.kind}; from there the program's "
+        "numbers are used"
         for overruling in program.overruled[:_LISTED]
     ]
     text_lines += [
@@ -62,14 +62,14 @@ def lines(program: CorrectedProgram) -> list[str]:
         )
     if len(given_away := program.given_away_mm[np.isfinite(program.given_away_mm)]):
         text_lines.append(
-            f"  {targets_in_words(len(given_away))} used with an offset: the places beside take the same correction "
-            f"and stay up to {given_away.max():.3f} mm off (at most {100 * GIVEN_AWAY:.0f} % of what is removed, or "
-            "its uncertainty)"
+            f"  {targets_in_words(len(given_away))} used with an offset: the offset positions get the same "
+            f"correction and stay up to {given_away.max():.3f} mm off (at most {100 * GIVEN_AWAY:.0f} % of "
+            "the corrected error, or its uncertainty)"
         )
     if count and program.rounded_um.max() > _SHOWN_UM:
-        text_lines.append(f"  the decimals of this format put targets off by up to {program.rounded_um.max():.1f} µm")
+        text_lines.append(f"  the decimals of this format shift targets by up to {program.rounded_um.max():.1f} µm")
     if outside := sum(map(bool, program.unknown)):
-        text_lines.append(f"  {targets_in_words(outside)} beyond what the runs drove, corrected by a guess:")
+        text_lines.append(f"  {targets_in_words(outside)} outside the range of the runs, corrected by extrapolation:")
         reasons = zip(program.places, program.unknown, strict=True)
         where = dict.fromkeys(f"    {_place(program, *place)}: {why}" for place, why in reasons if why)
         text_lines += list(where)[:_LISTED] + ["    …"] * (len(where) > _LISTED)
@@ -94,7 +94,7 @@ def _head(program: CorrectedProgram) -> str:
     """Return the numbers of corrected targets, of uncorrected targets, and of steps between the two."""
     count, steps = len(program.names), len(program.beside_left_mm)
     head = f"{program.path.name} ({program.maker}): {targets_in_words(count)} corrected"
-    between = f", {_steps(steps)} from one to the other" if steps else ""
+    between = f", {_steps(steps)} between corrected and unchanged targets" if steps else ""
     places = len(program.left)
     stay = f"{places or 'no'} place unchanged" if places < 2 else f"{places} places unchanged"
     return f"{head}, {stay}{between}"
@@ -105,7 +105,7 @@ def _left_lines(program: CorrectedProgram) -> list[str]:
     text_lines = []
     for reason, number in Counter(left_target.reason for left_target in program.left).most_common():
         limit = f" (more than {MOST_MM:g} mm, 1°, or 10° of a joint)" if reason == "too_large" else ""
-        text_lines.append(f"  left, {number} ×: {WHY[reason]}{limit}")
+        text_lines.append(f"  unchanged, {number} ×: {WHY[reason]}{limit}")
     for left_target in program.left[:_LISTED]:
         causes = "; ".join(
             f"{_place(program, place.file, place.line)}: {place.why}" if place.line else place.why

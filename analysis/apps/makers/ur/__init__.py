@@ -17,10 +17,10 @@ CONTROLLER = Controller(
     math.radians(1),
     "",
     (
-        "Values are added to those in the controller's calibration.conf; values in [ ] count from 1.",
-        "Keep a copy of calibration.conf; the controller reads it when it starts.",
-        "delta_a and delta_alpha fit where the rig file holds the robot's own calibration, or where delta_theta of "
-        "that axis is near zero.",
+        "Add the values to the values in the controller's calibration.conf; indices in [ ] start at 1.",
+        "Keep a copy of calibration.conf; the controller reads the file when starting.",
+        "delta_a and delta_alpha are exact if the rig file contains the robot's own calibration, or if "
+        "delta_theta of that axis is near zero.",
     ),
     "docs.ros.org, ur_calibration: the DH parameters of a calibrated robot; "
     "github.com/savidini/match_ur_control_backup: units (W); the maker's forum, threads 538 and 18921 (W): the "

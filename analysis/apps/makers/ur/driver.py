@@ -69,7 +69,7 @@ def run(text: str, _: str, machine: Machine) -> None:
             break
         calls.append(_call(tokens))
         if tokens.take("end") != "\n":
-            raise ProgramError("a statement ends with its line")
+            raise ProgramError("a statement must end with its line")
     tokens.take("name")
     _blank(tokens)
     if tokens.take("name") != name:
@@ -102,7 +102,7 @@ def _call(tokens: Tokens) -> _Call:
             key = tokens.take("name")
             tokens.take("=")
         if key not in names or key in call.arguments:
-            raise ProgramError(f"{call.name} has no parameter {key!r} left")
+            raise ProgramError(f"{call.name} has no further parameter {key!r}")
         call.arguments[key] = _value(tokens)
     tokens.take(")")
     return call
@@ -118,7 +118,7 @@ def _value(tokens: Tokens) -> Any:
             values.append(float(tokens.take("number")))
         tokens.take("]")
         if len(values) != 6:
-            raise ProgramError(f"{len(values)} numbers where six are expected")
+            raise ProgramError(f"{len(values)} numbers instead of six")
         return (
             Pose(1000 * np.array(values[:3]), Rotation.from_rotvec(values[3:])) if kind == "pose" else np.array(values)
         )
@@ -167,7 +167,7 @@ def _on_path(arguments: dict[str, Any]) -> Speed:
 
 def _above_0(value: float) -> float:
     if not 0 < value < np.inf:
-        raise ProgramError(f"{value} is no speed and no acceleration")
+        raise ProgramError(f"{value} is not a valid speed or acceleration")
     return value
 
 

@@ -196,7 +196,7 @@ def parse(texts: Texts) -> Parsed:
     closes = brackets(text)
     reader = _Reader(in_one_line(text, closes), lines_of(text), closes)
     if odd := re.search("[\"']", _QUOTED.sub(lambda quoted: " " * len(quoted[0]), text)):
-        _misread(reader, odd.start(), "a text does not end in its line")
+        _misread(reader, odd.start(), "a string does not end in its line")
     text = reader.text
     events = list(_EVENT.finditer(text))
     reader.defined.update(event["name"] for event in events if event["routine"])
@@ -344,7 +344,7 @@ def _end_routine(reader: _Reader) -> None:
         reader.routines[name] = blocks.done()
 
 
-def _misread(reader: _Reader, place: int, fault: str = "the blocks do not end where they should") -> None:
+def _misread(reader: _Reader, place: int, fault: str = "the blocks end in the wrong place") -> None:
     """Treat the complete state as unknown, because the text cannot be parsed."""
     reader.beside.append(Call("\0", reader.why(place, fault)))
 
@@ -404,7 +404,7 @@ def _leave(reader: _Reader, place: int, reason: Reason, name: str) -> None:
 
 def _tool(reader: _Reader, at: int, opening: int) -> Value:
     """Return the tool of a set_tcp with the bracket at `opening`, or unknown."""
-    unknown = reader.why(at, "set_tcp sets a tool that is computed")
+    unknown = reader.why(at, "set_tcp sets a computed tool")
     end = reader.closes.get(opening, 0)
     if not opening < end < opening + _LONGEST:
         return unknown

@@ -14,10 +14,10 @@ CONTROLLER = Controller(
     "pulses",
     -1.0,
     "pulses per degree",
-    ("Change the absolute data of the home position, in management mode.",),
+    ("Change the absolute data of the home position in management mode.",),
     "a service article (W): industrialmonitordirect.com/blogs/knowledgebase/"
     "yaskawa-dx100-home-position-mastering-pulse-recovery-guide",
-    "the sign of the pulses and parameters for link constants were not found in public, so corrected targets are "
-    "the way to the rest; pulses per degree follow from the gear ratio and encoder in ALL.PRM (W): "
+    "the sign of the pulses and parameters for link constants are not published, so use corrected targets "
+    "for the other errors; pulses per degree follow from the gear ratio and encoder in ALL.PRM (W): "
     "industrialmonitordirect.com/blogs/knowledgebase/calculating-pulses-per-degree-on-yaskawa-up130-robot-axes",
 )

@@ -63,13 +63,13 @@ def run(text: str, _: str, machine: Machine) -> None:
         raise ProgramError("the job does not end with END")
     heads = [re.fullmatch(form, line) for form, line in zip(_HEAD, lines, strict=False)]
     if len(heads) < len(_HEAD) or not all(heads):
-        raise ProgramError("the head of the job is not in order")
+        raise ProgramError("the header of the job is out of order")
     count = int(heads[3][1])  # type: ignore[index]
     positions, instructions = _positions(lines[len(_HEAD) :])
     if len(positions) != count:
-        raise ProgramError(f"{len(positions)} positions where NPOS says {count}")
+        raise ProgramError(f"{len(positions)} positions, but NPOS is {count}")
     if not all(re.fullmatch(form, line) for form, line in zip(_MIDDLE, instructions, strict=False)):
-        raise ProgramError("the instructions do not begin in order")
+        raise ProgramError("the instructions start out of order")
     _Controller(positions, machine).obey(instructions[len(_MIDDLE) : -1])
 
 
@@ -126,7 +126,7 @@ class _Controller:
         pose = self._take(match[2])
         if match[1] == "MOVJ":
             if not match[3] or not 0 < float(match[3]) <= 100:
-                raise ProgramError("a joint move has a speed VJ in percent")
+                raise ProgramError("a joint move needs a speed VJ in percent")
             self._machine.go(pose, Speed(share=float(match[3]) / 100))
         elif match[5]:
             self._machine.turn(pose, np.radians(float(match[5])))
@@ -144,18 +144,18 @@ class _Controller:
             via, (end, speed, stops) = chain[number][0], chain[number + 1]
             self._machine.arc(via.place, end, speed, turning="even", stops=stops, speed=Speed())
         if len(chain) % 2 == 0:
-            raise ProgramError("this interpreter wants whole arcs")
+            raise ProgramError("this interpreter supports only complete arcs")
 
     def _take(self, number: str) -> Pose:
         if int(number) in self._used or int(number) >= len(self._positions):
-            raise ProgramError(f"C{number} does not exist, or is used twice")
+            raise ProgramError(f"C{number} is missing, or used twice")
         self._used.add(int(number))
         return self._positions[int(number)]
 
     @staticmethod
     def _speed(text: str | None) -> float:
         if text is None:
-            raise ProgramError("a path has a speed V in mm/s")
+            raise ProgramError("a path needs a speed V in mm/s")
         return float(text)
 
 

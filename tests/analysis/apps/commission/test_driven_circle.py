@@ -120,7 +120,7 @@ def test_points_at_which_the_robot_stood_show_the_circle(count: int) -> None:
     found = driven_circle([sampled(*stops(q, dwell_s=1.5))], blank())
     centre, angle, radius = off(found)
     assert centre < 0.05 and angle < 0.05 and abs(radius) < 0.05
-    assert f"{count} points" in found.used
+    assert f"{count} stops" in found.used
     assert any("add a point" in doubt for doubt in found.doubts) == (count == 3)
 
 
@@ -148,7 +148,7 @@ def bent(scale_deg: float) -> RobotMotion:
 def test_a_lap_of_a_controller_with_other_constants_is_found_whole() -> None:
     slightly, badly = (driven_circle([bent(scale)], blank()) for scale in (0.02, 0.5))
     assert np.degrees([slightly.arc, badly.arc]) == pytest.approx(380, abs=5)
-    assert slightly.doubts == () and any("other link constants" in doubt for doubt in badly.doubts)
+    assert slightly.doubts == () and any("link constants of the controller differ" in doubt for doubt in badly.doubts)
     assert badly.u_radius_mm > 10 * slightly.u_radius_mm
 
 
@@ -209,7 +209,7 @@ def test_an_arc_that_is_too_short_is_refused_with_its_uncertainty(arc_deg: float
     noisy = driven_along(around(np.linspace(0, arc_deg, 60)))
     noisy = replace(noisy, q=noisy.q + np.random.default_rng(1).normal(0, np.radians(0.004), noisy.q.shape))
     said = refused(noisy)
-    assert re.search(r"of arc (are too short an arc \(u .*\)|.* uncertain by .* \(u\))", said.what)
+    assert re.search(r"of arc (is too short \(u of .*\)|have an uncertainty of .* \(u\))", said.what)
     assert "longer arc" in said.remedy
 
 
@@ -245,7 +245,7 @@ def at_home() -> Array:
 def test_a_stand_at_home_before_and_after_is_not_used(count: int) -> None:
     q = around(np.arange(count) * 360 / count)
     found = driven_circle([sampled(*stops(np.concatenate([at_home(), q, at_home()]), dwell_s=1.5))], blank())
-    assert off(found)[0] < 0.05 and f"{count} points" in found.used
+    assert off(found)[0] < 0.05 and f"{count} stops" in found.used
     assert any("2 stops are not used" in doubt for doubt in found.doubts)
 
 

@@ -64,7 +64,7 @@ def test_the_chosen_ports_are_searched(monkeypatch: pytest.MonkeyPatch, typed: s
 @pytest.mark.parametrize("typed", ["0", "4", "x", "1-2", "-1", ","])
 def test_what_is_not_a_choice_is_asked_again(monkeypatch: pytest.MonkeyPatch, typed: str) -> None:
     searched, said = asked(monkeypatch, f"{typed}\n2\n")
-    assert searched == ["/dev/ttyUSB1"] and "is not numbers from 1 to 3" in said
+    assert searched == ["/dev/ttyUSB1"] and "is not a list of numbers from 1 to 3" in said
 
 
 def test_named_ports_are_not_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:

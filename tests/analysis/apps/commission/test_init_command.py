@@ -63,8 +63,8 @@ def test_from_a_cell_to_a_checked_rig_file(tmp_path: Path, gauges: str, robot: s
             person.asked("counts away")
             person.answers("Distance between the two gauges, in mm [50]:", "")
             person.answers("Arm: ", "ur10e")
-            person.answers("The ball on the flange", "0,0,150,0,90,0")
-            person.answers("5 times a repeatability of 0.05 mm, that of the arm's data sheet", "")
+            person.answers("Pose of the ball on the flange", "0,0,150,0,90,0")
+            person.answers("5 times a repeatability of 0.05 mm, from the arm's data sheet", "")
             person.answers("Is the robot at the start", "")
             assert terminal.ended() == 0, terminal.text()
     rig, text = load(path)
@@ -85,7 +85,7 @@ def test_from_a_cell_to_a_checked_rig_file(tmp_path: Path, gauges: str, robot: s
             "sockets",
             "so-101",
             ("--tool", "30,0,90"),
-            "q1_deg … q5_deg or J1 … J5; --socket NAME",
+            "q1_deg … q5_deg or J1 … J5; with a single socket, --socket NAME",
         ),
         ("sockets", "ur10e", ("--tool", "0,0,120", "--robot", "none"), "rig import touches.csv"),
         ("tracker", "widowx-250", ("--tool", "0,0,90", "--tolerance-mm", "0.2"), "rig import poses.csv"),
@@ -115,11 +115,11 @@ def test_a_robot_that_guides_from_touch_to_touch_is_found(tmp_path: Path) -> Non
 
 
 def test_an_arm_of_five_axes_is_not_asked_for_gauges(tmp_path: Path) -> None:
-    assert "so-101: has 5 axes, and the ball link's programs are of six; give --measured-by sockets" in one_line(
+    assert "so-101: has 5 axes, but the ball link's programs need six; give --measured-by sockets" in one_line(
         init(tmp_path, "--arm", "so-101"), 3
     )
     words = ("--measured-by", "sockets", "--arm", "so-101", "--robot", "192.168.1.20")
-    assert "--robot: is read of arms of 6 axes only, and so-101 has 5" in one_line(init(tmp_path, *words), 2)
+    assert "--robot: is supported only for arms of 6 axes, and so-101 has 5" in one_line(init(tmp_path, *words), 2)
 
 
 def test_without_a_terminal_every_question_has_its_option(tmp_path: Path) -> None:
@@ -213,7 +213,7 @@ def test_interrupted_at_a_question_and_going_on(tmp_path: Path, question: str) -
             for asked in QUESTIONS[begin:]:
                 person.answers(asked, answers[asked])
             assert terminal.ended() == 0, terminal.text()
-            assert ("going on with" in terminal.text()) == (begin > 0)
+            assert ("Continuing with" in terminal.text()) == (begin > 0)
     assert load(path)[0].robot.name == "Universal Robots UR10e"
     assert [file.name for file in tmp_path.iterdir()] == ["cell.yaml"]
 
@@ -229,7 +229,7 @@ def test_wrong_answers_are_asked_again(tmp_path: Path) -> None:
         person.answers("Distance", "-3")
         person.answers("is not a distance", "60")
         person.answers("Arm: ", "nonsense")
-        person.answers("no arm of this name", "ur10e")
+        person.answers("is not an arm of the library", "ur10e")
         person.answers("The ball", "1,2")
         person.answers("is not x,y,z", "0,0,150,0,90,0")
         person.answers("Allowed error in mm", "0,3")
@@ -262,8 +262,8 @@ def test_wrong_answers_are_asked_again(tmp_path: Path) -> None:
             2,
             "--measured-by tracker is without",
         ),
-        (["--measured-by", "sockets", "--key", "g1.range_mm=9"], 2, "--key: is of gauges"),
-        (["--measured-by", "tracker", "--radius-mm", "300"], 2, "--radius-mm: is of gauges"),
+        (["--measured-by", "sockets", "--key", "g1.range_mm=9"], 2, "--key: applies only to gauges"),
+        (["--measured-by", "tracker", "--radius-mm", "300"], 2, "--radius-mm: applies only to gauges"),
     ],
 )
 def test_wrong_options_are_one_line(tmp_path: Path, given: Sequence[str], code: int, says: str) -> None:

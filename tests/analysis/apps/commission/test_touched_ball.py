@@ -38,7 +38,7 @@ def test_a_recorded_run_shows_it_with_and_without_a_gauge(gauge: bool, tmp_path:
     truth = CENTRE if gauge else np.array(rig.tests.hemisphere.centre_mm)  # type: ignore[union-attr]
     assert np.abs(found.centre - truth).max() < 0.05
     assert (np.abs(found.centre - truth) < 4 * found.u_centre_mm).all()
-    assert any("without gauge g1" in doubt for doubt in found.doubts) != gauge
+    assert any("gauge g1 is missing" in doubt for doubt in found.doubts) != gauge
 
 
 def test_a_rig_file_without_a_hemisphere_gets_radius_and_posture(tmp_path: Path) -> None:

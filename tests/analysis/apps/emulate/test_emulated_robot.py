@@ -41,7 +41,7 @@ def test_it_shows_what_it_is_told(robot: EmulatedRobot) -> None:
 @pytest.mark.parametrize(
     ("column", "value", "says"),
     [
-        ("speed", "40", "'speed': is not of the robot's condition"),
+        ("speed", "40", "'speed': is not a condition of the robot"),
         ("safety_state", "9", "2 protective stop"),
         ("program_state", "paused", "0 stopped, 1 running, 2 paused"),
         ("payload_kg", "", "give a number"),

@@ -98,11 +98,12 @@ def test_a_urdf_whose_build_is_not_stated_says_how_it_is_judged(urdf: Path, tmp_
     """Plays that are usual of hobby servos are faults of an industrial arm."""
     told = " ".join(rig("import-urdf", urdf).stderr.split())
     assert (
-        "the build of the arm is not stated" in told and "one that is industrial; hobby servos: --build servo" in told
+        "the construction of the arm is unknown" in told
+        and "typical of industrial; for hobby servos add --build servo" in told
     )
     done = rig("import-urdf", urdf, "--build", "servo", "-o", tmp_path / "arm.yaml")
     section = yaml.safe_load((tmp_path / "arm.yaml").read_text(encoding="utf-8"))["robot"]
-    assert Robot.model_validate(section).built == "servo" and "is not stated" not in done.stderr
+    assert Robot.model_validate(section).built == "servo" and "construction of the arm is unknown" not in done.stderr
 
 
 def test_nothing_is_written_of_a_bad_urdf(urdf: Path, tmp_path: Path) -> None:

@@ -91,12 +91,15 @@ def test_stops_that_the_instrument_did_not_see_are_counted(tmp_path: Path, rng: 
     truth = drive(tmp_path / "bag", rng, blind=(0, 1, 2))
     found = stands(tmp_path / "bag")
     held(found, truth, slice(3, None))
-    assert "left out 3 of 20 stands of the robot: fewer than 3 readings of /seen" in found.doubts
+    assert "3 of 20 stops of the robot not used: fewer than 3 readings of /seen" in found.doubts
 
 
 @pytest.mark.parametrize(
     ("given", "told"),
-    [({"clock_off_s": 7.0}, r"lie -7\.00. s apart, so their clocks differ"), ({"stamped": False}, "have no stamps")],
+    [
+        ({"clock_off_s": 7.0}, r"differ by -7\.00. s, so their clocks differ"),
+        ({"stamped": False}, "have no timestamps"),
+    ],
 )
 def test_clocks_that_differ_are_told_and_the_bags_own_is_taken(
     tmp_path: Path, rng: np.random.Generator, given: dict[str, float], told: str
@@ -111,7 +114,7 @@ def test_clocks_that_differ_are_told_and_the_bags_own_is_taken(
     ("kind", "topic", "told"),
     [
         (TF, "", r"places 3 things \(/seen:link_1, /seen:link_2, /seen:target\)"),
-        (POSE, "/other", "places nothing on '/other'; give --topic one of /seen"),
+        (POSE, "/other", "places nothing on '/other'; choose --topic from /seen"),
     ],
 )
 def test_what_is_not_clear_is_asked(tmp_path: Path, rng: np.random.Generator, kind: str, topic: str, told: str) -> None:
@@ -125,7 +128,7 @@ def test_a_bag_is_imported_by_a_map_that_the_run_keeps(tmp_path: Path, rng: np.r
     done = ran("import", tmp_path / "bag", "--rig", "ur10", "--test", "pose", "-o", tmp_path / "run")
     assert done.returncode == 0, done.stderr
     assert "topic: /seen" in done.stderr and "turn as quaternion qx … qw" in done.stderr
-    assert "without checksums" in done.stderr
+    assert "has no checksums" in done.stderr
     measured = load_measured(tmp_path / "run")
     assert measured.table.q == pytest.approx(truth.q, abs=2e-6)
     ran("export", tmp_path / "run", "--to", "map", "-o", tmp_path / "map.yaml")
@@ -223,7 +226,7 @@ def test_a_bag_with_a_log_beside_it_is_read_once_it_is_closed(tmp_path: Path, rn
     database.execute("PRAGMA journal_mode = WAL")
     database.execute("CREATE TABLE more (id INTEGER)")
     database.commit()
-    with pytest.raises(FileError, match=r"was not closed: its last messages are in bag\.db3-wal"):
+    with pytest.raises(FileError, match=r"was not closed: the last messages are still in bag\.db3-wal"):
         file_of(tmp_path / "bag")
     database.close()
     held(stands(tmp_path / "bag"), truth)
@@ -248,8 +251,8 @@ LEFT = [f"left_{name}" for name in JOINTS]
 @pytest.mark.parametrize(
     ("names", "beside", "told"),
     [
-        (JOINTS, ("/joint_states", LEFT), "holds the joints of two arms on one topic .*left_"),
-        ([], None, "name none of them"),
+        (JOINTS, ("/joint_states", LEFT), "contains the joints of two arms on a single topic .*left_"),
+        ([], None, "without names"),
     ],
 )
 def test_whose_joints_they_are_has_to_be_told(

@@ -121,7 +121,7 @@ def test_ends_that_are_not_on_their_axes_are_named(tmp_path: Path) -> None:
     aside = re.sub(r'xyz="0.0 0.0 0.4"', 'xyz="0.1 0.0 0.4"', GOOD)
     arm = import_urdf(urdf(tmp_path, aside))
     assert arm.section.robot.base.xyz_mm == (100, 0, 0)
-    assert ["axis 1 does not go through" in doubt for doubt in arm.doubts] == [True]
+    assert ["axis 1 does not pass through" in doubt for doubt in arm.doubts] == [True]
 
 
 def test_a_base_on_a_branch_of_its_own_is_the_base_frame(tmp_path: Path) -> None:
@@ -150,11 +150,11 @@ MOVED_BASE = (
 BAD = {
     "three": (
         GOOD.replace("revolute", "fixed", 3),
-        "3 turning joints from base_link to tool0, where an arm has 4 to 7; choose the ends of the arm",
+        "3 turning joints from base_link to tool0; an arm needs 4 to 7; choose the ends of the arm",
     ),
     "prismatic": (
         FIFTH.re.sub(lambda fifth: fifth.group().replace("revolute", "prismatic"), GOOD),
-        "joint joint_5 is prismatic; only a rail below all turning joints can slide",
+        "joint joint_5 is prismatic; a sliding joint is supported only as a rail",
     ),
     "a rail without limits": (
         GOOD.replace("revolute", "prismatic", 1).replace(f'<limit {LIMIT} effort="0"/>', "", 1),
@@ -168,13 +168,16 @@ BAD = {
     "no such type": (GOOD.replace("revolute", "screw", 1), "joint joint_1 is screw; write type revolute"),
     "mimic": (
         GOOD.replace("<limit", '<mimic joint="joint_2"/><limit', 1),
-        "joint joint_1 follows joint joint_2; write it as a joint of its own",
+        "joint joint_1 follows joint joint_2; write an independent joint",
     ),
     "no limits": (GOOD.replace(f'<limit {LIMIT} effort="0"/>', "", 1), "joint joint_1 has no limits; write <limit>"),
     "no velocity": (GOOD.replace('velocity="3.5"', "", 1), "joint joint_1 has no limits; write <limit>"),
     "limits in disorder": (GOOD.replace('lower="-3"', 'lower="3"', 1), "lower 3, upper 2.5 and velocity 3.5; write"),
-    "velocity 0": (GOOD.replace('velocity="3.5"', 'velocity="0"', 1), "velocity 0; write the limits in order"),
-    "no axis": (re.sub(AXIS, '<axis xyz="0 0 0"/>', GOOD, count=1), "joint joint_1 has an axis of no length"),
+    "velocity 0": (
+        GOOD.replace('velocity="3.5"', 'velocity="0"', 1),
+        "velocity 0; write the limits in ascending order",
+    ),
+    "no axis": (re.sub(AXIS, '<axis xyz="0 0 0"/>', GOOD, count=1), "joint joint_1 has an axis of zero length"),
     "axis of two": (re.sub(AXIS, '<axis xyz="0 1"/>', GOOD, count=1), "joint joint_1 has axis xyz='0 1'; write three"),
     "nan": (GOOD.replace('"0.0 0.0 0.4"', '"0 0 nan"', 1), "joint joint_1 has origin xyz='0 0 nan'; write three"),
     "infinite angle": (GOOD.replace('rpy="0.0 0.0 0.0"', 'rpy="0 0 inf"', 1), "has origin rpy='0 0 inf'; write three"),
@@ -186,7 +189,7 @@ BAD = {
     "limits in degrees": (GOOD.replace('upper="2.5"', 'upper="170"'), "correct it: the units are metres and radians"),
     "a negative mass": (
         GOOD.replace('<link name="link_1"/>', '<link name="link_1"><inertial><mass value="-1"/></inertial></link>'),
-        "link link_1 has mass value='-1'; write a number that an arm has",
+        "link link_1 has mass value='-1'; write a number in the range of a robot arm",
     ),
     "xacro elements": (
         '<robot name="x" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arm prefix=""/></robot>',
@@ -197,7 +200,7 @@ BAD = {
     "no XML": ("robot: {axes: []}\n", "not XML"),
     "an empty file": ("", "not XML"),
     "half a file": (GOOD[: len(GOOD) // 2], "not XML"),
-    "a robot of SDF": ("<sdf><model/></sdf>", "is not a URDF: it is a <sdf>"),
+    "a robot of SDF": ("<sdf><model/></sdf>", "is not a URDF: the root element is <sdf>"),
     "no name": (
         GOOD.replace('<robot name="chain">', "<robot>"),
         "not readable as URDF: Attribute 'name' is missing in robot tag; correct it",
@@ -280,7 +283,9 @@ def test_a_joint_that_slides_below_all_turns_is_the_rail(tmp_path: Path) -> None
 def test_the_jaw_of_a_gripper_is_no_axis_unless_somebody_says_so(tmp_path: Path) -> None:
     jaw = '<link name="jaw"/>' + SEVENTH.replace('<link name="link_7"/>', "").replace("link_7", "jaw")
     text = GOOD.replace("tool0", "hand").replace("</robot>", f"{jaw.replace('tool0', 'hand')}</robot>")
-    with pytest.raises(FileError, match=r"joint_7 to jaw, moves a gripper by its name; choose the flange: --tip hand"):
+    with pytest.raises(
+        FileError, match=r"joint_7 to jaw, belongs to a gripper according to its name; choose the flange: --tip hand"
+    ):
         import_urdf(urdf(tmp_path, text))
     assert len(import_urdf(urdf(tmp_path, text), tip="hand").section.robot.axes) == 6
     assert len(import_urdf(urdf(tmp_path, text), tip="jaw").section.robot.axes) == 7
@@ -289,7 +294,7 @@ def test_the_jaw_of_a_gripper_is_no_axis_unless_somebody_says_so(tmp_path: Path)
 def test_a_joint_without_end_gets_limits_and_is_named(tmp_path: Path) -> None:
     arm = import_urdf(urdf(tmp_path, GOOD.replace("revolute", "continuous", 1)))
     assert arm.section.robot.axes[0].limits_deg == (-360, 360)
-    assert ["turn without end: joint_1;" in doubt for doubt in arm.doubts] == [True]
+    assert ["joints without limits: joint_1;" in doubt for doubt in arm.doubts] == [True]
 
 
 def test_several_ends_are_asked_for(tmp_path: Path) -> None:
@@ -320,5 +325,7 @@ def test_what_is_no_text_is_refused(what: str, tmp_path: Path) -> None:
 
 def test_a_computer_without_the_library_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pytransform3d.urdf", None)
-    with pytest.raises(CellError, match=r"needs pytransform3d.urdf, which is missing; add it: .* 'pytransform3d>="):
+    with pytest.raises(
+        CellError, match=r"needs the Python package pytransform3d.urdf, which is missing; add it: .* 'pytransform3d>="
+    ):
         import_urdf(urdf(tmp_path, GOOD))

@@ -57,7 +57,7 @@ def test_escape_leaves_the_prompt_and_keys_are_text_within_it() -> None:
 
 def test_zero_is_an_offset_of_the_view_and_can_be_taken_back() -> None:
     controls, actions = typed("z")
-    assert controls.zero_mm == (0.5, -0.25) and "recorded readings stay" in controls.message and not actions
+    assert controls.zero_mm == (0.5, -0.25) and "recorded readings are unchanged" in controls.message and not actions
     assert typed("Z", controls)[0].zero_mm == (0.0, 0.0)
 
 

@@ -131,14 +131,14 @@ def test_a_recording_that_was_cut_is_an_event() -> None:
         "recording lap began: runs/1_lap",
         "rigd does not answer while lap is recorded",
         "rigd answers again",
-        "recording lap was cut: rigd was started again",
+        "recording lap was interrupted: rigd was restarted",
     ]
 
 
 def test_a_cut_recording_is_said_until_the_next_begins() -> None:
     begun, ended = (Update(state=one, readings={}) for one in (recording("lap", "runs/1_lap"), state()))
     view = LiveView().after(begun).after(Update(lost="waiting for rigd")).after(ended).after(ended)
-    assert figures(view)["cut"] == "recording lap was cut: rigd was started again"
+    assert figures(view)["cut"] == "recording lap was interrupted: rigd was restarted"
     assert "recording lap was cut" in plain_line(view, UNITS[0])
     assert "recording lap was cut" in screen(view, Controls(), 80, 24).lines()[0]
     assert figures(view.after(begun))["cut"] is None

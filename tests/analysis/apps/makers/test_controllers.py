@@ -210,7 +210,7 @@ def test_a_soft_joint_is_held_in_part_and_said_to_be(tmp_path: Path) -> None:
     assert told.startswith("Enter the ")
     assert f"falls from {before:.0f} to {after:.0f} µm rms with frame and tool taught with the robot" in told
     assert f"(corrected targets: {targets:.0f} µm)" in told
-    assert f"entries carry {before - after:.0f} of {before:.0f} µm over the work" in told
+    assert f"entries correct {before - after:.0f} of {before:.0f} µm over the work area" in told
 
 
 def test_twins_share_what_is_known_of_their_sum(tmp_path: Path) -> None:
@@ -249,10 +249,10 @@ def test_an_axis_that_goes_with_another_motor_has_no_count_of_its_own(tmp_path: 
 @pytest.mark.parametrize(
     ("options", "told"),
     [
-        (["--for", "kuka", "--scale", "1,2,3,4,5,6"], "--scale: KUKA takes deg, without a scale"),
-        (["--for", "abb", "--scale", "1,2,3"], "--scale: '1,2,3' is not six numbers other than zero"),
-        (["--for", "abb", "--scale", "1,2,3,4,5,0"], "is not six numbers other than zero"),
-        (["--entered"], "--entered: needs --path, and --for"),
+        (["--for", "kuka", "--scale", "1,2,3,4,5,6"], "--scale: must be omitted: KUKA uses deg, without a scale"),
+        (["--for", "abb", "--scale", "1,2,3"], "--scale: '1,2,3' is not a list of six nonzero numbers"),
+        (["--for", "abb", "--scale", "1,2,3,4,5,0"], "is not a list of six nonzero numbers"),
+        (["--entered"], "--entered: needs --path, and a maker from --for"),
     ],
 )
 def test_wrong_use_is_one_line(tmp_path: Path, options: list[str], told: str) -> None:

@@ -240,7 +240,7 @@ def test_the_command_reports_what_a_play_that_it_leaves_out_does_to_each_target(
     )
     stands = [np.linalg.norm(_stands_mm(q + off) - _stands_mm(sent)) for q, sent in zip(told, TARGETS, strict=True)]
     assert max(stands) < 1e-4
-    assert f"effects that are not corrected leave {left_out_mm.max():.3f} mm" in done.stdout
+    assert f"uncorrected effects leave {left_out_mm.max():.3f} mm" in done.stdout
     assert f"play of axis 2 (W) {left_out_mm.max():.3f} mm" in done.stdout
     found = json.loads(
         CliRunner().invoke(app, ["correct", str(cell), "--path", str(path), "-o", f"{out}2", "--json"]).stdout
@@ -316,8 +316,8 @@ def test_the_command_writes_files_and_says_why_not(tmp_path: Path, monkeypatch: 
     monkeypatch.setenv("COLUMNS", "200")
     done = CliRunner().invoke(app, ["correct", str(cell), "--path", str(path), "-o", str(out)])
     assert done.exit_code == 0, done.output
-    assert "only the same approach direction to every target helps" in done.stdout
-    assert "master axis 3 so that it reads +0.0500° (± 0.0020°) more where it stands" in done.stdout
+    assert "only the same approach direction for every target helps" in done.stdout
+    assert "master axis 3 so that the reading at the same position is +0.0500° (± 0.0020°) larger" in done.stdout
     assert {file.name for file in out.iterdir()} == {"corrections.yaml", "dh.csv", "corrected-path.csv"}
     held = yaml.safe_load((out / "corrections.yaml").read_text())
     assert held["joint_zeros"] == [{"axis": 3, "add_deg": 0.05, "u_deg": 0.002}]
@@ -341,7 +341,7 @@ def test_the_command_writes_files_and_says_why_not(tmp_path: Path, monkeypatch: 
         (HEAD, "A,0,20,10,0,200,0", "line 2: axis 5 would be at 200.000°, the limits are -140° and 140°"),
         ("x_mm,y_mm,z_mm", "900,0,0", "has no column rx_deg, ry_deg, rz_deg"),
         ("x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg", "9000,0,0,0,180,0", "line 2: is out of the nominal arm's reach"),
-        (f"{HEAD},u_um", "A,0,20,10,0,60,0,1", "is the path corrected already?"),
+        (f"{HEAD},u_um", "A,0,20,10,0,60,0,1", "is the path already corrected?"),
         (HEAD, "", "has a header without rows"),
     ],
 )

@@ -98,9 +98,9 @@ def test_the_magnet_never_touches_the_ball_and_the_cone_holds_it() -> None:
     seat = seat_of(Bought())
     assert seat.centre - 10 - seat.magnet_top == pytest.approx(0.5)
     assert seat.bore < seat.contact < seat.rim
-    with pytest.raises(UseError, match="no cone to sit on; take one of at most 12 mm"):
+    with pytest.raises(UseError, match="would not rest on the cone; choose a magnet of at most 12 mm"):
         seat_of(Bought(magnet_mm=(20, 5)))
-    with pytest.raises(UseError, match="M5 does not pass the bore"):
+    with pytest.raises(UseError, match="M5 does not fit through the bore"):
         parts_of(rig_with(), Bought(screw="M5"))
     with pytest.raises(UseError, match="M7 is none of M3, M4, M5"):
         parts_of(rig_with(), Bought(screw="M7"))
@@ -111,7 +111,7 @@ def test_what_no_bed_holds_is_left_out_and_named() -> None:
     assert "bar" not in by_name(rig)
     assert any("bar of two sockets is 424" in remark for remark in remarks_of(rig, Bought()))
     assert any("long link is 400 mm" in remark for remark in remarks_of(load("ur10e")[0], Bought()))
-    assert any("30 mm beside the tool's axis" in remark for remark in remarks_of(rig, Bought()))
+    assert any("30 mm off the tool's axis" in remark for remark in remarks_of(rig, Bought()))
 
 
 @pytest.mark.parametrize("rig", [rig for _, rig in PARTS], ids=[name for name, _ in PARTS])

@@ -77,7 +77,7 @@ def test_the_file_is_made_again_with_the_same_content(runs: Path) -> None:
     collect(runs, "ur10e", silent)
     assert content(runs / FILE) == before
     (runs / FILE).write_bytes(b"nonsense" * 2000)
-    assert any("made again" in note for note in collect(runs, "ur10e", silent).notes)
+    assert any("rebuilt" in note for note in collect(runs, "ur10e", silent).notes)
     assert content(runs / FILE) == before
 
 

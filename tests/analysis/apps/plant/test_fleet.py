@@ -129,13 +129,16 @@ def test_the_table_has_every_figure_of_every_run(work: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "line"),
     [
-        (("nowhere",), "error: nowhere: no such directory; give the directory that holds the plant's runs"),
+        (("nowhere",), "error: nowhere: no such directory; give the directory with the plant's runs"),
         (("empty",), "error: empty: does not contain runs; give the directory that holds the plant's runs"),
         (("plant", "--catalogue", "letter"), "error: letter: is not a catalogue of rig fleet; give another"),
         (("plant", "-o", "page.txt"), "error: page.txt: is not the name of a page; give --output FILE.html"),
         (("plant", "--parquet", "empty"), "error: empty: Is a directory; choose a different --parquet"),
-        (("plant", "--parquet", "letter"), "error: letter: exists already, and rig did not make it; give another"),
-        (("plant", "--parquet", "own.parquet"), "error: own.parquet: exists already, and rig did not make it; give"),
+        (
+            ("plant", "--parquet", "letter"),
+            "error: letter: already exists, and was not created by rig; give a different",
+        ),
+        (("plant", "--parquet", "own.parquet"), "error: own.parquet: already exists, and was not created by rig; give"),
         (("plant", "--parquet", "letter/x"), "error: letter/x: Not a directory; choose a different --parquet"),
     ],
 )
@@ -158,7 +161,7 @@ def test_without_a_place_for_its_catalogue_every_run_is_read(
     for _ in range(2):
         assert ended("fleet", "plant") == 0
         done = capsys.readouterr()
-        assert "every run is read again each time: give --catalogue FILE" in done.err
+        assert "all runs must be read each time: give --catalogue FILE" in done.err
         assert "30 runs, 30 of them read" in done.out
     assert ended("fleet", "plant", "--json") == 0
     assert json.loads(capsys.readouterr().out)["catalogue"] is None

@@ -121,7 +121,7 @@ def test_a_bad_run_costs_its_own_row(plant: Path, file: Path) -> None:
     healthy = next(one for one in found.robots if one.robot == "robot-001")
     assert healthy.runs == VISITS - 3
     assert [name for name, _ in healthy.without_figures] == [cut.name, unsealed.name]
-    assert "changed since it was recorded" in healthy.without_figures[0][1]
+    assert "changed since the recording" in healthy.without_figures[0][1]
     assert "cut off" in healthy.without_figures[1][1]
     assert found.strays == (
         (str(unreadable.relative_to(plant)), "the manifest is missing, or it or the marks cannot be read"),
@@ -159,7 +159,7 @@ def test_a_damaged_catalogue_is_made_again(plant: Path, file: Path, content: byt
     file.write_bytes(content)
     again = gathered(plant, file)
     assert (again.robots, again.examined) == (first.robots, 3 * VISITS)
-    assert again.notes == ((f"{file} was damaged: it was made again from the runs",) if content else ())
+    assert again.notes == ((f"{file} was damaged: the file was rebuilt from the runs",) if content else ())
     assert gathered(plant, file).examined == 0
 
 
@@ -266,7 +266,7 @@ def test_a_corrected_program_mends_no_arm() -> None:
         after = [run(day, 0.01, corrected) for day in range(11, 21)]
         found = state_of("runs", Collected("cell", (*as_it_is, *after), (), (), limits))
         assert (found.standing, found.trend, found.corrected) == ("fail", "", 10)
-        assert "10 driven corrected" in " ".join(found.doubts)
+        assert "10 run with corrections" in " ".join(found.doubts)
         titles = [series.title for series in history_of(Collected("cell", (*as_it_is, *after), (), (), limits)).series]
         assert len(titles) == 2 and titles[0] == "yaw acw" and titles[1] != titles[0]
     mended = [run(day, 0.01) for day in range(11, 21)]

@@ -62,7 +62,7 @@ def test_a_limit_stands_in_the_table_and_on_the_page_with_its_day(runs: Path, tm
     limited.write_text(yaml.safe_dump(shipped | {"limits": {"yaw": {"circular_deviation_mm": 0.02}}}))
     page = tmp_path / "page.html"
     shown = " ".join(ran("history", "ur10e", "--runs", runs, "--rig", limited, "-o", page).split())
-    told = "of yaw acw has been beyond its limit of 0.02 mm since 1 May 2026 (run 000-acw)"
+    told = "of yaw acw has been outside the limit of 0.02 mm since 1 May 2026 (run 000-acw)"
     assert told in shown and "beyond 0.02" in shown.partition("limit")[2]
     assert told in page.read_text() and "limit: beyond 0.02 since 2026-05-01" in page.read_text()
     limited.write_text(yaml.safe_dump(shipped | {"limits": {}}))
@@ -86,13 +86,13 @@ def test_since_and_figure_choose_and_what_is_not_there_is_refused(runs: Path) ->
     assert "fewer than 8 runs" in " ".join(answer["remarks"])
     assert all("limit" in sentence for sentence in answer["sentences"]), "no change is found in so few"
     for options, kind, words in (
-        (["--since", "2027-01-01"], FileError, "no run since 2027-01-01"),
+        (["--since", "2027-01-01"], FileError, "runs since 2027-01-01"),
         (["--figure", "nothing"], UseError, "'nothing'"),
         (["--json", "--csv"], UseError, "cannot both be printed"),
     ):
         with pytest.raises(kind, match=words):
             ran("history", "ur10e", "--runs", runs, *options)
-    with pytest.raises(UseError, match="a history is of a robot; give its name"):
+    with pytest.raises(UseError, match="not the name of a robot; give the name of the robot"):
         ran("history", runs)
 
 
@@ -119,19 +119,19 @@ def test_compare_takes_every_run_after_against(runs: Path) -> None:
     assert "play_j3_deg" in larger
     assert {(one["runs_before"], one["runs_after"]) for one in answer["differences"]} == {(3, 3)}
     assert "Play of axis 3 of yaw acw rose" in " ".join(ran("compare", *after, "--against", *before).split())
-    with pytest.raises(UseError, match="leave --rig, --unseen and --plot out"):
+    with pytest.raises(UseError, match="omit --rig, --unseen and --plot"):
         ran("compare", *after, "--rig", "ur10e", "--against", *before)
 
 
 def test_what_several_tests_show_is_one_sentence() -> None:
     history = history_of(collected(GREW))
     (play,) = [one for one in sentences(history) if "axis 2" in one]
-    assert play.startswith("Play of axis 2 rose from 0.01") and "show it too" in play
+    assert play.startswith("Play of axis 2 rose from 0.01") and "also show" in play
 
 
 def test_a_robot_that_does_not_change_is_said_not_to() -> None:
     history = history_of(collected(STILL))
-    assert sentences(history) == ["No figure changed by more than its scatter between runs explains."]
+    assert sentences(history) == ["All changes are within the scatter between runs."]
     assert "32 series of 160 runs looked at" in remarks(history)[0]
 
 

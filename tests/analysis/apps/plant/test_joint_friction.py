@@ -72,4 +72,4 @@ def test_a_limit_of_friction_is_one_like_any_other(runs: Path, tmp_path: Path) -
     shipped = yaml.safe_load((SHIPPED / f"{RIG_FILE}.yaml").read_text())
     limited.write_text(yaml.safe_dump(shipped | {"limits": {"yaw": {"friction_j3_a": 0.7}}}))
     shown = " ".join(ran("history", RIG_FILE, "--runs", runs, "--rig", limited).stdout.split())
-    assert "Friction of axis 3 of yaw acw has been beyond its limit of 0.7 A since 6 May 2026" in shown
+    assert "Friction of axis 3 of yaw acw has been outside the limit of 0.7 A since 6 May 2026" in shown

@@ -36,7 +36,7 @@ def test_status_shows_every_step_and_json_the_whole_state(cell: Path, tmp_path: 
     session = begun(cell, tmp_path / "own")
     shown = ran("session", cell, "-o", tmp_path / "own", "--status")
     assert shown.returncode == 0 and shown.stdout.count("to be driven") == len(session.steps)
-    assert f"next: start program p01-yaw-acw; go on with: rig session {cell}" in shown.stdout
+    assert f"next: start program p01-yaw-acw; continue with: rig session {cell}" in shown.stdout
     assert f" -o {tmp_path / 'own'} --for {session.maker}" in shown.stdout
     fast = session.model_copy(update={"emulated": Emulated(fast=True)})
     assert Place(tmp_path).command(cell, fast).endswith(f" --for {session.maker} --emulated --fast")
@@ -161,7 +161,7 @@ def test_a_cell_whose_ports_are_not_there(cell: Path, tmp_path: Path) -> None:
         patched.setenv("XDG_RUNTIME_DIR", str(tmp_path))
         tmp_path.chmod(0o700)
         done = ran("session", cell, "-o", tmp_path / "own", "--for", "kuka")
-    assert done.returncode == 4 and "rigd: ended by itself" in done.stderr
+    assert done.returncode == 4 and "rigd: exited unexpectedly" in done.stderr
     assert done.stderr.count("error: ") == 1
     kept = Place(tmp_path / "own").read()
     assert kept is not None and kept.steps[0].is_open

@@ -242,7 +242,7 @@ def test_control_starts_only_what_a_label_says(one: Served) -> None:
     ):
         answer = one.post("/control/start", f"secret={secret}&{form}")
         assert answer.status == 409 and not json.loads(answer.text)["ok"], form
-    assert "no daemon runs" in json.loads(one.post("/control/stop", f"secret={secret}").text)["said"]
+    assert "no daemon is visible to this user" in json.loads(one.post("/control/stop", f"secret={secret}").text)["said"]
     assert one.post("/control/explode", f"secret={secret}").status == 404
     assert one.post("/control/zero", f"secret={secret}").status == 200
 
@@ -250,7 +250,7 @@ def test_control_starts_only_what_a_label_says(one: Served) -> None:
 def test_what_waits_is_bounded(one: Served, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("analysis.apps.window.made.MOST_WAITING", 0)
     answer = one.ask("/report?run=good&diagnosis=1")
-    assert answer.status == 409 and "try again" in answer.text
+    assert answer.status == 409 and "retry" in answer.text
 
 
 def test_the_dashboard_shows_metrics_that_there_are(one: Served) -> None:

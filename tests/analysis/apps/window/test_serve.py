@@ -129,5 +129,5 @@ def test_a_browser_that_goes_is_forgotten(tmp_path: Path) -> None:
 def test_a_port_that_is_taken_is_said(tmp_path: Path) -> None:
     from rigs.errors import CellError  # noqa: PLC0415
 
-    with served(tmp_path) as one, pytest.raises(CellError, match="cannot be listened on"):
+    with served(tmp_path) as one, pytest.raises(CellError, match="cannot be used for listening"):
         run.listening("127.0.0.1", one.port)

@@ -101,11 +101,11 @@ def test_the_planned_table_and_a_tracker_s_become_a_run(maker: str, tmp_path: Pa
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        (("--poses", "12", "--for", "ur"), "needs a directory"),
+        (("--poses", "12", "--for", "ur"), "needs an output directory"),
         (("--poses", "12", "--tracker", "here"), "is no place"),
-        (("--poses", "12", "--faces", "z"), "needs the place of the tracker"),
-        (("--poses", "12", "--propose"), "plans poses alone"),
-        (("--for", "ur"), "--for, --tracker, --faces and --one-axis need it"),
+        (("--poses", "12", "--faces", "z"), "needs the position of the tracker"),
+        (("--poses", "12", "--propose"), "cannot be combined"),
+        (("--for", "ur"), "--for, --tracker, --faces and --one-axis require --poses"),
     ],
 )
 def test_wrong_use_is_told(options: tuple[str, ...], says: str) -> None:

@@ -109,5 +109,5 @@ def test_a_pdf_that_rig_made_is_made_again_and_no_other(tmp_path: Path, monkeypa
         write_pdf("<p>", file)
     assert b"%%EOF\n" in file.read_bytes()
     file.write_bytes(b"%PDF-1.7\nWeasyPrint\n%%EOF\n")
-    with pytest.raises(FileError, match="rig did not make it"):
+    with pytest.raises(FileError, match="was not created by rig"):
         hold_pdf(file)

@@ -157,5 +157,5 @@ def test_frankas_file_of_the_nominal_arm_is_frankas_own() -> None:
 
 def test_another_arm_has_no_file_of_franka() -> None:
     rig = changed("kuka-lbr-iiwa-14")
-    with pytest.raises(FileError, match="not built as one for which franka"):
+    with pytest.raises(FileError, match=r"do not match the form of kinematics\.yaml of franka"):
         driver_kinematics(rig.robot, geometric_arm(model_of(rig)), "franka", "cell.yaml")

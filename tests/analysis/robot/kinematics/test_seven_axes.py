@@ -65,7 +65,7 @@ def test_each_axis_turns_with_its_own_joint_where_no_coupling_is_written() -> No
     [
         (
             "tests: {circle: {centre_mm: [0, 0, 0], posture_deg: [0, 0, 0, 0, 0, 0]}}",
-            "arm of 7 axes is measured by poses",
+            "arm of 7 axes can be measured only with imported poses",
         ),
         ("effects: [{effect: backlash, axis: 8}]", "axis"),
     ],
@@ -76,7 +76,7 @@ def test_what_seven_axes_cannot_have_is_said(written: str, what: str) -> None:
 
 
 def test_an_effect_of_an_axis_that_is_not_there_is_refused() -> None:
-    with pytest.raises(FileError, match="backlash 7 is of axis 7, and the robot has 6"):
+    with pytest.raises(FileError, match="backlash 7 refers to axis 7, but the robot has 6"):
         parse(f"name: six\n{load_arm('ur5').text}effects: [{{effect: backlash, axis: 7}}]\n", "six.yaml")
 
 

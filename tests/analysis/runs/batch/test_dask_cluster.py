@@ -76,7 +76,7 @@ def test_no_scheduler_is_one_line(address: str) -> None:
     pytest.importorskip("distributed", reason="dask.distributed is an extra: pip install distributed")
     done = ran("verify", "nothing", "--scheduler", address)
     (line,) = done.stderr.splitlines()
-    assert done.returncode == 4 and line.startswith(f"error: --scheduler {address}: no Dask scheduler answers")
+    assert done.returncode == 4 and line.startswith(f"error: --scheduler {address}: the Dask scheduler does not answer")
 
 
 def test_without_dask_the_line_says_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -48,9 +48,9 @@ def test_all_else_is_a_path(text: str) -> None:
         ("sftp://me:/hidden@host/srv", "contains a password"),
         ("zip://runs::s3://hidden/x.zip", "a chain of URLs"),
         ("simplecache::s3://me:hidden@runs/x", "a chain of URLs"),
-        ("sftp://[::1]/srv", "a computer by its name"),
-        ("s3://", "names no bucket"),
-        ("sftp:///srv", "names no bucket and no computer"),
+        ("sftp://[::1]/srv", "a computer by name"),
+        ("s3://", "names neither a bucket"),
+        ("sftp:///srv", "names neither a bucket nor a computer"),
         ("file://host/srv", "names a computer"),
     ],
 )

@@ -66,7 +66,7 @@ def test_what_may_not_be_listed_is_given_without_files(plant: Path) -> None:
         made(plant / name / "run")
     without = [str(run.path) for run in listed(at(url_of(plant))) if run.files is None]
     assert without == [f"{url_of(plant)}/denied"]
-    with pytest.raises(FileError, match="may not be read: Permission denied"):
+    with pytest.raises(FileError, match=r"cannot be read \(permission denied\): Permission denied"):
         listed(at(url_of(plant / "denied")))
 
 

@@ -79,7 +79,7 @@ def test_readings_beyond_the_range_are_counted_of_each_gauge() -> None:
     found, beyond = corrected_gauges(rig, ["g1", "g2"], g_mm)
     doubts = beyond_certificates(rig, beyond, len(g_mm))
     assert doubts == [
-        "g1: 2 of 3 readings lie beyond the -12 to 12 mm of its certificate D-K-1 2025-17; "
+        "g1: 2 of 3 readings are outside the range -12 to 12 mm of certificate D-K-1 2025-17; "
         "they are corrected as at the end"
     ]
     assert found[:, 1].tolist() == g_mm[:, 1].tolist() and found[1, 0] == pytest.approx(11.97)
@@ -153,7 +153,7 @@ def test_check_warns_of_a_certificate_that_is_overdue(tmp_path: Path) -> None:
     file = tmp_path / "cell.yaml"
     file.write_text(_text(g2=PLAIN | {"date": "2020-01-31", "valid_until": "2021-01-31"}))
     told = CliRunner().invoke(app, ["check", str(file)]).stdout
-    assert "\n  g2: certificate D-K-1 2025-17 was valid until 2021-01-31, and this is of " in told
+    assert "\n  g2: certificate D-K-1 2025-17 was valid until 2021-01-31, but the run is from " in told
 
 
 @pytest.mark.parametrize(("test", "direction", "of_link"), [("yaw", "acw", False), ("radial", None, True)])
@@ -164,13 +164,13 @@ def test_an_imported_table_is_taken_as_corrected_and_says_so(
     rig = parse(text, "certified")
     (path,) = write_simulated(rig, text, test, (direction,), [1], tmp_path)
     simulated = read_run(path)
-    assert not any("taken as corrected" in doubt for doubt in measured_of(simulated).doubts)
+    assert not any("assumed to be corrected" in doubt for doubt in measured_of(simulated).doubts)
     assert simulated.manifest.table is not None
     source = simulated.manifest.table.model_copy(update={"file": "lap.csv"})
     imported = replace(simulated, manifest=simulated.manifest.model_copy(update={"table": source}))
-    (doubt,) = [doubt for doubt in measured_of(imported).doubts if "taken as corrected" in doubt]
+    (doubt,) = [doubt for doubt in measured_of(imported).doubts if "assumed to be corrected" in doubt]
     assert "the correction of g1 by certificate D-K-1 2025-17" in doubt and "g2" not in doubt
-    assert ("the link's +0.2500 mm beyond the radius" in doubt) == of_link
+    assert ("the difference of +0.2500 mm between link and radius" in doubt) == of_link
 
 
 def test_a_temperature_that_is_assumed_is_said(tmp_path: Path) -> None:
@@ -178,7 +178,10 @@ def test_a_temperature_that_is_assumed_is_said(tmp_path: Path) -> None:
     for more in ({}, {"temperature": {"mean_c": 21, "u_c": 1}}):
         run = _lap(tmp_path / str(len(said)), _text(g1=PLAIN | {"coefficient_per_c": 1e-5}, **more))
         said.append([doubt for doubt in measured_of(run).doubts if "warm" in doubt])
-    assert said == [["the rig file does not say how warm the cell is: 20 ± 5 °C is assumed; give temperature"], []]
+    assert said == [
+        ["the rig file does not give the temperature of the cell: 20 ± 5 °C is assumed; set temperature"],
+        [],
+    ]
 
 
 def test_an_emulated_gauge_is_wrong_as_its_certificate_says() -> None:

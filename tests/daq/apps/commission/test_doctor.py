@@ -53,10 +53,10 @@ def system(tmp_path: Path) -> Path:
 
 def test_a_port_that_is_not_there(system: Path) -> None:
     (finding,) = computer.examine_port("g1", "/dev/ttyUSB1", system, served=False)
-    assert finding.verdict is WRONG and finding.remedy.endswith(f"ports here: {FTDI}")
+    assert finding.verdict is WRONG and finding.remedy.endswith(f"available ports: {FTDI}")
     (system / FTDI[1:]).unlink()
     (system / "dev/ttyUSB0").unlink()
-    assert computer.present("g1", FTDI, system).remedy.endswith("ports here: none")
+    assert computer.present("g1", FTDI, system).remedy.endswith("available ports: none")
 
 
 def test_a_name_that_changes_with_the_order_of_plugging_in(system: Path) -> None:
@@ -73,7 +73,7 @@ def test_a_port_that_another_program_holds(system: Path) -> None:
     assert computer.free("g1", FTDI, system) is None
     (system / "proc/77/fd/6").symlink_to("/dev/ttyUSB0")
     finding = computer.free("g1", FTDI, system)
-    assert finding and finding.verdict is WRONG and "held by ModemManager (process 77)" in finding.what
+    assert finding and finding.verdict is WRONG and "in use by ModemManager (process 77)" in finding.what
     assert finding.remedy == "end it: sudo systemctl disable --now ModemManager"
     (system / "proc/77/comm").write_text("picocom\n")
     finding = computer.free("g1", FTDI, system)
@@ -122,7 +122,7 @@ def test_what_figures_of_the_computer_mean(finding: Finding, verdict: Verdict) -
         ("LoadState=not-found ActiveState=inactive SubState=dead", DOUBTFUL, "not installed"),
         ("LoadState=loaded ActiveState=inactive SubState=dead", DOUBTFUL, "stopped"),
         ("LoadState=loaded ActiveState=failed SubState=failed Result=exit-code", WRONG, "failed (exit-code)"),
-        ("LoadState=loaded ActiveState=activating SubState=auto-restart NRestarts=7", WRONG, "7 attempts so far"),
+        ("LoadState=loaded ActiveState=activating SubState=auto-restart NRestarts=7", WRONG, "after 7 attempts"),
         ("LoadState=loaded ActiveState=active SubState=running NRestarts=0 UnitFileState=enabled", OK, "running"),
         ("LoadState=loaded ActiveState=active SubState=running NRestarts=2 UnitFileState=enabled", DOUBTFUL, "2 times"),
         (
@@ -250,10 +250,12 @@ def test_line_settings_that_would_work_are_found() -> None:
         (first,) = trial.examine_conversation(streams["g1"], 0.3)
         (second,) = trial.examine_conversation(streams["g2"], 0.3)
     assert [finding.verdict for finding in good] == [OK, OK], good
-    assert "at 4800 7E2 with DTR on, RTS off: " in good[0].what and "the line could carry" in good[1].what
+    assert "at 4800 7E2 with DTR on, RTS off: " in good[0].what and "the line supports" in good[1].what
     assert first.verdict is second.verdict is WRONG
-    assert first.what == "does not answer at 9600 8N1, but does at 4800 7E2" and first.remedy == "write line: 4800 7E2"
-    assert "does not answer at 38400 8N1, but does at 9600 8" in second.what, "a pty knows no parity"
+    assert (
+        first.what == "does not answer at 9600 8N1, but answers at 4800 7E2" and first.remedy == "write line: 4800 7E2"
+    )
+    assert "does not answer at 38400 8N1, but answers at 9600 8" in second.what, "a pty knows no parity"
 
 
 def test_nothing_and_something_else_behind_the_robot_s_port() -> None:
@@ -270,7 +272,7 @@ def test_nothing_and_something_else_behind_the_robot_s_port() -> None:
 
         threading.Thread(target=greet, daemon=True).start()
         (finding,) = trial.examine_conversation(robot, 0.3)
-    assert finding.verdict is WRONG and "33 bytes arrived, but no reading among them" in finding.what, finding
+    assert finding.verdict is WRONG and "33 bytes arrived, but no reading" in finding.what, finding
     (finding,) = trial.examine_conversation(robot, 0.3)
     assert finding.verdict is WRONG and "connection refused" in finding.what
 
@@ -294,7 +296,7 @@ def test_a_disk_that_this_user_may_not_use(tmp_path: Path, monkeypatch: pytest.M
 
     monkeypatch.setattr(computer, "slowest_sync_s", refused)
     findings = list(computer.examine_computer(tmp_path / "runs", None))
-    assert [finding.verdict for finding in findings[:2]] == [OK, DOUBTFUL] and "may not write there" in findings[1].what
+    assert [finding.verdict for finding in findings[:2]] == [OK, DOUBTFUL] and "no write permission" in findings[1].what
 
 
 GOOD = {
@@ -314,8 +316,8 @@ GOOD = {
         ({}, OK, "48.0 readings a second, 900 so far"),
         ({"counters": {"samples": 900, "silent": 3}}, OK, "48.0"),
         ({"counters": {"samples": 900, "silent": 30}, "last_fault": "nothing for 0.5 s"}, DOUBTFUL, "30 silent"),
-        ({"age_s": {"g1_mm": 4.0}}, WRONG, "no reading of g1_mm"),
-        ({"age_s": {}}, WRONG, "no reading of g1"),
+        ({"age_s": {"g1_mm": 4.0}}, WRONG, "readings of g1_mm are missing"),
+        ({"age_s": {}}, WRONG, "readings of g1 are missing"),
         ({"connected": False, "last_fault": "no such port"}, WRONG, "not open"),
     ],
 )
@@ -330,7 +332,7 @@ def test_what_a_daemon_says_of_a_stream(stream: dict[str, Any], verdict: Verdict
     older = list(of_daemon(status, [served]))
     assert (older[1].verdict, older[1].what, older[2].what) == (
         DOUBTFUL,
-        "is older than this rig",
+        "is an older version than this rig",
         finding.what,
     )
 
@@ -340,7 +342,7 @@ def test_a_daemon_is_asked_in_place_of_the_ports(bench: Bench) -> None:
     done = bench.run("rig", "doctor", bench.rig, "--json")
     said = json.loads(done.stdout)
     assert done.returncode == 0 and said["rig"] == "bench" and said["wrong"] == 0, said
-    assert any(f["about"] == "rigd" and "queried instead of the ports" in f["what"] for f in said["findings"])
+    assert any(f["about"] == "rigd" and "queried through the daemon" in f["what"] for f in said["findings"])
     with Client(bench.socket) as client:
         # A computer that is held up stalls readers and has answers come late; a port that is opened is another fault.
         usual = {"samples", "stalled", "silent", "late"}
@@ -418,7 +420,7 @@ def test_faults_that_a_conversation_still_holds_back_count_at_its_end(closes: bo
         over.set()
         sender.join()
     assert sum(one.count for one in found.items if isinstance(one, Fault) and one.kind is FaultKind.GARBLED) == 600
-    assert not found.understood and ("link was lost" in found.last_fault) is closes
+    assert not found.understood and ("connection was lost" in found.last_fault) is closes
 
 
 def test_a_gauge_of_a_shared_line_that_gives_nothing_is_named() -> None:
@@ -426,4 +428,4 @@ def test_a_gauge_of_a_shared_line_that_gives_nothing_is_named() -> None:
     readings = [Sample((1.0, math.nan), k, k, k, 9) for k in range(10)]
     silent = Fault(FaultKind.SILENT, 5, "unit 2, input register 0: no answer within 0.1 s; check the cable")
     finding = trial.answers(stream, trial.Trial([*readings, silent], 2.0, 90, 170), lambda: None)
-    assert finding.verdict is WRONG and "none of g2_mm" in finding.what and finding.remedy.startswith("unit 2")
+    assert finding.verdict is WRONG and "without g2_mm" in finding.what and finding.remedy.startswith("unit 2")

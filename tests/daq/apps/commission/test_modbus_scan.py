@@ -87,7 +87,7 @@ def _scanned(said: dict[str, Any], true: dict[str, Any] | None = None, *, networ
 
         finding = modbus_scan.scan_gauge("g1", _gauge(said), replace(described, opening=opened), told.append)
         assert not time.errors
-    assert "every unit number" in told[0] and all("move the probe" in line for line in told[1:])
+    assert "all unit addresses" in told[0] and all("move the probe" in line for line in told[1:])
     return finding
 
 

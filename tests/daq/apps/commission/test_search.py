@@ -121,7 +121,7 @@ def test_a_silent_port_of_the_computer_is_given_up_soon(monkeypatch: pytest.Monk
         (report,) = searched(line.port)
     finally:
         line.close()
-    assert not report.gauges and "a built-in port is not tried for longer" in report.problem
+    assert not report.gauges and "a built-in port is tried for at most" in report.problem
 
 
 def test_the_ports_to_choose_from_are_those_of_rig_doctor(tmp_path: Path) -> None:
@@ -169,7 +169,7 @@ def test_a_modbus_unit_with_registers_of_its_own() -> None:
     with simulated("other registers at") as unknown:
         (port,) = unknown.gauge_ports
         (report,) = searched(port, named=of("modbus_map", port))
-    assert report.problem == "modbus_map answers at 57600 8E1 with an error of its own"
+    assert report.problem == "modbus_map at 57600 8E1: the device answers with an error"
     assert "ILLEGAL_ADDRESS" in report.remedy and "check `address`" in report.remedy
 
 
@@ -185,7 +185,7 @@ def test_ports_that_cannot_be_searched(tmp_path: Path) -> None:
     for port in searched("ttyUSB0", "tcp://host", "tcp://host:99999", "", "udp://127.0.0.1:5"):
         assert port.problem == "is not a port" and "/dev/" in port.remedy
     missing, file = searched(str(tmp_path / "none"), str(tmp_path / "file"))
-    assert "no such port" in missing.problem and "plug it in" in missing.remedy
+    assert "no such port" in missing.problem and "connect the device" in missing.remedy
     assert "not a serial" in file.problem, file
 
 
@@ -202,7 +202,7 @@ def test_a_port_without_permission(monkeypatch: pytest.MonkeyPatch) -> None:
     with switched_on("tesa") as unknown:
         monkeypatch.setattr(os, "access", lambda *_: False)  # root may everything
         (report,) = searched(*unknown.gauge_ports)
-    assert "this user may not use it" in report.problem and "usermod -aG" in report.remedy
+    assert "this user has no access" in report.problem and "usermod -aG" in report.remedy
 
 
 def test_a_silent_port_and_one_that_babbles() -> None:

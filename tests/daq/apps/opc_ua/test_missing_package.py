@@ -15,5 +15,5 @@ def test_a_missing_package_is_named_before_anything_is_opened(monkeypatch: pytes
     for name in [name for name in sys.modules if name.startswith("daq.apps.opc_ua")]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "asyncua", None)
-    with pytest.raises(CellError, match=r"opc_ua_robotics needs the package asyncua.*add it: .*asyncua"):
+    with pytest.raises(CellError, match=r"opc_ua_robotics needs the Python package asyncua.*add it: .*asyncua"):
         robot_stream(opc_ua())

@@ -175,7 +175,7 @@ SIX = {f"A{axis}": DEGREE for axis in range(1, 7)}
     [
         (Space(), {}, ("no MotionDeviceSystem", "node ids")),
         (_space(), {}, ("no MotionDeviceSystem",)),
-        (_space(**SIX, A7=DEGREE), {}, ("A7", "name six of them as `axes`")),
+        (_space(**SIX, A7=DEGREE), {}, ("A7", "list six of them in `axes`")),
         (_space(Base=DEGREE, Shoulder=DEGREE), {}, ("Base, Shoulder", "`axes`")),
         (_space(**SIX), {"axes": ("A1", "A2", "A3", "A4", "A5", "E1")}, ("no axis 'E1'", "A1, A2")),
         (_space(**SIX | {"A2": CELSIUS}), {}, ("'A2'", "'°C'", "no angle")),
@@ -210,7 +210,7 @@ def test_a_unit_of_the_rig_file_stands_where_the_server_states_none() -> None:
     ],
 )
 def test_a_rig_file_that_cannot_be_meant_is_refused(changes: dict[str, Any]) -> None:
-    with pytest.raises(ValueError, match=r"twice|not some of each|not a TCP port|pattern"):
+    with pytest.raises(ValueError, match=r"twice|all by node id|not a TCP port|pattern"):
         opc_ua(**changes)
 
 

@@ -166,7 +166,7 @@ def test_what_is_no_angle_is_a_fault_and_makes_no_sample(odd: Any) -> None:
             ("`path`", "EndpointUrl"),
         ),
         (MESSAGE, refusal(ua.StatusCodes.BadTooManySessions), ("BadTooManySessions", "close other clients")),
-        (ACKNOWLEDGE, ua.Acknowledge(), ("to no request",)),
+        (ACKNOWLEDGE, ua.Acknowledge(), ("without a request",)),
         (OPEN, ua.OpenSecureChannelResponse(), ("CreateSessionResponse is expected",)),
         (MESSAGE, refusal(ua.StatusCodes.BadSecurityPolicyRejected), ("BadSecurityPolicyRejected",)),
         (MESSAGE, ua.CreateSessionResponse(), ("allow anonymous reading",)),

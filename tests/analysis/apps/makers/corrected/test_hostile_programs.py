@@ -211,9 +211,9 @@ def test_a_program_of_another_makers_robot_is_refused_unless_it_is_said(tmp_path
     path = tmp_path / "a.src"
     path.write_text("DEF a()\nPTP {A1 0, A2 -80, A3 100, A4 -20, A5 80, A6 0}\nEND\n")
     refused = ran("correct", cell, "--program", path, "-o", tmp_path / "out")
-    assert refused.returncode == 3 and "is a program for KUKA, and the robot of the rig file" in refused.stderr
+    assert refused.returncode == 3 and "is a program for KUKA, but the robot of the rig file" in refused.stderr
     other = ran("correct", cell, "--program", path, "-o", tmp_path / "out", "--for", "fanuc")
-    assert other.returncode == 3 and "is a program for KUKA, and --for says FANUC" in other.stderr
+    assert other.returncode == 3 and "is a program for KUKA, but --for gives FANUC" in other.stderr
     assert not (tmp_path / "out").exists()
     done = ran("correct", cell, "--program", path, "-o", tmp_path / "out", "--for", "kuka")
     assert done.returncode == 0 and "a.src (kuka): 1 target corrected" in done.stdout, done.stderr
@@ -245,7 +245,7 @@ def test_beside_a_corrected_program_there_are_no_values_to_enter(tmp_path: Path,
     assert "delta_theta" in ran("correct", cell, "-o", tmp_path / "entered").stdout
     assert (
         "delta_theta" not in done.stdout
-        and "two correct twice" in " ".join(done.stdout.split())
+        and "two methods would correct twice" in " ".join(done.stdout.split())
         and "--for" not in done.stderr
     )
     assert yaml.safe_load((out / "corrections.yaml").read_text())["controller"] is None

@@ -82,7 +82,7 @@ ABB_ROWS: dict[str, tuple[dict[str, str], Left]] = {
     ),
     "joint angles are not displaced": (module_of("PDispSet p;\n" + J0), []),
     "a part of a tool": (module_of(J0 + "t.tframe.trans.z:=100;\n" + L1), [(7, "unknown_tool")]),
-    "a tool that is computed": (module_of(J0 + "t:=other(1);\n" + L1), [(7, "not_understood")]),
+    "a computed tool": (module_of(J0 + "t:=other(1);\n" + L1), [(7, "not_understood")]),
     "a part of a work object": (
         module_of(
             J0 + "w.oframe.trans:=x;\nMoveL {p1},v9,fine,t\\WObj:=w;\n",
@@ -188,7 +188,7 @@ ABB_ROWS: dict[str, tuple[dict[str, str], Left]] = {
     "one that a function of the language writes": (
         module_of(J0 + 'ok:=StrToVal("1",t.tframe.trans.z);\n' + L1), [(7, "unknown_tool")]
     ),
-    "a procedure that a text names": (
+    "a procedure named in a string": (
         module_of(J0 + 'MoveLSync {p1},v9,fine,t,"chg";\n' + L2, "PROC chg()\nPDispSet p;\nENDPROC\n"),
         [(6, "not_understood"), (7, "not_understood")],
     ),
@@ -377,7 +377,7 @@ FANUC_ROWS: dict[str, tuple[dict[str, str], list[tuple[str, str]]]] = {
         {"a.ls": selecting(*ZERO, L2_ + " Offset,PR[5] Tool_Offset,PR[6]", L2_)}, [("P[2]", "offset")]
     ),
     "an external tool": ({"a.ls": selecting(L2_ + " RTCP", L4_)}, [("P[2]", "external_tcp")]),
-    "another robot": ({"a.ls": selecting(L2_ + " COORD", L4_)}, [("P[2]", "coordinated")]),
+    "a different robot": ({"a.ls": selecting(L2_ + " COORD", L4_)}, [("P[2]", "coordinated")]),
     "an option that is unknown": ({"a.ls": selecting(L2_ + " Magic", L4_)}, [("P[2]", "not_understood")]),
     "a point that is written": ({"a.ls": selecting("P[2,3]=100", L2_, L4_)}, [("P[2]", "changed")]),
     "a point that a register names": (
@@ -506,7 +506,7 @@ YASKAWA_ROWS: dict[str, tuple[dict[str, str], list[tuple[int, str]]]] = {
         {"a.jbi": job_of("SETTOOL TL#(3) P001", M1, M3)}, [(10, "unknown_tool"), (15, "unknown_tool")]
     ),
     "a conveyor": ({"a.jbi": job_of(M1, "SYSTART CV#(1)", M2, "SYEND CV#(1)", M3)}, [(11, "tracked")]),
-    "another robot": ({"a.jbi": job_of(M1, "SMOVL C00002 V=100.0")}, [(11, "coordinated")]),
+    "a different robot": ({"a.jbi": job_of(M1, "SMOVL C00002 V=100.0")}, [(11, "coordinated")]),
     "an option that is unknown": ({"a.jbi": job_of(M1, M2 + " MAGIC")}, [(11, "not_understood")]),
     "an instruction that is unknown": (
         {"a.jbi": job_of(M1, "MAGIC", M2)}, [(10, "not_understood"), (11, "not_understood")]

@@ -315,9 +315,9 @@ def test_what_an_offset_gives_away_is_reported(tmp_path: Path) -> None:
 
 def test_a_tool_that_is_stated_twice_with_other_numbers_is_refused() -> None:
     robot = rig_of("ur10e").robot
-    with pytest.raises(UseError, match="--tool 1: is stated twice, with different numbers"):
+    with pytest.raises(UseError, match="--tool 1: is given twice, with different numbers"):
         frames_of(robot, ["1=0", "1=0,50,200,0,20,10"], [])
-    with pytest.raises(UseError, match="--frame 2: is stated twice"):
+    with pytest.raises(UseError, match="--frame 2: is given twice"):
         frames_of(robot, [], ["2=0", "2=1,0,0,0,0,0"])
     assert set(frames_of(robot, ["1=0", "1=0,0,0,0,0,0"], []).tools) == {"1"}
 
@@ -328,7 +328,7 @@ def test_a_tool_that_nothing_uses_or_that_is_in_metres_is_doubted(tmp_path: Path
     found = corrected_files(rig, tmp_path, files, tools, frames)
     doubts = doubts_of(frames_of(rig.robot, tools, frames), [found])
     assert [doubt.partition(":")[0] for doubt in doubts] == ["--tool 1", "--tool 4", "--frame 3"]
-    assert "in metres it would be 206.2 mm" in doubts[0] and "uses" not in doubts[0]
+    assert "in metres the distance would be 206.2 mm" in doubts[0] and "uses" not in doubts[0]
 
 
 def test_functions_of_other_programs_are_noticed(tmp_path: Path) -> None:

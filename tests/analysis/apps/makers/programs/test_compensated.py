@@ -161,7 +161,7 @@ def test_the_commands_lead_from_a_test_to_its_corrected_program(
     head, first, *_ = (tmp_path / "nominal" / "yaw-path.csv").read_text(encoding="ascii").splitlines()
     assert head == "program,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg" and first.startswith("yaw acw ur10e,")
     assert ended(*words, tmp_path / "corrected", "--path", tables("yaw")) == 0
-    assert "; the targets are corrected, by up to 0.72 mm" in (tmp_path / "corrected" / "yaw_acw_ur10e.src").read_text(
+    assert "; the targets are corrected by up to 0.72 mm" in (tmp_path / "corrected" / "yaw_acw_ur10e.src").read_text(
         encoding="ascii"
     )
     capsys.readouterr()
@@ -174,7 +174,7 @@ def test_the_commands_lead_from_a_test_to_its_corrected_program(
 @pytest.mark.parametrize(
     ("robot", "test", "told"),
     [
-        ("ur10e", "radial", "rows, this test has"),
+        ("ur10e", "radial", "rows, but this test has"),
         ("paper-fanuc", "yaw", "line 2: is .* from the target of this test"),
     ],
 )

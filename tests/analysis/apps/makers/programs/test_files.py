@@ -78,7 +78,7 @@ def test_the_command_writes_both_directions_and_nothing_twice(
     names = ["yaw_acw_ur10e.dat", "yaw_acw_ur10e.src", "yaw_cw_ur10e.dat", "yaw_cw_ur10e.src"]
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == names
     assert sorted(Path(line).name for line in said.out.split()) == names
-    assert "axis 6 (wrist 3) turns from" in said.err and "nothing in this program serves it" in said.err
+    assert "axis 6 (wrist 3) turns from" in said.err and "provide it yourself" in said.err
     before = {path: path.read_bytes() for path in (tmp_path / "out").iterdir()}
     (tmp_path / "out" / names[0]).unlink()
     assert ended(*order) == 3
@@ -140,7 +140,7 @@ def test_a_rig_without_the_test_and_one_out_of_reach_write_nothing(
     rig = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text(encoding="utf-8"))
     far = rig | {"tests": {"circle": rig["tests"]["circle"] | {"centre_mm": [-1500, -200, 250]}}}
     (tmp_path / "far.yaml").write_text(yaml.safe_dump(far), encoding="utf-8")
-    for test, says in (("yaw", "out of reach"), ("radial", "no tests.hemisphere")):
+    for test, says in (("yaw", "out of reach"), ("radial", "tests.hemisphere is missing")):
         assert ended("program", tmp_path / "far.yaml", "--for", "abb", "--test", test, "-o", tmp_path / "out") == 3
         said = capsys.readouterr().err
         assert says in said and said.count("\n") == 1

@@ -96,7 +96,7 @@ def test_nothing_is_switched_that_was_not_named() -> None:
 def test_an_output_that_the_controller_does_not_have_is_refused(dialect: MakerName, number: int) -> None:
     rig = rig_with(feedback=LINES, automatic={"rules": RULES})
     plan = plans_of(rig, "yaw", 3.0, (number, 1))[0]
-    with pytest.raises(FileError, match=f"has no digital output {number}; give --outputs"):
+    with pytest.raises(FileError, match=f"does not exist on a controller {number}; give --outputs"):
         files_of(rig, dialect, plan)
 
 
@@ -116,7 +116,7 @@ def test_the_lines_that_karel_prints_are_read_by_the_line_feed() -> None:
 def test_a_condition_that_karel_cannot_print_is_refused() -> None:
     feedback = {**LINES, "fields": [*LINES["fields"], "speed_percent"]}
     rig = rig_with("paper-fanuc", feedback=feedback, automatic={"rules": RULES})
-    with pytest.raises(FileError, match="cannot print speed_percent; take it out of"):
+    with pytest.raises(FileError, match="cannot print speed_percent; remove the field from"):
         files_of(rig, "fanuc", plans_of(rig, "yaw", 3.0, (9, 10))[0])
 
 
@@ -149,7 +149,7 @@ def test_the_program_starts_the_feedback_of_its_maker(
     files = files_of(rig, dialect, plans_of(rig, "yaw", 3.0)[0])
     assert run(dialect, files, rig)
     assert all(any(word in text for text in files.values()) for word in words)
-    assert "nothing in this program serves it" in feedback_note("yaskawa", rig.feedback)
+    assert "provide it yourself" in feedback_note("yaskawa", rig.feedback)
 
 
 def test_a_circle_that_the_robot_cannot_drive_is_refused_before_anything_is_written() -> None:
@@ -166,7 +166,7 @@ def test_the_turns_of_the_wrist_are_reported() -> None:
     lines = demand_lines(plan, demand, [axis.name for axis in rig.robot.axes])
     (turning,) = [line for line in lines if line.startswith("wrist 3")]
     ways = 2 * 2 - 1
-    assert f"{ways * 384 / 360:.1f} turns in all" in turning
+    assert f"{ways * 384 / 360:.1f} turns in total" in turning
     assert demand.distance_mm == pytest.approx([70, 70], abs=1e-3)
 
 
