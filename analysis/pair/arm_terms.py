@@ -1,0 +1,121 @@
+"""Unknown errors of one arm of a pair: effects of the library at one prior standard deviation each."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+from analysis.robot.kinematics.arm import Array
+from analysis.robot.model.predict import Model, model_of, moved, visits
+from rigs.calibration import effects_of
+from rigs.effects import Effect, changed, healthy, turned
+from rigs.effects.compliance import Compliance
+from rigs.effects.link_geometry import LinkGeometry
+from rigs.effects.transmission_error import TransmissionError
+from rigs.rig import Rig
+from rigs.schema.effect import Scope, phases, scaled
+
+Group = Literal["constants", "gravity", "curves"]
+GROUPS: tuple[Group, ...] = ("constants", "gravity", "curves")
+_ORDERS = (1, 2, 3, 4, 5, 6)
+"""Orders of the sines of a joint's error over its angle, as in `rig moved`; their prior falls with the order."""
+_STEP = 0.01
+"""Step of a derivative, as a share of a prior standard deviation."""
+
+
+@dataclass(frozen=True)
+class Term:
+    """An effect at one prior standard deviation, and its group."""
+
+    effect: Effect
+    group: Group
+
+
+@dataclass(frozen=True)
+class PairArm:
+    """An arm of a pair with its unknown terms."""
+
+    rig: Rig
+    terms: tuple[Term, ...]
+
+    @cached_property
+    def model(self) -> Model:
+        """The model of the rig file."""
+        return model_of(self.rig)
+
+    @property
+    def axes(self) -> int:
+        """The number of axes."""
+        return self.model.arm.axes
+
+    def poses(self, q: Array, times: Array) -> Array:
+        """Return the poses (n, 4, 4) of the tool in the world at reported angles q (n, axes) rad, for multiples (terms,)
+        of the terms."""
+        added = effects_of([(term.effect, value) for term, value in zip(self.terms, times.tolist(), strict=True)])
+        return moved(replace(self.model, effects=(*self.model.effects, *added)), visits(q)).T
+
+    def slopes(self, q: Array, times: Array, point_mm: Array) -> Array:
+        """Return the change (n, 3, terms) mm in the world of a point (n, 3) mm of the tool for one prior standard
+        deviation of each term, about multiples (terms,)."""
+        begin = tool_points(self.poses(q, times), point_mm)
+        columns = np.empty((len(q), 3, len(self.terms)))
+        for k in range(len(self.terms)):
+            step = times.copy()
+            step[k] += _STEP
+            columns[:, :, k] = (tool_points(self.poses(q, step), point_mm) - begin) / _STEP
+        return columns
+
+
+def tool_points(T: Array, point_mm: Array) -> Array:
+    """Return the places (n, 3) mm in the world of points (n, 3) or (3,) mm of a tool at poses T (n, 4, 4)."""
+    points: Array = T[:, :3, 3] + np.einsum("nij,nj->ni", T[:, :3, :3], np.broadcast_to(point_mm, (len(T), 3)))
+    return points
+
+
+def arm_terms(rig: Rig) -> tuple[Term, ...]:
+    """Return the unknown terms of an arm: zeros and link constants, compliance, and curves of each joint.
+
+    Constants that only move the base frame or the ball are left out: all of axis 1, the zero and d of the last axis.
+    """
+    axes, build = rig.robot.axes, rig.robot.built
+    scope = Scope(False, (), tuple(axis.alpha_deg for axis in axes), (1.0,) * len(axes), False, rig.robot.payload_kg)
+    last = len(axes)
+    constants: list[Effect] = [healthy(turned(axis, 0.0)) for axis in range(2, last)]
+    constants += [
+        healthy(form)
+        for (form,) in LinkGeometry.forms(scope)
+        if form.axis > 1 and not (form.axis == last and form.field == "d")
+    ]
+    gravity: list[Effect] = [healthy(form) for (form,) in Compliance.forms(scope)] if _has_masses(rig) else []
+    curves: list[Effect] = [
+        scaled(healthy(sine), 2.0 / order)
+        for axis in range(1, last + 1)
+        for order in _ORDERS
+        for sine in phases(TransmissionError(axis=axis, order=order))
+    ]
+    grouped: tuple[tuple[Group, Sequence[Effect]], ...] = (
+        ("constants", constants), ("gravity", gravity), ("curves", curves)
+    )  # fmt: skip
+    return tuple(
+        Term(scaled(effect, effect.usual_times(build)), group) for group, effects in grouped for effect in effects
+    )
+
+
+def _has_masses(rig: Rig) -> bool:
+    return any(axis.mass_kg for axis in rig.robot.axes) or rig.robot.payload_kg > 0
+
+
+def scale_shares(arm: PairArm) -> Array:
+    """Return the multiples (terms,) by which the lengths of an arm are one thousandth larger."""
+    shares = np.zeros(len(arm.terms))
+    for k, term in enumerate(arm.terms):
+        for axis, joint in enumerate(arm.rig.robot.axes, start=1):
+            for key, length in (("a_mm", joint.a_mm), ("d_mm", joint.d_mm)):
+                unit = changed(axis, key, 1.0)
+                if length and type(term.effect) is type(unit) and term.effect.seat == unit.seat:
+                    shares[k] = 1e-3 * length / float(term.effect.delta)  # type: ignore[attr-defined]  # a length
+    return shares
