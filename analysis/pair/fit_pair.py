@@ -83,7 +83,7 @@ def fit_pair(pair: Pair) -> FittedPair:
 
 
 def _check_enough(pair: Pair) -> None:
-    if pair.table.is_mounted.sum() < FEWEST or set(pair.names) > set(pair.table.socket.tolist()):
+    if len(pair.table.q) < FEWEST or set(pair.names) > set(pair.table.socket.tolist()):
         raise FileError(pair.where, "has too few touches without the odd ones", "touch in more postures")
 
 
@@ -108,7 +108,9 @@ def start(pair: Pair) -> tuple[PairState, float]:
     T_first, T_second = pair.first.poses(pair.table.q, zeros[0]), pair.second.poses(pair.q_second, zeros[1])
     ball, mounted = ball_of(pair.first.rig), pair.table.is_mounted
     places = tool_points(T_first, ball)
-    X = _aligned(tool_points(T_second, ball_of(pair.second.rig))[mounted], places[mounted])
+    X = np.eye(4)
+    if mounted.any():
+        X = _aligned(tool_points(T_second, ball_of(pair.second.rig))[mounted], places[mounted])
     sockets = {
         name: ball_of(pair.second.rig) if mounted[rows].all() else places[rows].mean(axis=0)
         for name in pair.names
