@@ -73,6 +73,7 @@ JOBS = {
         "file.",
         "correct": "Write joint zeros, link constants, corrected targets and programs, each only where the effects "
         "support it.",
+        "pair": "Calibrate two arms by each other: a ball on the flange of one, a socket on the flange of the other.",
         "versions": "List the calibrations of a robot, the newest first, or go back to one; rig compare shows how two "
         "differ.",
     },

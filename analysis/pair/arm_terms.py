@@ -12,12 +12,12 @@ import numpy as np
 from analysis.robot.kinematics.arm import Array
 from analysis.robot.model.predict import Model, model_of, moved, visits
 from rigs.calibration import effects_of
-from rigs.effects import Effect, changed, healthy, turned
+from rigs.effects import Effect, changed, turned
 from rigs.effects.compliance import Compliance
 from rigs.effects.link_geometry import LinkGeometry
 from rigs.effects.transmission_error import TransmissionError
 from rigs.rig import Rig
-from rigs.schema.effect import Scope, phases, scaled
+from rigs.schema.effect import Scope, healthy, phases, scaled
 
 Group = Literal["constants", "gravity", "curves"]
 GROUPS: tuple[Group, ...] = ("constants", "gravity", "curves")
@@ -53,8 +53,8 @@ class PairArm:
         return self.model.arm.axes
 
     def poses(self, q: Array, times: Array) -> Array:
-        """Return the poses (n, 4, 4) of the tool in the world at reported angles q (n, axes) rad, for multiples (terms,)
-        of the terms."""
+        """Return the poses (n, 4, 4) of the tool in the world at reported angles q (n, axes) rad, for multiples
+        (terms,) of the terms."""
         added = effects_of([(term.effect, value) for term, value in zip(self.terms, times.tolist(), strict=True)])
         return moved(replace(self.model, effects=(*self.model.effects, *added)), visits(q)).T
 

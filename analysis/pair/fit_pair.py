@@ -75,7 +75,9 @@ def fit_pair(pair: Pair) -> FittedPair:
         odd.append((int(pair.table.row[worst]), float(np.linalg.norm(found.left_mm[3 * worst : 3 * worst + 3]))))
         if len(odd) > allowed:
             rows = ", ".join(str(row) for row, _ in odd[:5])
-            problem = f"more than {allowed} of {len(pair.table.q) + len(odd) - 1} touches do not fit the others ({rows} …)"
+            problem = (
+                f"more than {allowed} of {len(pair.table.q) + len(odd) - 1} touches do not fit the others ({rows} …)"
+            )
             raise FileError(pair.where, problem, "check that the ball was seated and the joints of both arms were read")
         keep = np.arange(len(pair.table.q)) != worst
         pair, levels = pair.rows(keep), None

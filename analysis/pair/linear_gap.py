@@ -6,7 +6,6 @@ Unknowns in order: multiples of the terms of the first and the second arm, the s
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -16,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from analysis.pair.arm_terms import GROUPS, PairArm, tool_points
 from analysis.pair.pair_table import PairTable
 from analysis.robot.geometry.pose_setup import frame
-from analysis.robot.kinematics.arm import Array, Integers
+from analysis.robot.kinematics.arm import Array, Integers, Mask
 from rigs.errors import FileError
 from rigs.schema.declared_tests import SocketDistance
 
@@ -81,7 +80,7 @@ class Pair:
         """The number of unknowns."""
         return len(self.first.terms) + len(self.second.terms) + SETUP + 3 * len(self.names)
 
-    def rows(self, keep: Array) -> Pair:
+    def rows(self, keep: Mask) -> Pair:
         """Return the pair with the touches of a mask (n,)."""
         return replace(self, table=self.table.rows(keep))
 
@@ -103,10 +102,10 @@ class Pair:
 
 @dataclass(frozen=True)
 class LinearGaps:
-    """Gaps about a state. y (m,): observed value of each reading if all unknowns were as in the prior; columns (m, k):
-    change for each unknown; known_var (m,): variance in mm² of readings with a stated u, 0 for touches; near: correlation
-    (m, m) of the unexplained part of each arm; group (k,): index in `GROUPS` of a term, plus 3 for the second arm, or -1
-    for the set-up; state, centre_mm: of the linearisation."""
+    """Gaps about a state. y (m,): observed value of each reading if all unknowns were as in the prior; columns (m,
+    k): change for each unknown; known_var (m,): variance in mm² of readings with a stated u, 0 for touches; near:
+    correlation (m, m) of the unexplained part of each arm; group (k,): index in `GROUPS` of a term, plus 3 for the
+    second arm, or -1 for the set-up; state, centre_mm: of the linearisation."""
 
     y: Array
     columns: Array
@@ -195,7 +194,7 @@ _NEAR_RAD = (0.6, 1.5)
 """Lengths over which the unexplained part changes with the joints, as in `rig moved`."""
 
 
-def _nearness(q: Array, has_part: Array, more: int) -> Array:
+def _nearness(q: Array, has_part: Mask, more: int) -> Array:
     """Return the correlation (m, m) of the unexplained part of an arm at angles q (n, axes) rad: coordinates are
     independent; `more` readings at the end have none."""
     apart = (q[:, None] - q[None] + np.pi) % (2 * np.pi) - np.pi

@@ -17,7 +17,8 @@ from rigs.rig import Rig
 from rigs.schema.vocabulary import MOST_AXES
 
 FEWEST = 12
-"""Fewest touches: their 36 gaps exceed the 12 numbers of transform, ball and socket by those of the largest constants."""
+"""Fewest touches: their 36 gaps exceed the 12 numbers of transform, ball and socket by those of the largest
+constants."""
 _LARGEST_DEG = 1000.0
 """Largest joint angle: no controller counts beyond three turns."""
 _FULL_TURN = 2 * np.pi
@@ -45,7 +46,7 @@ class PairTable:
     @property
     def is_mounted(self) -> Mask:
         """Whether each socket (n,) is on the second arm."""
-        return ~np.isnan(self.p).any(axis=1)
+        return np.asarray(~np.isnan(self.p).any(axis=1), dtype=bool)
 
     def rows(self, keep: Mask) -> PairTable:
         """Return the touches of a mask (n,)."""
@@ -94,7 +95,7 @@ def _angles(raw: RawTable, names: tuple[str, ...], axes: int, arm: str, *, may_b
         raise FileError(raw.where, f"{problem} of {arm} ({axes} axes)", "add the joint angles in degrees")
     if len(present) > axes:
         problem = f"has {present[-1]}, and {arm} has {axes} axes"
-        raise FileError(raw.where, problem, "give the two rig files in the order ARM with the ball, ARM with the socket")
+        raise FileError(raw.where, problem, "give first the rig file of the arm whose joints are q1_deg …")
     angles = np.stack([_column(raw, name, may_be_empty=may_be_empty) for name in needed], axis=1)
     partly = np.isnan(angles).any(axis=1) & ~np.isnan(angles).all(axis=1)
     if partly.any():

@@ -49,9 +49,9 @@ class Levels:
 
 @dataclass(frozen=True)
 class PairPosterior:
-    """Mean (k,) and covariance (k, k) of the unknowns, about the prior for terms and about the state for the set-up; prior
-    standard deviations (k,) of the terms at the fitted levels; odd (touches,): chi-square of each touch given all
-    others; left_mm (3 touches,): each coordinate of a gap minus its prediction from all other touches."""
+    """Mean (k,) and covariance (k, k) of the unknowns, about the prior for terms and about the state for the set-up;
+    prior standard deviations (k,) of the terms at the fitted levels; odd (touches,): chi-square of each touch given
+    all others; left_mm (3 touches,): each coordinate of a gap minus its prediction from all other touches."""
 
     mean: Array
     cov: Array
@@ -91,8 +91,8 @@ class _Evidence:
         inverse = cho_solve(factor, np.eye(len(cov)), check_finite=False)
         projected = inverse @ self.setup
         information = self.setup.T @ projected + np.diag(setup_sds(self.gaps) ** -2)
-        setup_cov = np.linalg.inv(information)
-        gain = setup_cov @ projected.T
+        setup_cov = np.asarray(np.linalg.inv(information), dtype=float)
+        gain = np.asarray(setup_cov @ projected.T, dtype=float)
         determinants = float(np.log(np.diag(factor[0])).sum() + 0.5 * np.linalg.slogdet(information)[1])
         return _Solved(inverse, gain, setup_cov, inverse - projected @ gain, determinants)
 
@@ -150,6 +150,16 @@ def posterior(gaps: LinearGaps, levels: Levels) -> PairPosterior:
     return PairPosterior(means.mean(axis=0), mixed, _prior_sds(gaps, levels.log), levels, odd, left)
 
 
+def expected_posterior(gaps: LinearGaps) -> PairPosterior:
+    """Return the posterior that readings not yet taken are expected to have, at the prior medians of the levels."""
+    levels = Levels(_MEDIAN, np.zeros((len(_MEDIAN),) * 2))
+    _, cov = _moments(_Evidence(gaps), levels.log)
+    nothing = np.zeros(gaps.touches)
+    return PairPosterior(
+        np.zeros(len(cov)), cov, _prior_sds(gaps, _MEDIAN), levels, nothing, np.zeros(3 * gaps.touches)
+    )
+
+
 def _prior_sds(gaps: LinearGaps, log: Array) -> Array:
     """Return the prior standard deviations (k,) of all unknowns at given levels."""
     sds = np.empty(len(gaps.group))
@@ -177,8 +187,8 @@ def _moments(evidence: _Evidence, log: Array) -> tuple[Array, Array]:
 
 
 def _left_out(gaps: LinearGaps, inverse: Array) -> tuple[Array, Array]:
-    """Return the chi-square (touches,) of each touch given all others, and its gap minus the prediction. inverse (m, m):
-    of the readings, with the set-up projected out."""
+    """Return the chi-square (touches,) of each touch given all others, and its gap minus the prediction. inverse (m,
+    m): of the readings, with the set-up projected out."""
     weighted = inverse @ gaps.y
     count = gaps.touches
     odd, left = np.empty(count), np.empty((count, 3))

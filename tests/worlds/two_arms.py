@@ -19,7 +19,8 @@ _DEG = np.pi / 180
 
 @dataclass(frozen=True)
 class Kind:
-    """A type of arm: nominal constants by axis in mm and degrees, limits, and links: mass in kg and its centre in mm."""
+    """A type of arm: nominal constants by axis in mm and degrees, limits, and links: mass in kg and its centre in
+    mm."""
 
     name: str
     a: tuple[float, ...]
@@ -255,8 +256,6 @@ def touched(
     return q, reached(arm, p, goal, 15)
 
 
-def touched_fixed(
-    arm: TrueArm, q: Array, place: Array, scatter_mm: float, rng: np.random.Generator
-) -> Array:
+def touched_fixed(arm: TrueArm, q: Array, place: Array, scatter_mm: float, rng: np.random.Generator) -> Array:
     """Return the reported angles with the ball in fixed sockets at places (n, 3) mm in the base of an arm."""
     return reached(arm, q, place + scatter_mm * rng.normal(size=place.shape), 40)

@@ -39,6 +39,7 @@ from rigs.text import as_argument
 _QUESTIONS: dict[MeasuredBy, tuple[Callable[[Answers, Options, Dialogue], Answers], ...]] = {
     "gauges": (ask_robot, ask_gauges, ask_baseline, ask_arm, ask_build, ask_tool, ask_tolerance),
     "sockets": (ask_arm, ask_build, ask_robot_if_any, ask_tool, take_options),
+    "arm": (ask_arm, ask_build, ask_tool, take_options),
     "tracker": (ask_arm, ask_build, take_options),
 }
 """What is asked, in order."""
@@ -50,8 +51,8 @@ def make_rig_file(options: Options, dialogue: Dialogue) -> None:
     if not path.parent.is_dir():
         raise FileError(str(path.parent), "is not a directory", "create it, or give another name")
     _check_new(path)
-    if options.measured_by == "tracker" and options.robot is not None:
-        raise UseError("--robot", "is not read beside a tracker, whose table has the joints", "leave it out")
+    if options.measured_by in ("tracker", "arm") and options.robot is not None:
+        raise UseError("--robot", "is not read: the table of the measurement has the joints", "leave it out")
     gauges = {"--port": options.ports, "--g1, --g2": any(options.places), "--baseline-mm": options.baseline_mm}
     gauges |= {"--key": options.keys.get("g1") or options.keys.get("g2"), "--circle-here": options.circle_here}
     gauges |= {"--radius-mm": options.radius_mm}

@@ -66,7 +66,8 @@ def print_coverage(z: dict[str, list[float]]) -> None:
     """Print the share of deviations within 2 u, by quantity."""
     for name, values in z.items():
         size = np.abs(values)
-        print(f"  {name:8} within 2 u {100 * np.mean(size < 2):5.1f} % of {len(size)}, rms {np.sqrt(np.mean(size**2)):.2f} u")
+        share, rms = 100 * np.mean(size < 2), np.sqrt(np.mean(size**2))
+        print(f"  {name:8} within 2 u {share:5.1f} % of {len(size)}, rms {rms:.2f} u")
 
 
 def print_errors(errors: dict[str, list[float]]) -> None:
