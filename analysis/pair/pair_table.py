@@ -22,8 +22,7 @@ constants."""
 _LARGEST_DEG = 1000.0
 """Largest joint angle: no controller counts beyond three turns."""
 _FULL_TURN = 2 * np.pi
-"""Joints of both arms that all stay within a turn in radians are in radians: in degrees they would hardly have
-moved."""
+"""Joints of an arm that all stay within a turn in radians are in radians: in degrees they would hardly have moved."""
 _MOVED_RAD = float(np.radians(5.0))
 """Range of its joints below which an arm stood still. Chosen: far above noise, far below any useful plan."""
 
@@ -64,8 +63,6 @@ def read_pair_table(path: Path, first: Rig, second: Rig) -> PairTable:
     rows = np.arange(1, len(q) + 1)
     table = PairTable(np.radians(q), np.radians(p), _sockets(raw, first, len(q)), rows)
     check_pair_table(table, where, first.name, second.name)
-    if max(np.abs(q).max(), np.nanmax(np.abs(p))) <= _FULL_TURN:
-        raise FileError(where, "has joint angles within ±6.3, which look like radians", "multiply them by 57.29578")
     return table
 
 
@@ -80,10 +77,16 @@ def check_pair_table(table: PairTable, where: str, first: str, second: str) -> N
         problem = f"has {mounted.sum()} touches with both arms, and at least {FEWEST} are needed"
         raise FileError(where, problem, "touch in 40 or more postures of both arms (rig pair … --plan 40)")
     for joints, names, arm in ((table.q, joint_columns, first), (table.p[mounted], second_columns, second)):
-        if np.ptp(joints, axis=0).max() < _MOVED_RAD:
+        if _is_still(joints):
             columns = names(joints.shape[1])
             problem = f"{columns[0]} … {columns[-1]} are the same in all rows: {arm} stood still"
             raise FileError(where, problem, "move both arms between touches; for a fixed socket use rig diagnose")
+
+
+def _is_still(joints: Array) -> bool:
+    """Return whether no joint (n, axes) turned, in rad or in degrees that are taken for rad."""
+    moved = joints[~np.isnan(joints).any(axis=1)]
+    return not len(moved) or bool(np.ptp(moved, axis=0).max() < _MOVED_RAD)
 
 
 def _angles(raw: RawTable, names: tuple[str, ...], axes: int, arm: str, *, may_be_empty: bool) -> Array:
@@ -97,6 +100,10 @@ def _angles(raw: RawTable, names: tuple[str, ...], axes: int, arm: str, *, may_b
         problem = f"has {present[-1]}, and {arm} has {axes} axes"
         raise FileError(raw.where, problem, "give first the rig file of the arm whose joints are q1_deg …")
     angles = np.stack([_column(raw, name, may_be_empty=may_be_empty) for name in needed], axis=1)
+    given = angles[~np.isnan(angles)]
+    if len(given) and np.abs(given).max() <= _FULL_TURN and not _is_still(angles):
+        problem = f"has {needed[0]} … {needed[-1]} within ±6.3, which look like radians"
+        raise FileError(raw.where, problem, "multiply them by 57.29578")
     partly = np.isnan(angles).any(axis=1) & ~np.isnan(angles).all(axis=1)
     if partly.any():
         line = int(raw.lines[np.argmax(partly)])

@@ -62,10 +62,8 @@ def common_postures(
     found = sum(map(len, qs))
     if found < count:
         apart = float(np.linalg.norm(first.T_world_base[:3, 3] - second.T_world_base[:3, 3]))
-        which = "reach" if reached < count else "reach without touching each other or the floor"
-        problem = (
-            f"the arms have {found} postures in which ball and socket {which} each other, bases {apart:.0f} mm apart"
-        )
+        which = "postures" if reached < count else "postures clear of the other arm and the floor"
+        problem = f"ball and socket meet in {found} {which}, with the bases {apart:.0f} mm apart"
         raise FileError(where, problem, "give the base of the second arm with --base, or move the arms nearer")
     return Postures(np.concatenate(qs)[:count], np.concatenate(ps)[:count])
 

@@ -174,8 +174,8 @@ def _of_arm(answers: Answers, arm: ChosenArm) -> Iterator[str]:
     yield "tests:"
     yield "  touch:"
     yield f"    sockets: [{', '.join(_SOCKETS)}]"
-    yield f"    ball_mm: {flow(ball_mm)} # about where the ball, or the socket, is on the flange; the fit finds the place"
-    yield "    # One known distance fixes the scale: of two sockets on the second arm, or of two that are fixed in the cell."
+    yield f"    ball_mm: {flow(ball_mm)} # about where ball or socket is on the flange; the fit finds it"
+    yield "    # One known distance fixes the scale: of two sockets on the second arm, or of two fixed in the cell."
     yield f"    # distances: [{{between: [{', '.join(_SOCKETS)}], distance_mm: 300, u_mm: 0.02}}]"
     yield from _limits(answers, arm.repeatability_mm, "arm")
 
