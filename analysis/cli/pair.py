@@ -160,11 +160,8 @@ def _plan(
         write_all_new(output.parent, {output.name: holding(content.encode())})
         say(f"wrote {output}", err=True)
         if seed is None:
-            say(
-                "next: make these touches, and write the joints that both controllers then show in their place:",
-                err=True,
-            )
-        say(f"  rig pair {' '.join(map(as_argument, files))} {as_argument(output)} -o calibrated", err=True)
+            say("next: make these touches, and replace the joints by those that both controllers show", err=True)
+        say(f"next: rig pair {' '.join(map(as_argument, files))} {as_argument(output)} -o calibrated", err=True)
 
 
 def _simulated(first: Rig, second: Rig, planned: PlannedTouches, seed: int) -> str:

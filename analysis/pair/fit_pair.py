@@ -20,7 +20,7 @@ from rigs.rig import Rig
 from rigs.schema.declared_tests import Touch
 
 _ROUNDS = 3
-"""Linearisations. Measured: the mean of a fourth differs from that of a third by less than 0.01 u."""
+"""Linearisations. Measured on two drawn cells: the mean of a third differs from that of a second by at most 0.001 u."""
 _LARGEST_GAP_MM = 50.0
 """Rms gap of nominal arms with a fitted set-up that no pair of arms has: 0.5° at each joint of an arm with a reach of a
 metre is 20 mm."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from analysis.intake.raw_table import RawTable, layout_of, read_raw, text_of
 from analysis.intake.read import read_whole
 from analysis.robot.kinematics.arm import Array, Integers, Mask
-from analysis.runs.table_layout import SOCKET, joint_columns
+from analysis.runs.table_layout import SOCKET, joint_columns, second_joint_columns
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.vocabulary import MOST_AXES
@@ -25,11 +25,6 @@ _FULL_TURN = 2 * np.pi
 """Joints of an arm that all stay within a turn in radians are in radians: in degrees they would hardly have moved."""
 _MOVED_RAD = float(np.radians(5.0))
 """Range of its joints below which an arm stood still. Chosen: far above noise, far below any useful plan."""
-
-
-def second_columns(axes: int) -> tuple[str, ...]:
-    """Return the column names of the joints of the second arm."""
-    return tuple(f"p{axis}_deg" for axis in range(1, axes + 1))
 
 
 @dataclass(frozen=True)
@@ -59,7 +54,7 @@ def read_pair_table(path: Path, first: Rig, second: Rig) -> PairTable:
     lines, text_layout = text_of(read_whole(path), where)
     raw = read_raw(lines, layout_of(lines, text_layout.encoding, where), where)
     q = _angles(raw, joint_columns(MOST_AXES), len(first.robot.axes), first.name, may_be_empty=False)
-    p = _angles(raw, second_columns(MOST_AXES), len(second.robot.axes), second.name, may_be_empty=True)
+    p = _angles(raw, second_joint_columns(MOST_AXES), len(second.robot.axes), second.name, may_be_empty=True)
     rows = np.arange(1, len(q) + 1)
     table = PairTable(np.radians(q), np.radians(p), _sockets(raw, first, len(q)), rows)
     check_pair_table(table, where, first.name, second.name)
@@ -76,7 +71,7 @@ def check_pair_table(table: PairTable, where: str, first: str, second: str) -> N
     if mounted.sum() < FEWEST:
         problem = f"has {mounted.sum()} touches with both arms, and at least {FEWEST} are needed"
         raise FileError(where, problem, "touch in 40 or more postures of both arms (rig pair … --plan 40)")
-    for joints, names, arm in ((table.q, joint_columns, first), (table.p[mounted], second_columns, second)):
+    for joints, names, arm in ((table.q, joint_columns, first), (table.p[mounted], second_joint_columns, second)):
         if _is_still(joints):
             columns = names(joints.shape[1])
             problem = f"{columns[0]} … {columns[-1]} are the same in all rows: {arm} stood still"

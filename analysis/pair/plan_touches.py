@@ -11,16 +11,15 @@ import numpy as np
 
 from analysis.pair.fit_pair import ball_of, pair_of
 from analysis.pair.linear_gap import Pair, PairState, linearise
-from analysis.pair.pair_table import PairTable, second_columns
+from analysis.pair.pair_table import PairTable
 from analysis.pair.posterior import expected_posterior, setup_sds
 from analysis.pair.postures import common_postures
 from analysis.pair.result import PairResult, result_of_plan
-from analysis.runs.table_layout import SOCKET, joint_columns
+from analysis.runs.table_layout import SOCKET, joint_columns, second_joint_columns
 from rigs.rig import Rig
 
 _CANDIDATES = 500
-"""Postures of which the best are taken. Measured on a UR10e beside an iiwa: with 2000 the information grows by less
-than a twentieth."""
+"""Postures of which the best are taken. Chosen: ten for each touch of a usual plan."""
 _READING_MM = 0.1
 """Standard deviation of a coordinate of a touch in the choice: seat and what the model leaves."""
 _SEED = 1
@@ -59,7 +58,7 @@ class PlannedTouches:
         """Return the table of the postures; the joints that were read replace these after each touch."""
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
-        writer.writerow([SOCKET, *joint_columns(self.table.q.shape[1]), *second_columns(self.table.p.shape[1])])
+        writer.writerow([SOCKET, *joint_columns(self.table.q.shape[1]), *second_joint_columns(self.table.p.shape[1])])
         for socket, q, p in zip(self.table.socket.tolist(), self.table.q, self.table.p, strict=True):
             writer.writerow([socket, *(f"{angle:.4f}" for angle in np.degrees(np.concatenate([q, p])))])
         return text.getvalue()
@@ -90,12 +89,14 @@ def plan_touches(first: Rig, second: Rig, count: int, where: str) -> PlannedTouc
 def _chosen(pair: Pair, state: PairState, count: int) -> list[int]:
     """Return the touches whose information about constants, gravity and set-up grows most, one after the other."""
     gaps = linearise(pair, state)
-    kept = gaps.group % 3 != 2  # curves: many, and each posture shows them
-    kept |= gaps.group < 0
+    touches = gaps.columns.reshape(len(pair.table.q), 3, -1)
+    is_curve = (gaps.group >= 0) & (gaps.group % 3 == 2)
+    curves = touches[:, :, is_curve]  # as noise of each touch
+    noise = curves @ curves.transpose(0, 2, 1) + _READING_MM**2 * np.eye(3)
+    columns = np.linalg.solve(np.linalg.cholesky(noise), touches[:, :, ~is_curve])
     prior = np.ones(len(gaps.group))
     prior[gaps.group < 0] = setup_sds(gaps) ** 2
-    columns = gaps.columns[:, kept].reshape(len(pair.table.q), 3, -1) / _READING_MM
-    cov = np.diag(prior[kept])
+    cov = np.diag(prior[~is_curve])
     chosen: list[int] = []
     free = np.ones(len(columns), dtype=bool)
     for _ in range(count):

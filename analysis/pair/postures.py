@@ -40,7 +40,7 @@ def common_postures(
     first, second = arms
     qs, ps, reached = [], [], 0
     for _ in range(_TRIES):
-        q, p = (rng.uniform(arm.limits[:, 0], arm.limits[:, 1], size=(_BATCH, arm.axes)) for arm in arms)
+        q, p = (rng.uniform(*_within_a_turn(arm), size=(_BATCH, arm.axes)) for arm in arms)
         T, _ = forward_and_jacobian(first, q)
         goal = tool_points(T, points_mm[0])
         near = np.linalg.norm(goal - second.T_world_base[:3, 3], axis=1) < _reach_mm(second, points_mm[1])
@@ -66,6 +66,12 @@ def common_postures(
         problem = f"ball and socket meet in {found} {which}, with the bases {apart:.0f} mm apart"
         raise FileError(where, problem, "give the base of the second arm with --base, or move the arms nearer")
     return Postures(np.concatenate(qs)[:count], np.concatenate(ps)[:count])
+
+
+def _within_a_turn(arm: Arm) -> tuple[Array, Array]:
+    """Return the limits (axes,) rad of the joints without further turns: these only wind up cables."""
+    low, high = arm.limits.T
+    return np.maximum(low, np.minimum(-np.pi, high - 2 * np.pi)), np.minimum(high, np.maximum(np.pi, low + 2 * np.pi))
 
 
 def _reach_mm(arm: Arm, point_mm: Array) -> float:
