@@ -51,8 +51,9 @@ def make_rig_file(options: Options, dialogue: Dialogue) -> None:
     if not path.parent.is_dir():
         raise FileError(str(path.parent), "is not a directory", "create it, or give another name")
     _check_new(path)
-    if options.measured_by in ("tracker", "arm") and options.robot is not None:
-        raise UseError("--robot", "is not read: the table of the measurement has the joints", "leave it out")
+    other = {"tracker": "a tracker", "arm": "another arm"}.get(options.measured_by)
+    if other and options.robot is not None:
+        raise UseError("--robot", f"is not read beside {other}, whose table has the joints", "leave it out")
     gauges = {"--port": options.ports, "--g1, --g2": any(options.places), "--baseline-mm": options.baseline_mm}
     gauges |= {"--key": options.keys.get("g1") or options.keys.get("g2"), "--circle-here": options.circle_here}
     gauges |= {"--radius-mm": options.radius_mm}
