@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
@@ -11,11 +10,8 @@ import numpy as np
 
 from analysis.robot.kinematics.arm import Array
 from analysis.robot.model.predict import Model, model_of, moved, visits
-from rigs.calibration import effects_of
-from rigs.effects import Effect, changed, turned
-from rigs.effects.compliance import Compliance
-from rigs.effects.link_geometry import LinkGeometry
-from rigs.effects.transmission_error import TransmissionError
+from rigs.calibration import effects_of, is_sine, sine_of
+from rigs.effects import VOCABULARY, Effect, changed
 from rigs.rig import Rig
 from rigs.schema.effect import Scope, healthy, phases, scaled
 
@@ -23,6 +19,10 @@ Group = Literal["constants", "gravity", "curves"]
 GROUPS: tuple[Group, ...] = ("constants", "gravity", "curves")
 _ORDERS = (1, 2, 3, 4, 5, 6)
 """Orders of the sines of a joint's error over its angle, as in `rig moved`; their prior falls with the order."""
+_CURVE = 2.0
+"""Multiple of the usual amplitude for order 1: chosen, as strain-wave gears are accurate to about an arc minute."""
+_OF_THE_BALL = ("q_deg", "d_mm")
+"""Constants of the last axis that only move the ball."""
 _STEP = 0.01
 """Step of a derivative, as a share of a prior standard deviation."""
 
@@ -83,26 +83,31 @@ def arm_terms(rig: Rig) -> tuple[Term, ...]:
     """
     axes, build = rig.robot.axes, rig.robot.built
     scope = Scope(False, (), tuple(axis.alpha_deg for axis in axes), (1.0,) * len(axes), False, rig.robot.payload_kg)
-    last = len(axes)
-    constants: list[Effect] = [healthy(turned(axis, 0.0)) for axis in range(2, last)]
-    constants += [
-        healthy(form)
-        for (form,) in LinkGeometry.forms(scope)
-        if form.axis > 1 and not (form.axis == last and form.field == "d")
-    ]
-    gravity: list[Effect] = [healthy(form) for (form,) in Compliance.forms(scope)] if _has_masses(rig) else []
-    curves: list[Effect] = [
-        scaled(healthy(sine), 2.0 / order)
-        for axis in range(1, last + 1)
-        for order in _ORDERS
-        for sine in phases(TransmissionError(axis=axis, order=order))
-    ]
-    grouped: tuple[tuple[Group, Sequence[Effect]], ...] = (
-        ("constants", constants), ("gravity", gravity), ("curves", curves)
-    )  # fmt: skip
+    forms = [form for cls in VOCABULARY.values() for seat in cls.forms(scope) for form in seat]
+    grouped = [(group, form) for group in GROUPS for form in forms if _group_of(form, rig) == group]
+    usual = [(group, scaled(healthy(form), form.usual_times(build))) for group, form in grouped]
     return tuple(
-        Term(scaled(effect, effect.usual_times(build)), group) for group, effects in grouped for effect in effects
+        Term(sine, group)
+        for group, effect in usual
+        for sine in (phases(scaled(effect, _CURVE / _order(effect))) if group == "curves" else (effect,))
     )
+
+
+def _group_of(form: Effect, rig: Rig) -> Group | None:
+    """Return the group of a form, None if touches of two arms do not show it or a fit would adjust its shape."""
+    if form.STAGE not in ("arm", "joint") or (form.STRETCHED and not is_sine(form)):
+        return None
+    if constant := form.compensation().constant:
+        axis, key = constant
+        is_of_a_frame = axis == 1 or (axis == len(rig.robot.axes) and key in _OF_THE_BALL)
+        return None if is_of_a_frame else "constants"
+    if is_sine(form):
+        return "curves" if _order(form) in _ORDERS else None
+    return "gravity" if form.STAGE == "joint" and form.part == "gravity" and _has_masses(rig) else None
+
+
+def _order(form: Effect) -> float:
+    return sine_of(form)[1]
 
 
 def _has_masses(rig: Rig) -> bool:

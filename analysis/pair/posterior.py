@@ -73,14 +73,14 @@ class _Solved:
     log_determinants: float
 
 
+@dataclass(frozen=True)
 class _Evidence:
-    """Negative log evidence of levels, with the matrices that do not depend on them."""
+    """Negative log evidence of levels. by_level (9, m, m): covariance of the readings for each level at 1; setup (m,
+    s): columns of the set-up."""
 
-    def __init__(self, gaps: LinearGaps) -> None:
-        self.gaps = gaps
-        columns = [gaps.columns[:, gaps.group == number] for number in range(LEVELS)]
-        self.by_level = [own @ own.T for own in columns] + [*gaps.near, np.diag((gaps.known_var == 0).astype(float))]
-        self.setup = gaps.columns[:, gaps.group < 0]
+    gaps: LinearGaps
+    by_level: tuple[Array, ...]
+    setup: Array
 
     def solved(self, log: Array) -> _Solved:
         """Return the readings at logarithms (9,) of levels."""
@@ -109,16 +109,24 @@ class _Evidence:
         return value, slope + away / _WIDTH
 
 
+def _evidence_of(gaps: LinearGaps) -> _Evidence:
+    """Return the evidence of gaps, with what does not depend on the levels."""
+    columns = [gaps.columns[:, gaps.group == number] for number in range(LEVELS)]
+    scatter = np.diag((gaps.known_var == 0).astype(float))
+    return _Evidence(gaps, (*(own @ own.T for own in columns), *gaps.near, scatter), gaps.columns[:, gaps.group < 0])
+
+
 def setup_sds(gaps: LinearGaps) -> Array:
-    """Return the prior standard deviations of the set-up unknowns."""
+    """Return the prior standard deviations (s,) of the set-up unknowns in mm and rad."""
     sds = np.full(int((gaps.group < 0).sum()), _WIDE_MM)
     sds[3:6] = _WIDE_RAD
     return sds
 
 
 def fitted_levels(gaps: LinearGaps, start: Array | None = None) -> Levels:
-    """Return the levels of the largest evidence, and their covariance by Laplace's approximation."""
-    evidence = _Evidence(gaps)
+    """Return the levels of the largest evidence, from a start (9,) of their logarithms, and their covariance by
+    Laplace's approximation."""
+    evidence = _evidence_of(gaps)
     bounds = list(zip(_MEDIAN - _BOUND * _WIDTH, _MEDIAN + _BOUND * _WIDTH, strict=True))
     found = minimize(
         evidence.value_and_slope, _MEDIAN if start is None else start, jac=True, method="L-BFGS-B", bounds=bounds,
@@ -136,7 +144,7 @@ def fitted_levels(gaps: LinearGaps, start: Array | None = None) -> Levels:
 
 def posterior(gaps: LinearGaps, levels: Levels) -> PairPosterior:
     """Return the posterior of all unknowns, averaged over the levels."""
-    evidence = _Evidence(gaps)
+    evidence = _evidence_of(gaps)
     rng = np.random.default_rng(_SEED)
     root = np.linalg.cholesky(levels.cov)
     half = root @ rng.standard_normal((len(levels.log), _DRAWS // 2))
@@ -153,7 +161,7 @@ def posterior(gaps: LinearGaps, levels: Levels) -> PairPosterior:
 def expected_posterior(gaps: LinearGaps) -> PairPosterior:
     """Return the posterior that readings not yet taken are expected to have, at the prior medians of the levels."""
     levels = Levels(_MEDIAN, np.zeros((len(_MEDIAN),) * 2))
-    _, cov = _moments(_Evidence(gaps), levels.log)
+    _, cov = _moments(_evidence_of(gaps), levels.log)
     nothing = np.zeros(gaps.touches)
     return PairPosterior(
         np.zeros(len(cov)), cov, _prior_sds(gaps, _MEDIAN), levels, nothing, np.zeros(3 * gaps.touches)

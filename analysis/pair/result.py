@@ -223,7 +223,7 @@ def _not_testable(fit: FittedPair, constants: tuple[PairConstant, ...], scale: S
             yield NotTestable(arm.rig.name, ", ".join(weak), reason)
         if not any(term.group == "gravity" for term in arm.terms):
             reason = "its rig file has no masses"
-            yield NotTestable(arm.rig.name, "compliance of the joints", reason)
+            yield NotTestable(arm.rig.name, "deflection of the joints under load", reason)
 
 
 def _doubts(fit: FittedPair, left_mm: float) -> Iterator[str]:

@@ -26,7 +26,7 @@ from rigs.load import load
 from rigs.rig import Rig
 from rigs.schema.robot import Pose
 from tests.support.command_line import ran
-from tests.trials.two_arms.cases import deviations, rig_of, touches_of_pair
+from tests.support.two_arm_cases import deviations, rig_of, touches_of_pair
 from tests.worlds import two_arms as world
 
 FIRST_BALL, SECOND_BALL = (60.0, 20.0, 90.0), (-50.0, 30.0, 70.0)

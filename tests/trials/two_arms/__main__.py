@@ -12,7 +12,7 @@ import time
 
 import numpy as np
 
-from tests.trials.two_arms.cases import deviations, fitted, rig_of, touches_alone, touches_of_pair
+from tests.support.two_arm_cases import deviations, fitted, rig_of, touches_alone, touches_of_pair
 from tests.worlds import two_arms as world
 
 KINDS = {"ur10e": world.UR10E, "iiwa": world.IIWA, "irb": world.IRB, "five": world.FIVE, "four": world.FOUR}
