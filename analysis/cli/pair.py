@@ -89,8 +89,7 @@ def pair(
         raise FileError(second_file, problem, "give each arm a name of its own (key name)")
     if plan is not None:
         _plan(first, second, (first_file, second_file), plan, base, simulate, output, as_json=as_json)
-    else:
-        assert table is not None  # noqa: S101 - one of both is given
+    if table is not None:
         _fit(first, second, (first_text, second_text), table, output, as_json=as_json)
 
 

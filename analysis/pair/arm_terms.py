@@ -11,9 +11,9 @@ import numpy as np
 from analysis.robot.kinematics.arm import Array
 from analysis.robot.model.predict import Model, model_of, moved, visits
 from rigs.calibration import effects_of, is_sine, sine_of
-from rigs.effects import VOCABULARY, Effect, changed
+from rigs.effects import VOCABULARY, Effect
 from rigs.rig import Rig
-from rigs.schema.effect import Scope, healthy, phases, scaled
+from rigs.schema.effect import Scope, healthy, phases, scaled, size_field
 
 Group = Literal["constants", "gravity", "curves"]
 GROUPS: tuple[Group, ...] = ("constants", "gravity", "curves")
@@ -103,24 +103,20 @@ def _group_of(form: Effect, rig: Rig) -> Group | None:
         return None if is_of_a_frame else "constants"
     if is_sine(form):
         return "curves" if _order(form) in _ORDERS else None
-    return "gravity" if form.STAGE == "joint" and form.part == "gravity" and _has_masses(rig) else None
+    has_masses = rig.robot.payload_kg > 0 or any(joint.mass_kg for joint in rig.robot.axes)
+    return "gravity" if form.STAGE == "joint" and form.part == "gravity" and has_masses else None
 
 
 def _order(form: Effect) -> float:
     return sine_of(form)[1]
 
 
-def _has_masses(rig: Rig) -> bool:
-    return any(axis.mass_kg for axis in rig.robot.axes) or rig.robot.payload_kg > 0
-
-
 def scale_shares(arm: PairArm) -> Array:
     """Return the multiples (terms,) by which the lengths of an arm are one thousandth larger."""
     shares = np.zeros(len(arm.terms))
     for k, term in enumerate(arm.terms):
-        for axis, joint in enumerate(arm.rig.robot.axes, start=1):
-            for key, length in (("a_mm", joint.a_mm), ("d_mm", joint.d_mm)):
-                unit = changed(axis, key, 1.0)
-                if length and type(term.effect) is type(unit) and term.effect.seat == unit.seat:
-                    shares[k] = 1e-3 * length / float(term.effect.delta)  # type: ignore[attr-defined]  # a length
+        constant = term.effect.compensation().constant
+        if constant and constant[1].endswith("_mm"):
+            length_mm = float(getattr(arm.rig.robot.axes[constant[0] - 1], constant[1]))
+            shares[k] = 1e-3 * length_mm / float(getattr(term.effect, size_field(term.effect)))
     return shares

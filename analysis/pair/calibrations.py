@@ -50,11 +50,11 @@ def calibrations(fit: FittedPair, result: PairResult, table: Path) -> tuple[Cali
 
 
 def _calibration(
-    fit: FittedPair, arm: PairArm, own: slice, q: Array, point_mm: Array, run: CalibratedRun, judged: Judged
+    fit: FittedPair, arm: PairArm, columns: slice, q: Array, point_mm: Array, run: CalibratedRun, judged: Judged
 ) -> CalibratedModel:
     terms = tuple(
         CalibratedTerm(effect=term.effect, times=float(times))
-        for term, times in zip(arm.terms, fit.posterior.mean[own], strict=True)
+        for term, times in zip(arm.terms, fit.posterior.mean[columns], strict=True)
     )
     frames = [tuple(tuple(row) for row in T.tolist()) for T in (np.eye(4), frame(np.eye(3), point_mm))]
     angles = np.degrees(q)
@@ -64,7 +64,7 @@ def _calibration(
         setups={_SETUP: PlacedSetUp(T_instrument_world=frames[0], T_tool_target=frames[1])},
         before_um=judged.before_um, calibrated_um=judged.whole_um, held_out_um=judged.handed_um, judged=judged,
         terms=terms, parameters=tuple(Parameter(term=k, field=TIMES) for k in range(len(terms))),
-        factor=packed_factor(_root(fit.posterior.cov[own, own])),
+        factor=packed_factor(_root(fit.posterior.cov[columns, columns])),
     )  # fmt: skip
 
 

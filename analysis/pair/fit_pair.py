@@ -54,7 +54,7 @@ def pair_of(first: Rig, second: Rig, table: PairTable, where: str) -> Pair:
             raise FileError(rig.name, problem, "give the rig file without the section calibration")
     distances = [rig.tests.touch.distances for rig in (first, second) if rig.tests.touch]
     arms = PairArm(first, arm_terms(first)), PairArm(second, arm_terms(second))
-    return Pair(*arms, table, tuple(one for some in distances for one in some), where)
+    return Pair(*arms, table, tuple(distance for of_rig in distances for distance in of_rig), where)
 
 
 def fit_pair(pair: Pair) -> FittedPair:
@@ -67,12 +67,12 @@ def fit_pair(pair: Pair) -> FittedPair:
         for _ in range(_ROUNDS):
             gaps = linearise(pair, state)
             levels = fitted_levels(gaps, None if levels is None else levels.log)
-            found = posterior(gaps, levels)
-            state = _at_mean(gaps, found)
-        worst = int(np.argmax(found.odd))
-        if found.odd[worst] < _ODD:
-            return FittedPair(pair, gaps, found, state, tuple(odd), nominal_rms)
-        odd.append((int(pair.table.row[worst]), float(np.linalg.norm(found.left_mm[3 * worst : 3 * worst + 3]))))
+            at_levels = posterior(gaps, levels)
+            state = _at_mean(gaps, at_levels)
+        worst = int(np.argmax(at_levels.odd))
+        if at_levels.odd[worst] < _ODD:
+            return FittedPair(pair, gaps, at_levels, state, tuple(odd), nominal_rms)
+        odd.append((int(pair.table.row[worst]), float(np.linalg.norm(at_levels.left_mm[3 * worst : 3 * worst + 3]))))
         if len(odd) > allowed:
             rows = ", ".join(str(row) for row, _ in odd[:5])
             problem = (
@@ -89,10 +89,10 @@ def _check_enough(pair: Pair) -> None:
         raise FileError(pair.where, "has too few touches without the odd ones", "touch in more postures")
 
 
-def _at_mean(gaps: LinearGaps, found: PairPosterior) -> PairState:
+def _at_mean(gaps: LinearGaps, at_levels: PairPosterior) -> PairState:
     """Return the state of a posterior mean: terms are absolute, the set-up is about the state."""
     terms = int((gaps.group >= 0).sum())
-    step = found.mean.copy()
+    step = at_levels.mean.copy()
     step[:terms] -= np.concatenate(gaps.state.times)
     return gaps.state.moved(step, gaps.centre_mm)
 
@@ -130,13 +130,13 @@ def start(pair: Pair) -> tuple[PairState, float]:
 
     scale = np.full(pair.unknowns - terms, 100.0)
     scale[3:6] = 0.1
-    found = least_squares(gap, np.zeros_like(scale), x_scale=scale, method="trf", loss="soft_l1", f_scale=5.0)
-    rms = float(np.sqrt(np.median(gap(found.x).reshape(-1, 3) ** 2, axis=0).mean() / _MEDIAN_OF_SQUARE))
+    solution = least_squares(gap, np.zeros_like(scale), x_scale=scale, method="trf", loss="soft_l1", f_scale=5.0)
+    rms = float(np.sqrt(np.median(gap(solution.x).reshape(-1, 3) ** 2, axis=0).mean() / _MEDIAN_OF_SQUARE))
     if rms > _LARGEST_GAP_MM:
         problem = f"ball and socket are {rms:.0f} mm apart in its rows, wherever the second base is"
         remedy = "check the order of the two rig files, the units, and that each row has the joints of one touch"
         raise FileError(pair.where, problem, remedy)
-    return begun.moved(np.concatenate([np.zeros(terms), found.x]), centre), rms
+    return begun.moved(np.concatenate([np.zeros(terms), solution.x]), centre), rms
 
 
 _MEDIAN_OF_SQUARE = 0.455

@@ -40,7 +40,7 @@ class PairState:
         R = Rotation.from_rotvec(setup[3:6]).as_matrix()
         motion = frame(R, centre_mm + setup[:3] - R @ centre_mm)
         places = setup[SETUP:].reshape(-1, 3)
-        sockets = {name: place + own for (name, place), own in zip(self.sockets_mm.items(), places, strict=True)}
+        sockets = {name: place + shift for (name, place), shift in zip(self.sockets_mm.items(), places, strict=True)}
         times = (self.times[0] + first, self.times[1] + second)
         return PairState(times, motion @ self.T_first_second, self.ball_mm + setup[6:9], sockets)
 
@@ -87,16 +87,13 @@ class Pair:
     def gaps(self, state: PairState) -> tuple[Array, Array, Array]:
         """Return the gap (n, 3) mm from ball to socket in the first world, and the places (n, 3) mm of both."""
         ball = tool_points(self.first.poses(self.table.q, state.times[0]), state.ball_mm)
-        socket = self._socket_places(state, self.second.poses(self.q_second, state.times[1]))
+        at, X = self.sockets_at(state), state.T_first_second
+        carried = tool_points(self.second.poses(self.q_second, state.times[1]), at) @ X[:3, :3].T + X[:3, 3]
+        socket = np.where(self.table.is_mounted[:, None], carried, at)
         return socket - ball, ball, socket
 
-    def _socket_places(self, state: PairState, T: Array) -> Array:
-        at = self._at(state)
-        X = state.T_first_second
-        mounted = tool_points(T, at) @ X[:3, :3].T + X[:3, 3]
-        return np.where(self.table.is_mounted[:, None], mounted, at)
-
-    def _at(self, state: PairState) -> Array:
+    def sockets_at(self, state: PairState) -> Array:
+        """Return the socket (n, 3) mm of each touch, on the second tool or in the first world."""
         return np.stack([state.sockets_mm[name] for name in self.names])[self.socket]
 
 
@@ -130,24 +127,25 @@ def linearise(pair: Pair, state: PairState) -> LinearGaps:
     T_socket = pair.second.poses(pair.q_second, state.times[1])
     X = state.T_first_second[:3, :3]
     of_first = -pair.first.slopes(pair.table.q, state.times[0], state.ball_mm)
-    of_second = X @ pair.second.slopes(pair.q_second, state.times[1], pair._at(state)) * mounted[:, None, None]
+    of_second = X @ pair.second.slopes(pair.q_second, state.times[1], pair.sockets_at(state)) * mounted[:, None, None]
     setup = np.zeros((len(gap), 3, SETUP + 3 * len(pair.names)))
     setup[:, :, :3] = np.eye(3) * mounted[:, None, None]
-    setup[:, :, 3:6] = _turns(socket - centre) * mounted[:, None, None]
+    turns = np.cross(np.eye(3), (socket - centre)[:, None]).transpose(0, 2, 1)  # a small turn about each axis
+    setup[:, :, 3:6] = turns * mounted[:, None, None]
     setup[:, :, 6:9] = -T_ball[:, :3, :3]
-    own = np.where(mounted[:, None, None], X @ T_socket[:, :3, :3], np.eye(3))
+    of_socket = np.where(mounted[:, None, None], X @ T_socket[:, :3, :3], np.eye(3))
     for number in range(len(pair.names)):
         at = slice(SETUP + 3 * number, SETUP + 3 * number + 3)
-        setup[:, :, at] = own * (pair.socket == number)[:, None, None]
+        setup[:, :, at] = of_socket * (pair.socket == number)[:, None, None]
     columns = np.concatenate([of_first, of_second, setup], axis=2).reshape(3 * len(gap), -1)
-    known, known_columns, variance = _known_distances(pair, state)
+    deviation, known_columns, variance = _known_distances(pair, state)
     columns = np.concatenate([columns, known_columns])
     times = np.concatenate([*state.times, np.zeros(setup.shape[2])])
-    y = np.concatenate([-gap.ravel(), known]) + columns @ times
+    y = np.concatenate([-gap.ravel(), deviation]) + columns @ times
     known_var = np.concatenate([np.zeros(gap.size), variance])
     near = (
-        _nearness(pair.table.q, np.ones(len(gap), dtype=bool), len(known)),
-        _nearness(pair.q_second, mounted, len(known)),
+        _nearness(pair.table.q, np.ones(len(gap), dtype=bool), len(deviation)),
+        _nearness(pair.q_second, mounted, len(deviation)),
     )
     return LinearGaps(y, columns, known_var, near, _groups(pair, setup.shape[2]), state, centre)
 
@@ -157,50 +155,41 @@ def _groups(pair: Pair, setups: int) -> Integers:
     return np.array(numbers + [-1] * setups)
 
 
-def _turns(points: Array) -> Array:
-    """Return the change (n, 3, 3) of points (n, 3) for a small rotation (3,) about the origin."""
-    x, y, z = points.T
-    zero = np.zeros_like(x)
-    return np.stack(
-        [np.stack([zero, z, -y], axis=1), np.stack([-z, zero, x], axis=1), np.stack([y, -x, zero], axis=1)], axis=1
-    )
-
-
 def _known_distances(pair: Pair, state: PairState) -> tuple[Array, Array, Array]:
     """Return known distances minus those of the state (d,) mm, their columns (d, unknowns) and variances (d,) mm²."""
     fixed = set(pair.table.socket[~pair.table.is_mounted])
-    known, columns, variances = [], [], []
+    deviations, columns, variances = [], [], []
     for stated in pair.distances:
-        one, other = stated.between
-        if one not in pair.names or other not in pair.names:
+        begin, end = stated.between
+        if begin not in pair.names or end not in pair.names:
             continue
-        if (one in fixed) != (other in fixed):
-            problem = f"the distance of {one} and {other} is of a fixed socket and one on the second arm"
+        if (begin in fixed) != (end in fixed):
+            problem = f"the distance of {begin} and {end} is of a fixed socket and one on the second arm"
             raise FileError(pair.where, problem, "give distances of two sockets that move together")
-        apart = state.sockets_mm[other] - state.sockets_mm[one]
+        apart = state.sockets_mm[end] - state.sockets_mm[begin]
         distance = float(np.linalg.norm(apart))
         column = np.zeros(pair.unknowns)
         first = pair.unknowns - 3 * len(pair.names)
-        for name, sign in ((one, -1.0), (other, 1.0)):
+        for name, sign in ((begin, -1.0), (end, 1.0)):
             at = first + 3 * pair.names.index(name)
             column[at : at + 3] = sign * apart / distance
-        known.append(stated.distance_mm - distance)
+        deviations.append(stated.distance_mm - distance)
         columns.append(column)
         variances.append(stated.u_mm**2)
-    return np.array(known), np.array(columns).reshape(-1, pair.unknowns), np.array(variances)
+    return np.array(deviations), np.array(columns).reshape(-1, pair.unknowns), np.array(variances)
 
 
 _NEAR_RAD = (0.6, 1.5)
 """Lengths over which the unexplained part changes with the joints, as in `rig moved`."""
 
 
-def _nearness(q: Array, has_part: Mask, more: int) -> Array:
+def _nearness(q: Array, has_part: Mask, others: int) -> Array:
     """Return the correlation (m, m) of the unexplained part of an arm at angles q (n, axes) rad: coordinates are
-    independent; `more` readings at the end have none."""
+    independent; `others` readings at the end have none."""
     apart = (q[:, None] - q[None] + np.pi) % (2 * np.pi) - np.pi
     square = (apart**2).sum(axis=2)
     near = sum(np.exp(-0.5 * square / length**2) for length in _NEAR_RAD) / len(_NEAR_RAD)
     near = near * np.outer(has_part, has_part)
-    whole = np.zeros((3 * len(q) + more,) * 2)
+    whole = np.zeros((3 * len(q) + others,) * 2)
     whole[: 3 * len(q), : 3 * len(q)] = np.kron(near, np.eye(3))
     return whole

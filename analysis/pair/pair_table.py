@@ -64,9 +64,9 @@ def read_pair_table(path: Path, first: Rig, second: Rig) -> PairTable:
 def check_pair_table(table: PairTable, where: str, first: str, second: str) -> None:
     """Raise FileError for too few touches, an arm that stood still, or a socket that is both fixed and mounted."""
     mounted = table.is_mounted
-    both = sorted(set(table.socket[mounted]) & set(table.socket[~mounted]))
-    if both:
-        problem = f"socket {both[0]} is on the second arm in some rows and fixed in others"
+    twofold = sorted(set(table.socket[mounted]) & set(table.socket[~mounted]))
+    if twofold:
+        problem = f"socket {twofold[0]} is on the second arm in some rows and fixed in others"
         raise FileError(where, problem, "give fixed sockets names of their own")
     if mounted.sum() < FEWEST:
         problem = f"has {mounted.sum()} touches with both arms, and at least {FEWEST} are needed"
@@ -95,8 +95,8 @@ def _angles(raw: RawTable, names: tuple[str, ...], axes: int, arm: str, *, may_b
         problem = f"has {present[-1]}, and {arm} has {axes} axes"
         raise FileError(raw.where, problem, "give first the rig file of the arm whose joints are q1_deg …")
     angles = np.stack([_column(raw, name, may_be_empty=may_be_empty) for name in needed], axis=1)
-    given = angles[~np.isnan(angles)]
-    if len(given) and np.abs(given).max() <= _FULL_TURN and not _is_still(angles):
+    numbers = angles[~np.isnan(angles)]
+    if len(numbers) and np.abs(numbers).max() <= _FULL_TURN and not _is_still(angles):
         problem = f"has {needed[0]} … {needed[-1]} within ±6.3, which look like radians"
         raise FileError(raw.where, problem, "multiply them by 57.29578")
     partly = np.isnan(angles).any(axis=1) & ~np.isnan(angles).all(axis=1)

@@ -43,13 +43,13 @@ class PlannedTouches:
             }
             for socket, q, p in zip(self.table.socket.tolist(), self.table.q, self.table.p, strict=True)
         ]
-        kept = ("u_xyz_mm", "u_rotation_deg", "u_distance_mm", "work_mm", "u_work_mm")
+        keys = ("u_xyz_mm", "u_rotation_deg", "u_distance_mm", "work_mm", "u_work_mm")
         return {
             "touches": touches,
             "expected": {
-                "base": {key: whole["base"][key] for key in kept}, "scale_u_ppm": whole["scale"]["u_ppm"],
-                "constants": [{key: one[key] for key in ("arm", "axis", "key", "symbol", "u", "shown")}
-                              for one in whole["constants"]],
+                "base": {key: whole["base"][key] for key in keys}, "scale_u_ppm": whole["scale"]["u_ppm"],
+                "constants": [{key: constant[key] for key in ("arm", "axis", "key", "symbol", "u", "shown")}
+                              for constant in whole["constants"]],
             },
             "not_testable": whole["not_testable"],
         }  # fmt: skip

@@ -9,7 +9,7 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import minimize
 
 from analysis.pair.linear_gap import LinearGaps
-from analysis.robot.kinematics.arm import Array, Integers
+from analysis.robot.kinematics.arm import Array
 
 LEVELS = 6
 """Levels of the groups: constants, gravity and curves of the first arm, then of the second."""
@@ -113,7 +113,9 @@ def _evidence_of(gaps: LinearGaps) -> _Evidence:
     """Return the evidence of gaps, with what does not depend on the levels."""
     columns = [gaps.columns[:, gaps.group == number] for number in range(LEVELS)]
     scatter = np.diag((gaps.known_var == 0).astype(float))
-    return _Evidence(gaps, (*(own @ own.T for own in columns), *gaps.near, scatter), gaps.columns[:, gaps.group < 0])
+    return _Evidence(
+        gaps, (*(group @ group.T for group in columns), *gaps.near, scatter), gaps.columns[:, gaps.group < 0]
+    )
 
 
 def setup_sds(gaps: LinearGaps) -> Array:
@@ -128,11 +130,11 @@ def fitted_levels(gaps: LinearGaps, start: Array | None = None) -> Levels:
     Laplace's approximation."""
     evidence = _evidence_of(gaps)
     bounds = list(zip(_MEDIAN - _BOUND * _WIDTH, _MEDIAN + _BOUND * _WIDTH, strict=True))
-    found = minimize(
+    optimum = minimize(
         evidence.value_and_slope, _MEDIAN if start is None else start, jac=True, method="L-BFGS-B", bounds=bounds,
         options={"maxiter": 60, "ftol": 1e-7},
     )  # fmt: skip
-    log = np.asarray(found.x, dtype=float)
+    log = np.asarray(optimum.x, dtype=float)
     steps = _STEP * np.eye(len(log))
     hessian = np.stack(
         [(evidence.value_and_slope(log + s)[1] - evidence.value_and_slope(log - s)[1]) / (2 * _STEP) for s in steps]
@@ -151,11 +153,11 @@ def posterior(gaps: LinearGaps, levels: Levels) -> PairPosterior:
     draws = levels.log + np.concatenate([half, -half], axis=1).T  # antithetic: their mean is exact
     low, high = _MEDIAN - _BOUND * _WIDTH, _MEDIAN + _BOUND * _WIDTH
     moments = [_moments(evidence, np.clip(log, low, high)) for log in draws]
-    means = np.stack([own[0] for own in moments])
+    means = np.stack([mean for mean, _ in moments])
     off = means - means.mean(axis=0)
-    mixed = np.mean([own[1] for own in moments], axis=0) + off.T @ off / len(off)
-    odd, left = _left_out(gaps, evidence.solved(levels.log).without_setup)
-    return PairPosterior(means.mean(axis=0), mixed, _prior_sds(gaps, levels.log), levels, odd, left)
+    mixed = np.mean([cov for _, cov in moments], axis=0) + off.T @ off / len(off)
+    odd, left_mm = _left_out(gaps, evidence.solved(levels.log).without_setup)
+    return PairPosterior(means.mean(axis=0), mixed, _prior_sds(gaps, levels.log), levels, odd, left_mm)
 
 
 def expected_posterior(gaps: LinearGaps) -> PairPosterior:
@@ -199,13 +201,9 @@ def _left_out(gaps: LinearGaps, inverse: Array) -> tuple[Array, Array]:
     m): of the readings, with the set-up projected out."""
     weighted = inverse @ gaps.y
     count = gaps.touches
-    odd, left = np.empty(count), np.empty((count, 3))
-    for touch, own in enumerate(_entries(count)):
-        block = inverse[np.ix_(own, own)]
-        left[touch] = np.linalg.solve(block, weighted[own])
-        odd[touch] = left[touch] @ block @ left[touch]
-    return odd, left.ravel()
-
-
-def _entries(touches: int) -> list[Integers]:
-    return [np.arange(3 * touch, 3 * touch + 3) for touch in range(touches)]
+    odd, left_mm = np.empty(count), np.empty((count, 3))
+    for touch, entries in enumerate(np.arange(3 * count).reshape(count, 3)):
+        block = inverse[np.ix_(entries, entries)]
+        left_mm[touch] = np.linalg.solve(block, weighted[entries])
+        odd[touch] = left_mm[touch] @ block @ left_mm[touch]
+    return odd, left_mm.ravel()

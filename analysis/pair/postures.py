@@ -59,11 +59,11 @@ def common_postures(
         ps.append(p[clear])
         if sum(map(len, qs)) >= count:
             break
-    found = sum(map(len, qs))
-    if found < count:
+    count_clear = sum(map(len, qs))
+    if count_clear < count:
         apart = float(np.linalg.norm(first.T_world_base[:3, 3] - second.T_world_base[:3, 3]))
-        which = "postures" if reached < count else "postures clear of the other arm and the floor"
-        problem = f"ball and socket meet in {found} {which}, with the bases {apart:.0f} mm apart"
+        postures = "postures" if reached < count else "postures clear of the other arm and the floor"
+        problem = f"ball and socket meet in {count_clear} {postures}, with the bases {apart:.0f} mm apart"
         raise FileError(where, problem, "give the base of the second arm with --base, or move the arms nearer")
     return Postures(np.concatenate(qs)[:count], np.concatenate(ps)[:count])
 
@@ -101,8 +101,8 @@ def is_clear(arms: tuple[Arm, Arm], q: Array, p: Array, ball: Array) -> Mask:
     for line in lines:
         clear &= (line[:, :, 2] > floor - 1.0).all(axis=1)
     ends = [_POINTS * 2] * 2  # the last two links hold ball and socket
-    for one, other in ((lines[0], lines[1][:, : -ends[1]]), (lines[0][:, : -ends[0]], lines[1])):
-        apart = np.linalg.norm(one[:, :, None] - other[:, None], axis=3)
+    for line, other_line in ((lines[0], lines[1][:, : -ends[1]]), (lines[0][:, : -ends[0]], lines[1])):
+        apart = np.linalg.norm(line[:, :, None] - other_line[:, None], axis=3)
         clear &= apart.min(axis=(1, 2), initial=np.inf) > _CLEAR_MM
     return np.asarray(clear)
 

@@ -71,7 +71,7 @@ class NotTestable:
     """Something that these touches do not show, of an arm or of both (empty), with the reason."""
 
     arm: str
-    what: str
+    name: str
     reason: str
 
 
@@ -113,21 +113,23 @@ class PairResult:
                 "known": self.scale.is_known,
             },
             "constants": [
-                {"arm": one.arm, "axis": one.axis, "key": one.key, "symbol": one.symbol, "delta": one.value, "u": one.u,
-                 "shown": one.is_shown}
-                for one in self.constants
+                {"arm": constant.arm, "axis": constant.axis, "key": constant.key, "symbol": constant.symbol,
+                 "delta": constant.value, "u": constant.u, "shown": constant.is_shown}
+                for constant in self.constants
             ],
             "ball": {"xyz_mm": list(self.ball_mm), "u_mm": list(self.u_ball_mm)},
             "sockets": {name: {"xyz_mm": list(at), "u_mm": list(u)} for name, (at, u) in self.sockets.items()},
-            "not_testable": [{"arm": one.arm, "what": one.what, "reason": one.reason} for one in self.not_testable],
+            "not_testable": [
+                {"arm": hidden.arm, "what": hidden.name, "reason": hidden.reason} for hidden in self.not_testable
+            ],
             "left_out": [{"row": row, "off_mm": off} for row, off in self.odd], "doubts": list(self.doubts),
         }  # fmt: skip
 
 
 def result_of(fit: FittedPair) -> PairResult:
     """Return the result of a fit."""
-    pair, found = fit.pair, fit.posterior
-    sd = np.sqrt(np.diag(found.cov))
+    pair, result = fit.pair, fit.posterior
+    sd = np.sqrt(np.diag(result.cov))
     terms = sum(len(arm.terms) for arm in pair.arms)
     names = (pair.first.rig.name, pair.second.rig.name)
     constants = tuple(_constants(fit, sd))
@@ -136,11 +138,11 @@ def result_of(fit: FittedPair) -> PairResult:
     sockets = {
         name: (_vector(at), _vector(u)) for (name, at), u in zip(fit.state.sockets_mm.items(), places, strict=True)
     }
-    left = float(np.sqrt(np.mean(found.left_mm**2)))
+    left_mm = float(np.sqrt(np.mean(result.left_mm**2)))
     return PairResult(
-        names, len(pair.table.q), fit.nominal_rms_mm, left, found.levels.scatter_mm, found.levels.unexplained_mm,
+        names, len(pair.table.q), fit.nominal_rms_mm, left_mm, result.levels.scatter_mm, result.levels.unexplained_mm,
         _base(fit), scale, constants, _vector(fit.state.ball_mm), _vector(sd[terms + 6 : terms + 9]), sockets,
-        tuple(_not_testable(fit, constants, scale)), fit.odd, tuple(_doubts(fit, left)),
+        tuple(_not_testable(fit, constants, scale)), fit.odd, tuple(_doubts(fit, left_mm)),
     )  # fmt: skip
 
 
@@ -175,7 +177,7 @@ def _base(fit: FittedPair) -> BaseTransform:
     origin = (fit.state.T_first_second @ second)[:3, 3] - centre
     R = inverse[:3, :3]
     # The set-up turns about the middle of the work: its origin moves by the shift and by the turn times its distance.
-    at_base = R @ np.concatenate([np.eye(3), -_cross_matrix(origin)], axis=1)
+    at_base = R @ np.concatenate([np.eye(3), -np.cross(np.eye(3), origin)], axis=1)
     u_base = at_base @ cov @ at_base.T
     along = T[:3, 3] / max(float(np.linalg.norm(T[:3, 3])), 1e-9)
     return BaseTransform(
@@ -184,11 +186,6 @@ def _base(fit: FittedPair) -> BaseTransform:
         float(np.sqrt(along @ u_base @ along)), _vector(R @ centre + inverse[:3, 3]),
         _vector(np.sqrt(np.diag(R @ cov[:3, :3] @ R.T))),
     )  # fmt: skip
-
-
-def _cross_matrix(v: Array) -> Array:
-    x, y, z = v
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def _scale(fit: FittedPair) -> Scale:
@@ -217,7 +214,7 @@ def _not_testable(fit: FittedPair, constants: tuple[PairConstant, ...], scale: S
         yield NotTestable(arm.rig.name, "constants and zero of axis 1", "they move only the frame of its base")
         last = f"zero and d of axis {arm.axes}"
         yield NotTestable(arm.rig.name, last, f"they move only the place of the {holds} on the flange")
-        weak = [f"{one.symbol}" for one in constants if one.arm == arm.rig.name and not one.is_shown]
+        weak = [it.symbol for it in constants if it.arm == arm.rig.name and not it.is_shown]
         if weak:
             reason = "these postures hardly show each of them alone; their u is mostly what is usual for such an arm"
             yield NotTestable(arm.rig.name, ", ".join(weak), reason)

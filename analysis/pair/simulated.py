@@ -39,8 +39,8 @@ def simulated_touches(first: Rig, second: Rig, planned: PairTable, seed: int) ->
         T, J = forward_and_jacobian(pair.second.model.arm, p)
         at = np.stack([state.sockets_mm[name] for name in planned.socket.tolist()])
         slope = J[:, :3] + np.cross(J[:, 3:], (tool_points(T, at) - T[:, :3, 3])[:, :, None], axis=1)
-        wanted = (seat - gap) @ state.T_first_second[:3, :3]
-        p += np.einsum("nij,nj->ni", np.linalg.pinv(slope), wanted)
+        shift = (seat - gap) @ state.T_first_second[:3, :3]
+        p += np.einsum("nij,nj->ni", np.linalg.pinv(slope), shift)
     return PairTable(planned.q, p, planned.socket, planned.row), state
 
 

@@ -28,7 +28,7 @@ def as_screen(result: PairResult) -> RenderableType:
     parts: list[RenderableType] = [
         Text(headline(result), style="bold green" if good else "bold yellow"), Text(), _base_table(result)
     ]  # fmt: skip
-    certain = [one for one in result.constants if one.is_shown and abs(one.value) > _CERTAIN * one.u]
+    certain = [it for it in result.constants if it.is_shown and abs(it.value) > _CERTAIN * it.u]
     if certain:
         parts += [Text(), _constants_table(certain)]
     parts += [Text(), Text("not testable:", style="dim"), *(Text(f"  {line}") for line in not_testable_lines(result))]
@@ -73,23 +73,24 @@ def _triple(values: Vector) -> str:
 
 def _constants_table(constants: list[PairConstant]) -> RenderableType:
     table = bare_table("arm", "constant", right("correction"), right("± u"), "")
-    for one in sorted(constants, key=lambda one: (one.arm, one.axis, one.key)):
-        digits = 3 if one.unit == "mm" else 4
-        table.add_row(one.arm, one.symbol, f"{one.value:+.{digits}f}", f"{one.u:.{digits}f}", one.unit)
+    for constant in sorted(constants, key=lambda constant: (constant.arm, constant.axis, constant.key)):
+        digits = 3 if constant.unit == "mm" else 4
+        size, u = f"{constant.value:+.{digits}f}", f"{constant.u:.{digits}f}"
+        table.add_row(constant.arm, constant.symbol, size, u, constant.unit)
     return table
 
 
 def not_testable_lines(result: PairResult) -> Iterator[str]:
     """Yield what the touches do not show, a line each."""
-    for one in result.not_testable:
-        whose = f"{one.arm}: " if one.arm else ""
-        yield f"{whose}{one.what} – {one.reason}"
+    for hidden in result.not_testable:
+        whose = f"{hidden.arm}: " if hidden.arm else ""
+        yield f"{whose}{hidden.name} – {hidden.reason}"
 
 
 def as_plan(planned: PlannedTouches) -> RenderableType:
     """Return what planned touches are expected to show."""
     result = planned.expected
-    shown = sum(one.is_shown for one in result.constants)
+    shown = sum(constant.is_shown for constant in result.constants)
     count = len(planned.table.q)
     first = (
         f"{count} touches show {shown} of {len(result.constants)} constants of both arms, and the frame of "

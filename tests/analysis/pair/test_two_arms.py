@@ -138,7 +138,7 @@ def test_the_scale_of_both_arms_is_not_testable() -> None:
     found = result()
     assert not found.scale.is_known
     assert found.scale.u_ppm == pytest.approx(found.scale.prior_u_ppm, rel=0.3)
-    assert "scale" in found.not_testable[0].what
+    assert "scale" in found.not_testable[0].name
 
 
 def test_a_known_distance_of_fixed_sockets_fixes_the_scale() -> None:
@@ -166,7 +166,7 @@ def test_a_known_distance_of_fixed_sockets_fixes_the_scale() -> None:
     assert found.scale.is_known
     assert found.base.u_distance_mm < 0.5 * result().base.u_distance_mm
     assert error_over_u(found).max() < 3.5
-    assert "scale" not in found.not_testable[0].what
+    assert "scale" not in found.not_testable[0].name
 
 
 # ----------------------------------------------------------------------------------------------------------------------
