@@ -19,6 +19,11 @@ FIXED_MM = (np.array([520.0, -180.0, 250.0]), np.array([380.0, 330.0, 420.0]))
 """Two sockets that are fixed in the cell, for an arm alone."""
 
 
+KNOWN_MM = float(np.linalg.norm(FIXED_MM[0] - FIXED_MM[1]))
+KNOWN = f"    distances: [{{between: [C, D], distance_mm: {KNOWN_MM:.4f}, u_mm: 0.02}}]"
+"""Their distance, as a rig file states it."""
+
+
 def rig_of(kind: world.Kind, name: str, ball: tuple[float, float, float], more: str = "") -> Rig:
     """Return the rig file of the data sheet of an arm."""
     return parse(rig_text(kind, name, ball, more), name)
@@ -33,7 +38,9 @@ def rig_text(kind: world.Kind, name: str, ball: tuple[float, float, float], more
             f"    - {{name: J{k}, a_mm: {a}, alpha_deg: {alpha}, d_mm: {d}, limits_deg: [-{limit}, {limit}], "
             f"speed_deg_s: 100, mass_kg: {mass}, centre_mm: {list(centre)}}}"
         )
-    return "\n".join([*lines, "tests:", "  touch:", "    sockets: [A, B]", f"    ball_mm: {list(ball)}", more]) + "\n"
+    return (
+        "\n".join([*lines, "tests:", "  touch:", "    sockets: [A, C, D]", f"    ball_mm: {list(ball)}", more]) + "\n"
+    )
 
 
 @dataclass(frozen=True)
@@ -67,8 +74,14 @@ def touches_alone(
             near = np.linalg.norm(arm.tip_and_slope(q)[0] - place, axis=1) < 10 * scatter_mm
             found += list(q[near & (np.abs(q) < limit).all(axis=1)])
         rows += found[:wanted]
-        sockets += ["AB"[number]] * wanted
+        sockets += ["CD"[number]] * wanted
     return PairTable(np.array(rows), np.full((count, other_axes), np.nan), np.array(sockets), np.arange(1, count + 1))
+
+
+def with_fixed(table: PairTable, fixed: PairTable) -> PairTable:
+    """Return touches of both arms together with those of fixed sockets."""
+    columns = [np.concatenate([getattr(part, name) for part in (table, fixed)]) for name in ("q", "p", "socket")]
+    return PairTable(*columns, np.arange(1, len(columns[0]) + 1))
 
 
 def fitted(first: Rig, second: Rig, table: PairTable) -> FittedPair:

@@ -26,12 +26,11 @@ from rigs.load import load
 from rigs.rig import Rig
 from rigs.schema.robot import Pose
 from tests.support.command_line import ran
-from tests.support.two_arm_cases import deviations, rig_of, touches_of_pair
+from tests.support.two_arm_cases import KNOWN, deviations, rig_of, touches_alone, touches_of_pair, with_fixed
 from tests.worlds import two_arms as world
 
 FIRST_BALL, SECOND_BALL = (60.0, 20.0, 90.0), (-50.0, 30.0, 70.0)
 SCATTER_MM = 0.05
-KNOWN = "    distances: [{between: [C, D], distance_mm: 544.0588, u_mm: 0.02}]"
 
 
 @cache
@@ -123,7 +122,7 @@ def test_rows_of_other_touches_are_refused() -> None:
         fit_pair(pair_of(*rigs(), replace(table, p=np.roll(table.p, 1, axis=0)), "t"))
 
 
-def test_a_rail_and_a_calibration_are_refused() -> None:
+def test_a_rail_is_refused() -> None:
     left, right = rigs()
     railed = left.model_copy(update={"robot": left.robot.model_copy(update={"rail": object()})})
     with pytest.raises(FileError, match="rail"):
@@ -142,26 +141,8 @@ def test_the_scale_of_both_arms_is_not_testable() -> None:
 
 
 def test_a_known_distance_of_fixed_sockets_fixes_the_scale() -> None:
-    rng = np.random.default_rng(11)
-    left = rig_of(world.UR10E, "left", FIRST_BALL, KNOWN.replace("C", "A").replace("D", "B"))
-    places = np.repeat(np.array([[650.0, -350.0, 250.0], [450.0, 120.0, 420.0]]), 12, axis=0)
-    known_mm = float(np.linalg.norm(places[0] - places[-1]))
-    touch = left.tests.touch
-    assert touch is not None
-    stated = touch.distances[0].model_copy(update={"distance_mm": known_mm, "between": ("C", "D")})
-    tests = left.tests.model_copy(update={"touch": touch.model_copy(update={"distances": (stated,)})})
-    left = left.model_copy(update={"tests": tests})
-    q = rng.uniform(-2.5, 2.5, size=(4 * len(places), 6))
-    goal = np.repeat(places, 4, axis=0)
-    q = world.touched_fixed(cell().first, q, goal, SCATTER_MM, rng)
-    near = np.linalg.norm(cell().first.tip_and_slope(q)[0] - goal, axis=1) < 1.0
-    names = np.repeat(np.array(["C", "D"]), 48)[near]
-    fixed, table = q[near], touches()
-    count = len(table.q) + len(fixed)
-    both = PairTable(
-        np.concatenate([table.q, fixed]), np.concatenate([table.p, np.full((len(fixed), 7), np.nan)]),
-        np.concatenate([table.socket, names]), np.arange(1, count + 1),
-    )  # fmt: skip
+    fixed = touches_alone(cell().first, 7, 24, SCATTER_MM, np.random.default_rng(11))
+    both, left = with_fixed(touches(), fixed), rig_of(world.UR10E, "left", FIRST_BALL, KNOWN)
     found = result_of(fit_pair(pair_of(left, rigs()[1], both, "t")))
     assert found.scale.is_known
     assert found.base.u_distance_mm < 0.5 * result().base.u_distance_mm
@@ -297,6 +278,8 @@ def test_from_init_to_both_calibrations_and_the_base(tmp_path: Path) -> None:
     assert np.sqrt(np.mean((meets[0] - meets[1]) ** 2)) < 0.1
     again = ran("pair", "left.yaml", "right.yaml", "touches.csv", "-o", "calibrated", cwd=tmp_path)
     assert again.returncode == 3 and "exists already" in again.stderr
+    twice = ran("pair", "left.yaml", "calibrated/right.yaml", "touches.csv", cwd=tmp_path)
+    assert twice.returncode == 3 and "has a calibration already" in twice.stderr
 
 
 def test_a_plan_and_drawn_touches_lead_to_a_calibration(tmp_path: Path) -> None:
