@@ -83,7 +83,7 @@ class _Evidence:
     setup: Array
 
     def solved(self, log: Array) -> _Solved:
-        """Return the readings at logarithms (9,) of levels."""
+        """Return the readings at logarithms (9,) of levels, which are in mm or in prior standard deviations."""
         cov = np.diag(self.gaps.known_var)
         for value, matrix in zip(log.tolist(), self.by_level, strict=True):
             cov = cov + np.exp(2 * value) * matrix

@@ -16,6 +16,8 @@ half of its ball lets the stem tilt by 60°."""
 _CLEAR_MM = 150.0
 """Least distance between the middle lines of both arms, apart from their last links. Chosen: links of arms with a reach
 of a metre are 60 to 150 mm thick, so a person has to watch the first run."""
+_UPRIGHT = 0.5
+"""Cosine of the tilt of a base below which it hangs or stands on a wall, and the floor is elsewhere."""
 _ROUNDS, _STEP_RAD, _DAMPING_MM = 30, 0.3, 1.0
 _SEATED_MM = 1e-3
 _TRIES, _BATCH = 60, 2000
@@ -94,9 +96,11 @@ def seated(arm: Arm, q: Array, point_mm: Array, goal: Array) -> Array:
 
 
 def is_clear(arms: tuple[Arm, Arm], q: Array, p: Array, ball: Array) -> Mask:
-    """Return whether both arms (n,) are apart from each other and above the lower base; ball (n, 3) mm in the world."""
+    """Return whether both arms (n,) are apart from each other and, standing, above the lower base; ball (n, 3) mm in
+    the world."""
     lines = [_middle_lines(arm, angles) for arm, angles in zip(arms, (q, p), strict=True)]
-    floor = min(arm.T_world_base[2, 3] for arm in arms)
+    stand = all(arm.T_world_base[2, 2] > _UPRIGHT for arm in arms)
+    floor = min(arm.T_world_base[2, 3] for arm in arms) if stand else -np.inf
     clear = ball[:, 2] > floor
     for line in lines:
         clear &= (line[:, :, 2] > floor - 1.0).all(axis=1)

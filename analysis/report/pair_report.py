@@ -39,8 +39,9 @@ def as_screen(result: PairResult) -> RenderableType:
 def headline(result: PairResult) -> str:
     """Return the change of the gap between ball and socket."""
     first, second = result.names
+    state = "are calibrated" if result.left_mm < result.before_mm else "are not calibrated by these touches"
     return (
-        f"{first} and {second} are calibrated: each touch is predicted from the others to {result.left_mm:.3f} mm rms "
+        f"{first} and {second} {state}: each touch is predicted from the others to {result.left_mm:.3f} mm rms "
         f"per coordinate, with the nominal arms to {result.before_mm:.2f} mm."
     )
 
