@@ -118,9 +118,9 @@ def peer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 Case = Callable[[Path, Path], list[list[str | Path]]]
 
 
-def touches_of_two_arms(own: Path) -> Path:
+def touches_of_two_arms(folder: Path) -> Path:
     """A table of two arms with a hostile socket in each row, in a file of a hostile name."""
-    table = own / (EVIL.replace("/", "|") + ".csv")
+    table = folder / (EVIL.replace("/", "|") + ".csv")
     names = [f"{letter}{axis}_deg" for letter in "qp" for axis in range(1, 7)]
     socket = EVIL.replace(",", " ").replace("\n", " ").replace("\r", " ")
     rows = [",".join([socket, *(str(17 * row * axis % 170) for axis in range(1, 13))]) for row in range(1, 15)]
@@ -177,7 +177,7 @@ def cases() -> dict[str, Case]:
             [cell / "no run", "--new", EVIL, "--plan"],
         ],
         "pair": lambda cell, own: [
-            [cell / "rig.yaml", "ur10e", touches_of_two_arms(own)],
+            [cell / "rig.yaml", "ur10e", touches_of_two_arms(own.parent)],
             [cell / "rig.yaml", "ur10e", cell / EVIL, "-o", own],
             [cell / "rig.yaml", EVIL, "--plan", "12", "--base", EVIL],
         ],
