@@ -69,6 +69,7 @@ JOBS = {
         "calibrate": "Calibrate the model of a robot, validate it on data not used for the fit, and write a rig file.",
         "correct": "Write joint zeros, link constants, corrected targets and programs, each only where the effects "
         "support it.",
+        "pair": "Calibrate two arms by each other: a ball on the flange of one, a socket on the flange of the other.",
         "versions": "List the calibrations of a robot, newest first, or restore an earlier one.",
     },
     "Look after runs and daemon": {

@@ -87,6 +87,7 @@ def import_(
     from analysis.cli.console import progress_of
     from analysis.cli.import_map import mapped_run, needs_map
     from analysis.intake.readers import file_of
+    from analysis.intake.touch_map import refuse_two_arms
     from analysis.runs.written_files import refuse_existing
 
     operator = operator_or_user(operator)
@@ -99,6 +100,7 @@ def import_(
         refuse_existing(run)
         kind = test or _by_its_columns(files[0], rig_file)
         _hold_options(kind, direction, topic, socket)
+        refuse_two_arms(files[0], kind)
         label: Any = {"direction": direction, "operator": operator, "placement": placement, "joints": joints}
         if join or map_file or needs_map(files[0], kind, socket):
             asked: Any = {"map_file": map_file, "join": join, "yes": yes, "topic": topic, "socket": socket}

@@ -15,10 +15,11 @@ from analysis.intake.raw_table import RawTable, layout_of, read_raw, text_of
 from analysis.intake.read import header_names, read_head, read_whole
 from analysis.intake.table_map import Angles, Column, TableMap
 from analysis.runs.table_format import format_of
-from analysis.runs.table_layout import SOCKET, joint_columns
+from analysis.runs.table_layout import SOCKET, joint_columns, second_joint_columns
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.vocabulary import FEWEST_AXES, TestName
+from rigs.text import as_argument
 
 _FULL_TURN = 2 * np.pi
 """Largest joint angle in radians for detection of the unit: in degrees, joints would hardly have moved."""
@@ -29,6 +30,13 @@ def needs_touch_map(path: Path, test: TestName, socket: str) -> bool:
     if SOCKET not in format_of(test).layout().required:
         return False
     return bool(socket) or not {SOCKET, *joint_columns(FEWEST_AXES)} <= header_names(read_head(path))
+
+
+def refuse_two_arms(path: Path, test: TestName) -> None:
+    """Raise FileError for touches of two arms: they are no touches of a fixed socket."""
+    if SOCKET in format_of(test).layout().required and second_joint_columns(1)[0] in header_names(read_head(path)):
+        problem = "has p1_deg, the joints of a second arm that holds the socket"
+        raise FileError(str(path), problem, f"calibrate both arms: rig pair FIRST SECOND {as_argument(path)}")
 
 
 def propose_touch_map(path: Path, rig: Rig, test: TestName, socket: str) -> TableMap:

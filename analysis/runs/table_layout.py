@@ -11,6 +11,11 @@ def joint_columns(axes: int) -> tuple[str, ...]:
     return tuple(f"q{axis}_deg" for axis in range(1, axes + 1))
 
 
+def second_joint_columns(axes: int) -> tuple[str, ...]:
+    """Return the column names of the joints of a second arm, which holds the socket."""
+    return tuple(f"p{axis}_deg" for axis in range(1, axes + 1))
+
+
 JOINTS = joint_columns(6)
 """Joint columns of the ball link tests."""
 COMMANDED = tuple(f"q{axis}_commanded_deg" for axis in range(1, 7))

@@ -52,10 +52,10 @@ FURTHER = ("g3", "g4", "g5", "g6", "g7", "g8")
 _WAYS: dict[str, Direction] = {
     "acw": "acw", "ccw": "acw", "counterclockwise": "acw", "anticlockwise": "acw", "cw": "cw", "clockwise": "cw"
 }  # fmt: skip
-MeasuredBy = Literal["gauges", "tracker", "sockets"]
-"""Measuring device: two gauges and a ball link, a tracker, or a ball seated in sockets."""
-TEST_WITHOUT_GAUGES: dict[MeasuredBy, TestName] = {"tracker": "pose", "sockets": "touch"}
-"""Test for an arm measured by other devices than gauges."""
+MeasuredBy = Literal["gauges", "tracker", "sockets", "arm"]
+"""Measuring device: two gauges and a ball link, a tracker, a ball seated in sockets, or another arm with a socket."""
+TEST_WITHOUT_GAUGES: dict[MeasuredBy, TestName] = {"tracker": "pose", "sockets": "touch", "arm": "touch"}
+"""Test of an arm measured without gauges."""
 FEWEST_AXES, DRIVEN_AXES, MOST_AXES = 4, 6, 7
 """Smallest and largest number of axes of an arm, and the number for the ball link: a tool reaches any pose with six
 axes, so circles, programs and controller entries require six.

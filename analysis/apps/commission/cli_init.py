@@ -27,8 +27,8 @@ def init(
     measured_by: Annotated[
         MeasuredBy,
         typer.Option(
-            help="Instrument: gauges and a ball link, poses of a tracker, or a ball in sockets; for arms of four, "
-            "five and seven axes not gauges."
+            help="Instrument: gauges and a ball link, poses of a tracker, a ball in sockets, or a second arm that carries "
+            "the socket; for arms of four, five and seven axes not gauges."
         ),
     ] = "gauges",
     robot: Annotated[
@@ -134,7 +134,7 @@ def init(
     _make(options)
     check([str(rig_file)])
     say("next:")
-    for line in next_steps(rig_file):
+    for line in pair_steps(rig_file) if measured_by == "arm" else next_steps(rig_file):
         say(f"  {line}")
 
 
@@ -175,6 +175,18 @@ def next_steps(rig_file: Path) -> list[str]:
         ]
     *lap, report = _first_lap(rig, file)
     return [*begin, *lap, f"rig circle fit runs/*first* --rig {file} --write", report]
+
+
+def pair_steps(rig_file: Path) -> list[str]:
+    """Return what to do with the rig file of an arm that another arm measures."""
+    file, other = shlex.quote(str(rig_file)), shlex.quote(str(rig_file.with_name("other.yaml")))
+    return [
+        f"rig init {other} --measured-by arm  # the other arm, unless it has its rig file",
+        "# below, the arm with the ball comes first; the base of the second arm as measured by tape:",
+        f"rig pair {file} {other} --plan 40 --base 1500,0,0,0,0,180 -o touches.csv  # x, y, z, roll, pitch, yaw",
+        "# seat the ball in the socket in these postures, and write the joints of both arms into touches.csv",
+        f"rig pair {file} {other} touches.csv -o calibrated",
+    ]
 
 
 def _without_gauges(rig: Rig, file: str) -> list[str]:

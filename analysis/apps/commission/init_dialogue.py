@@ -42,6 +42,7 @@ from rigs.text import as_argument
 _QUESTIONS: dict[MeasuredBy, tuple[Callable[[Answers, Options, Dialogue], Answers], ...]] = {
     "gauges": (ask_robot, ask_gauges, ask_baseline, ask_arm, ask_build, ask_tool, ask_tolerance),
     "sockets": (ask_arm, ask_build, ask_robot_if_any, ask_tool, take_options),
+    "arm": (ask_arm, ask_build, ask_tool, take_options),
     "tracker": (ask_arm, ask_build, take_options),
 }
 """Questions in order."""
@@ -56,8 +57,9 @@ def make_rig_file(options: Options, dialogue: Dialogue) -> None:
     if not path.parent.is_dir():
         raise FileError(str(path.parent), "is not a directory", "create the directory, or choose a different name")
     _check_new(path)
-    if options.measured_by == "tracker" and options.robot is not None:
-        raise UseError("--robot", "is not used with a tracker: the table contains the joints", "remove it")
+    other = {"tracker": "a tracker", "arm": "a second arm"}.get(options.measured_by)
+    if other and options.robot is not None:
+        raise UseError("--robot", f"is not used with {other}: the table contains the joints", "remove it")
     gauges = {"--port": options.ports, "--g1, --g2": any(options.places), "--baseline-mm": options.baseline_mm}
     gauges |= {"--key": options.keys.get("g1") or options.keys.get("g2"), "--circle-here": options.circle_here}
     gauges |= {"--radius-mm": options.radius_mm}

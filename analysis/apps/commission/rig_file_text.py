@@ -168,10 +168,25 @@ def _of_sockets(answers: Answers, arm: ChosenArm) -> Iterator[str]:
     yield from _limits(answers, arm.repeatability_mm, "sockets")
 
 
+def _of_arm(answers: Answers, arm: ChosenArm) -> Iterator[str]:
+    yield f"# Nominal arm, from {plain(arm.source)}. Another arm measures it: rig pair."
+    yield _arm_section(arm, answers, Pose())
+    yield ""
+    ball_mm = list(answers.tool.xyz_mm if answers.tool else Touch.model_fields["ball_mm"].default)
+    yield "tests:"
+    yield "  touch:"
+    yield f"    sockets: [{', '.join(_SOCKETS)}]"
+    yield f"    ball_mm: {flow(ball_mm)} # about where ball or socket is on the flange; the fit finds it"
+    yield "    # One known distance fixes the scale: of two sockets on the second arm, or of two fixed in the cell."
+    yield f"    # distances: [{{between: [{', '.join(_SOCKETS)}], distance_mm: 300, u_mm: 0.02}}]"
+    yield from _limits(answers, arm.repeatability_mm, "arm")
+
+
 _ARM_LINES: dict[MeasuredBy, Callable[[Answers, ChosenArm], Iterator[str]]] = {
     "gauges": _of_gauges,
     "tracker": _of_tracker,
     "sockets": _of_sockets,
+    "arm": _of_arm,
 }
 
 

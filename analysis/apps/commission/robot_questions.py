@@ -192,7 +192,8 @@ def ask_tool(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
         usual = (
             None if arm_tool == Pose() else ",".join(f"{value:g}" for value in (*arm_tool.xyz_mm, *arm_tool.rpy_deg))
         )
-        question = "Pose of the ball on the flange: x,y,z in mm, then roll,pitch,yaw in degrees"
+        thing = "ball or socket" if options.measured_by == "arm" else "ball"
+        question = f"Pose of the {thing} on the flange: x,y,z in mm, then roll,pitch,yaw in degrees"
         tool = dialogue.ask(question, "--tool", _pose, usual)
     return answers.model_copy(update={"tool": tool})
 

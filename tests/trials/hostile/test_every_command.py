@@ -118,6 +118,16 @@ def peer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 Case = Callable[[Path, Path], list[list[str | Path]]]
 
 
+def touches_of_two_arms(folder: Path) -> Path:
+    """A table of two arms with a hostile socket in each row, in a file of a hostile name."""
+    table = folder / (EVIL.replace("/", "|") + ".csv")
+    names = [f"{letter}{axis}_deg" for letter in "qp" for axis in range(1, 7)]
+    socket = EVIL.replace(",", " ").replace("\n", " ").replace("\r", " ")
+    rows = [",".join([socket, *(str(17 * row * axis % 170) for axis in range(1, 13))]) for row in range(1, 15)]
+    table.write_text("\n".join([",".join(["socket", *names]), *rows]) + "\n", encoding="utf-8")
+    return table
+
+
 def cases() -> dict[str, Case]:
     """What each command is called with: cell, a directory of the test's own → argument lists."""
 
@@ -165,6 +175,11 @@ def cases() -> dict[str, Case]:
             [first(cell), "--new", first(cell), "-o", own / "moved.html"],
             [*runs(cell), "--json"],
             [cell / "no run", "--new", EVIL, "--plan"],
+        ],
+        "pair": lambda cell, own: [
+            [cell / "rig.yaml", "ur10e", touches_of_two_arms(own.parent)],
+            [cell / "rig.yaml", "ur10e", cell / EVIL, "-o", own],
+            [cell / "rig.yaml", EVIL, "--plan", "12", "--base", EVIL],
         ],
         "correct": lambda cell, own: [[cell / "rig.yaml", "-o", own / "corrections"], [cell / "rig.yaml", "-o", cell]],
         "diagnose": lambda cell, own: [[cell / "no run"], [first(cell), "--hold-out", first(cell)]],

@@ -1,0 +1,187 @@
+"""`rig pair FIRST SECOND TOUCHES`: two arms calibrated by each other; with --plan, the touches to make."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from analysis.cli import completion
+from analysis.cli.commands import app, command
+from analysis.cli.console import progress_of, say, say_json
+from analysis.cli.options import AsJson
+from rigs.errors import FileError, UseError
+from rigs.text import as_argument
+
+if TYPE_CHECKING:
+    from analysis.pair.plan_touches import PlannedTouches
+    from rigs.rig import Rig
+    from rigs.schema.robot import Pose
+
+_BASE_NUMBERS = (3, 6)
+
+
+@command(app, "rig pair left.yaml right.yaml touches.csv -o calibrated")
+def pair(
+    first_file: Annotated[
+        str,
+        typer.Argument(metavar="FIRST", autocompletion=completion.rig_files, help="Rig file of the arm with the ball."),
+    ],
+    second_file: Annotated[
+        str,
+        typer.Argument(
+            metavar="SECOND", autocompletion=completion.rig_files, help="Rig file of the arm with the socket."
+        ),
+    ],
+    table: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="[TOUCHES]", help="Table with q1_deg … of the first arm, p1_deg … of the second, and socket."
+        ),
+    ] = None,
+    plan: Annotated[
+        int | None,
+        typer.Option("--plan", min=12, max=200, help="Choose so many touches instead; -o writes them; default: none."),
+    ] = None,
+    base: Annotated[
+        str | None,
+        typer.Option(
+            metavar="POSE",
+            help="With --plan: base of the second arm in the world of the first, x,y,z in mm, then roll,pitch,yaw in "
+            "degrees; default: that of its rig file.",
+        ),
+    ] = None,
+    simulate: Annotated[
+        int | None,
+        typer.Option(
+            "--simulate",
+            metavar="SEED",
+            help="With --plan: write the joints that arms with drawn errors of usual size would report; default: the "
+            "planned joints.",
+        ),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output", "-o", help="Directory for both calibrated rig files; with --plan, the table; default: none."
+        ),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Calibrate two arms by each other: a ball on the flange of one, a socket on the flange of the other.
+
+    Each touch is a row with the joints of both arms. The result is a
+    calibration of each arm and the transform between their bases. Rows without
+    joints of the second arm are touches of sockets that are fixed in the cell.
+    """
+    from rigs.load import load
+
+    if (plan is None) == (table is None):
+        raise UseError("rig pair", "needs either a table of touches or --plan N", "see rig pair --help")
+    for option, value in (("--base", base), ("--simulate", simulate)):
+        if value is not None and plan is None:
+            raise UseError(option, "is allowed only with --plan", "add --plan N")
+    (first, first_text), (second, second_text) = load(first_file), load(second_file)
+    if first.name == second.name:
+        problem = f"has the name {first.name}, as the first rig file"
+        raise FileError(second_file, problem, "give each arm a name of its own (key name)")
+    if plan is not None:
+        _plan(first, second, (first_file, second_file), plan, base, simulate, output, as_json=as_json)
+    if table is not None:
+        _fit(first, second, (first_text, second_text), table, output, as_json=as_json)
+
+
+def _fit(first: Rig, second: Rig, texts: tuple[str, str], table: Path, output: Path | None, *, as_json: bool) -> None:
+    from analysis.pair.fit_pair import fit_pair, pair_of
+    from analysis.pair.pair_table import read_pair_table
+    from analysis.pair.result import result_of
+    from analysis.report.diagnosis_report import hold_new
+    from analysis.report.pair_report import as_screen
+    from analysis.report.pair_report import write as write_pair
+    from analysis.report.plain_console import PlainConsole
+
+    paths = [output / f"{rig.name}.yaml" for rig in (first, second)] if output else []
+    for path in paths:
+        hold_new(path)
+    touches = read_pair_table(table, first, second)
+    with progress_of("fitting both arms"):
+        fit = fit_pair(pair_of(first, second, touches, str(table)))
+        result = result_of(fit)
+    if as_json:
+        say_json(result.to_dict())
+    else:
+        PlainConsole().print(as_screen(result))
+    for path in write_pair(fit, result, texts, table, output) if output else ():
+        say(f"wrote {path}", err=True)
+    for path in paths:
+        say(
+            f"next: rig correct {as_argument(path)} -o {as_argument(path.with_name(f'corrections-{path.stem}'))}",
+            err=True,
+        )
+
+
+def _plan(
+    first: Rig,
+    second: Rig,
+    files: tuple[str, str],
+    count: int,
+    base: str | None,
+    seed: int | None,
+    output: Path | None,
+    *,
+    as_json: bool,
+) -> None:
+    from analysis.pair.plan_touches import plan_touches
+    from analysis.report.pair_report import as_plan
+    from analysis.report.plain_console import PlainConsole
+    from analysis.runs.written_files import holding, refuse_existing, write_all_new
+
+    if seed is not None and output is None:
+        raise UseError("--simulate", "needs a table to write to", "add -o touches.csv")
+    if output:
+        refuse_existing(output)
+    if base is not None:
+        robot = second.robot.model_copy(update={"base": _pose(base)})
+        second = second.model_copy(update={"robot": robot})
+    if first.robot.base == second.robot.base:
+        problem = "has its base where the first arm has its own"
+        raise FileError(files[1], problem, "give its place with --base X,Y,Z,ROLL,PITCH,YAW, as 1500,0,0,0,0,180")
+    with progress_of("choosing postures"):
+        planned = plan_touches(first, second, count, " and ".join(files))
+    if as_json:
+        say_json(planned.to_dict())
+    else:
+        PlainConsole().print(as_plan(planned))
+    if output:
+        content = planned.csv() if seed is None else _simulated(first, second, planned, seed)
+        write_all_new(output.parent, {output.name: holding(content.encode())})
+        say(f"wrote {output}", err=True)
+        if seed is None:
+            say("next: make these touches, and replace the joints by those that both controllers show", err=True)
+        say(f"next: rig pair {' '.join(map(as_argument, files))} {as_argument(output)} -o calibrated", err=True)
+
+
+def _simulated(first: Rig, second: Rig, planned: PlannedTouches, seed: int) -> str:
+    """Return the table of drawn arms, and print where they have their bases."""
+    from analysis.pair.simulated import base_of, simulated_touches
+
+    touches, state = simulated_touches(first, second, planned.table, seed)
+    place = ", ".join(f"{value:.3f}" for value in base_of(first, second, state))
+    say(f"drawn: base of {second.name} in {first.name} at {place} mm", err=True)
+    return type(planned)(touches, planned.expected).csv()
+
+
+def _pose(text: str) -> Pose:
+    """Return a pose written as x,y,z or x,y,z,roll,pitch,yaw. Raises UseError."""
+    from rigs.schema.robot import Pose
+
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        values = []
+    if len(values) not in _BASE_NUMBERS or not all(map(math.isfinite, values)):
+        raise UseError("--base", f"{text!r} is no pose", "give X,Y,Z or X,Y,Z,ROLL,PITCH,YAW, as 1500,0,0,0,0,180")
+    xyz, rpy = (*values, 0.0, 0.0, 0.0)[:3], (*values, 0.0, 0.0, 0.0)[3:6]
+    return Pose.model_validate({"xyz_mm": xyz, "rpy_deg": rpy})

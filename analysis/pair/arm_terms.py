@@ -1,0 +1,122 @@
+"""Unknown errors of one arm of a pair: effects of the library at one prior standard deviation each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+from analysis.robot.kinematics.arm import Array
+from analysis.robot.model.predict import Model, model_of, moved, visits
+from rigs.calibration import effects_of, is_sine, sine_of
+from rigs.effects import VOCABULARY, Effect
+from rigs.rig import Rig
+from rigs.schema.effect import Scope, healthy, phases, scaled, size_field
+
+Group = Literal["constants", "gravity", "curves"]
+GROUPS: tuple[Group, ...] = ("constants", "gravity", "curves")
+_ORDERS = (1, 2, 3, 4, 5, 6)
+"""Orders of the sines of a joint's error over its angle, as in `rig moved`; their prior falls with the order."""
+_CURVE = 2.0
+"""Multiple of the usual amplitude for order 1: chosen, as strain-wave gears are accurate to about an arc minute."""
+_OF_THE_BALL = ("q_deg", "d_mm")
+"""Constants of the last axis that only move the ball."""
+_STEP = 0.01
+"""Step of a derivative, as a share of a prior standard deviation."""
+
+
+@dataclass(frozen=True)
+class Term:
+    """An effect at one prior standard deviation, and its group."""
+
+    effect: Effect
+    group: Group
+
+
+@dataclass(frozen=True)
+class PairArm:
+    """An arm of a pair with its unknown terms."""
+
+    rig: Rig
+    terms: tuple[Term, ...]
+
+    @cached_property
+    def model(self) -> Model:
+        """The model of the rig file."""
+        return model_of(self.rig)
+
+    @property
+    def axes(self) -> int:
+        """The number of axes."""
+        return self.model.arm.axes
+
+    def poses(self, q: Array, times: Array) -> Array:
+        """Return the poses (n, 4, 4) of the tool in the world at reported angles q (n, axes) rad, for multiples
+        (terms,) of the terms."""
+        added = effects_of([(term.effect, value) for term, value in zip(self.terms, times.tolist(), strict=True)])
+        return moved(replace(self.model, effects=(*self.model.effects, *added)), visits(q)).T
+
+    def slopes(self, q: Array, times: Array, point_mm: Array) -> Array:
+        """Return the change (n, 3, terms) mm in the world of a point (n, 3) mm of the tool for one prior standard
+        deviation of each term, about multiples (terms,)."""
+        begin = tool_points(self.poses(q, times), point_mm)
+        columns = np.empty((len(q), 3, len(self.terms)))
+        for k in range(len(self.terms)):
+            step = times.copy()
+            step[k] += _STEP
+            columns[:, :, k] = (tool_points(self.poses(q, step), point_mm) - begin) / _STEP
+        return columns
+
+
+def tool_points(T: Array, point_mm: Array) -> Array:
+    """Return the places (n, 3) mm in the world of points (n, 3) or (3,) mm of a tool at poses T (n, 4, 4)."""
+    points: Array = T[:, :3, 3] + np.einsum("nij,nj->ni", T[:, :3, :3], np.broadcast_to(point_mm, (len(T), 3)))
+    return points
+
+
+def arm_terms(rig: Rig) -> tuple[Term, ...]:
+    """Return the unknown terms of an arm: zeros and link constants, compliance, and curves of each joint.
+
+    Constants that only move the base frame or the ball are left out: all of axis 1, the zero and d of the last axis.
+    """
+    axes, build = rig.robot.axes, rig.robot.built
+    scope = Scope(False, (), tuple(axis.alpha_deg for axis in axes), (1.0,) * len(axes), False, rig.robot.payload_kg)
+    forms = [form for cls in VOCABULARY.values() for seat in cls.forms(scope) for form in seat]
+    grouped = [(group, form) for group in GROUPS for form in forms if _group_of(form, rig) == group]
+    usual = [(group, scaled(healthy(form), form.usual_times(build))) for group, form in grouped]
+    return tuple(
+        Term(sine, group)
+        for group, effect in usual
+        for sine in (phases(scaled(effect, _CURVE / _order(effect))) if group == "curves" else (effect,))
+    )
+
+
+def _group_of(form: Effect, rig: Rig) -> Group | None:
+    """Return the group of a form, None if touches of two arms do not show it or a fit would adjust its shape."""
+    if form.STAGE not in ("arm", "joint") or (form.STRETCHED and not is_sine(form)):
+        return None
+    if constant := form.compensation().constant:
+        axis, key = constant
+        is_of_a_frame = axis == 1 or (axis == len(rig.robot.axes) and key in _OF_THE_BALL)
+        return None if is_of_a_frame else "constants"
+    if is_sine(form):
+        return "curves" if _order(form) in _ORDERS else None
+    has_masses = rig.robot.payload_kg > 0 or any(joint.mass_kg for joint in rig.robot.axes)
+    return "gravity" if form.STAGE == "joint" and form.part == "gravity" and has_masses else None
+
+
+def _order(form: Effect) -> float:
+    return sine_of(form)[1]
+
+
+def scale_shares(arm: PairArm) -> Array:
+    """Return the multiples (terms,) by which the lengths of an arm are one thousandth larger."""
+    shares = np.zeros(len(arm.terms))
+    for k, term in enumerate(arm.terms):
+        constant = term.effect.compensation().constant
+        if constant and constant[1].endswith("_mm"):
+            length_mm = float(getattr(arm.rig.robot.axes[constant[0] - 1], constant[1]))
+            shares[k] = 1e-3 * length_mm / float(getattr(term.effect, size_field(term.effect)))
+    return shares

@@ -1,0 +1,129 @@
+"""Touches of two arms: the joint angles of both, and the socket that was touched."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.intake.raw_table import RawTable, layout_of, read_raw, text_of
+from analysis.intake.read import read_whole
+from analysis.robot.kinematics.arm import Array, Integers, Mask
+from analysis.runs.table_layout import SOCKET, joint_columns, second_joint_columns
+from rigs.errors import FileError
+from rigs.rig import Rig
+from rigs.schema.vocabulary import MOST_AXES
+
+FEWEST = 12
+"""Fewest touches: their 36 gaps exceed the 12 numbers of transform, ball and socket by those of the largest
+constants."""
+_LARGEST_DEG = 1000.0
+"""Largest joint angle: no controller counts beyond three turns."""
+_FULL_TURN = 2 * np.pi
+"""Joints of an arm that all stay within a turn in radians are in radians: in degrees they would hardly have moved."""
+_MOVED_RAD = float(np.radians(5.0))
+"""Range of its joints below which an arm stood still. Chosen: far above noise, far below any useful plan."""
+
+
+@dataclass(frozen=True)
+class PairTable:
+    """Touches: q (n, axes) rad of the first arm, p (n, axes) rad of the second, NaN if the socket is fixed in the cell;
+    socket (n,); row (n,) from 1."""
+
+    q: Array
+    p: Array
+    socket: NDArray[np.str_]
+    row: Integers
+
+    @property
+    def is_mounted(self) -> Mask:
+        """Whether each socket (n,) is on the second arm."""
+        return np.asarray(~np.isnan(self.p).any(axis=1), dtype=bool)
+
+    def rows(self, keep: Mask) -> PairTable:
+        """Return the touches of a mask (n,)."""
+        return PairTable(*(getattr(self, field.name)[keep] for field in fields(self)))
+
+
+def read_pair_table(path: Path, first: Rig, second: Rig) -> PairTable:
+    """Read a table of touches of two arms. Raises FileError for missing columns, radians, too few touches, an arm that
+    stood still, or a socket that is both fixed and mounted."""
+    where = str(path)
+    lines, text_layout = text_of(read_whole(path), where)
+    raw = read_raw(lines, layout_of(lines, text_layout.encoding, where), where)
+    q = _angles(raw, joint_columns(MOST_AXES), len(first.robot.axes), first.name, may_be_empty=False)
+    p = _angles(raw, second_joint_columns(MOST_AXES), len(second.robot.axes), second.name, may_be_empty=True)
+    rows = np.arange(1, len(q) + 1)
+    table = PairTable(np.radians(q), np.radians(p), _sockets(raw, first, len(q)), rows)
+    check_pair_table(table, where, first.name, second.name)
+    return table
+
+
+def check_pair_table(table: PairTable, where: str, first: str, second: str) -> None:
+    """Raise FileError for too few touches, an arm that stood still, or a socket that is both fixed and mounted."""
+    mounted = table.is_mounted
+    twofold = sorted(set(table.socket[mounted]) & set(table.socket[~mounted]))
+    if twofold:
+        problem = f"socket {twofold[0]} is on the second arm in some rows and fixed in others"
+        raise FileError(where, problem, "give fixed sockets names of their own")
+    if mounted.sum() < FEWEST:
+        problem = f"has {mounted.sum()} touches with both arms, and at least {FEWEST} are needed"
+        raise FileError(where, problem, "touch in 40 or more postures of both arms (rig pair … --plan 40)")
+    for joints, names, arm in ((table.q, joint_columns, first), (table.p[mounted], second_joint_columns, second)):
+        if _is_still(joints):
+            columns = names(joints.shape[1])
+            problem = f"{columns[0]} … {columns[-1]} are the same in all rows: {arm} stood still"
+            raise FileError(where, problem, "move both arms between touches; for a fixed socket use rig diagnose")
+
+
+def _is_still(joints: Array) -> bool:
+    """Return whether no joint (n, axes) turned, in rad or in degrees that are taken for rad."""
+    moved = joints[~np.isnan(joints).any(axis=1)]
+    return not len(moved) or bool(np.ptp(moved, axis=0).max() < _MOVED_RAD)
+
+
+def _angles(raw: RawTable, names: tuple[str, ...], axes: int, arm: str, *, may_be_empty: bool) -> Array:
+    """Return the joint columns (n, axes) of an arm in degrees; NaN for empty rows, if these may be."""
+    present = [name for name in names if name in raw.names]
+    needed = names[:axes]
+    if missing := [name for name in needed if name not in present]:
+        problem = f"lacks the columns {missing[0]} … {missing[-1]}" if len(missing) > 1 else f"lacks {missing[0]}"
+        raise FileError(raw.where, f"{problem} of {arm} ({axes} axes)", "add the joint angles in degrees")
+    if len(present) > axes:
+        problem = f"has {present[-1]}, and {arm} has {axes} axes"
+        raise FileError(raw.where, problem, "give first the rig file of the arm whose joints are q1_deg …")
+    angles = np.stack([_column(raw, name, may_be_empty=may_be_empty) for name in needed], axis=1)
+    numbers = angles[~np.isnan(angles)]
+    if len(numbers) and np.abs(numbers).max() <= _FULL_TURN and not _is_still(angles):
+        problem = f"has {needed[0]} … {needed[-1]} within ±6.3, which look like radians"
+        raise FileError(raw.where, problem, "multiply them by 57.29578")
+    partly = np.isnan(angles).any(axis=1) & ~np.isnan(angles).all(axis=1)
+    if partly.any():
+        line = int(raw.lines[np.argmax(partly)])
+        problem = f"line {line}: some of {needed[0]} … {needed[-1]} are empty"
+        raise FileError(raw.where, problem, "give all of them, or none if the socket is fixed in the cell")
+    return angles
+
+
+def _column(raw: RawTable, name: str, *, may_be_empty: bool) -> Array:
+    cells = [cell.strip() for cell in raw.cells[name].to_pylist()]
+    values = np.empty(len(cells))
+    for k, cell in enumerate(cells):
+        try:
+            values[k] = float(cell.replace(",", ".") if raw.decimal_comma else cell) if cell else np.nan
+        except ValueError:
+            values[k] = np.inf
+        if (not cell and not may_be_empty) or (cell and not abs(values[k]) <= _LARGEST_DEG):
+            problem = f"line {raw.lines[k]}: {name} is {cell!r}, which is no joint angle in degrees"
+            raise FileError(raw.where, problem, "correct the cell, or remove the row")
+    return values
+
+
+def _sockets(raw: RawTable, first: Rig, count: int) -> NDArray[np.str_]:
+    column = next((name for name in raw.names if name.strip().lower() == SOCKET), None)
+    if column is not None:
+        return np.array([cell.strip() for cell in raw.cells[column].to_pylist()], dtype=np.str_)
+    declared = first.tests.touch.sockets if first.tests.touch else ()
+    return np.full(count, declared[0] if declared else "A")

@@ -1,0 +1,245 @@
+"""Result of a pair: constants of both arms, the transform between their bases, the scale, and what is not testable."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from analysis.pair.arm_terms import scale_shares
+from analysis.pair.fit_pair import FittedPair
+from analysis.pair.linear_gap import LinearGaps, Pair, PairState
+from analysis.pair.posterior import PairPosterior
+from analysis.robot.kinematics.arm import Array, roll_pitch_yaw
+from rigs.schema.effect import size_field
+from rigs.schema.part import Vector
+
+_SHOWN = 0.5
+"""Share of the prior standard deviation below which the u of a constant counts as measured. Chosen: the readings then
+contribute three quarters of the information."""
+_RIG_DIGITS = 6
+
+
+@dataclass(frozen=True)
+class PairConstant:
+    """Correction of a constant: nominal + value ± u, in the unit of its key in the rig file. is_shown: whether the
+    touches measure it, or its u is mostly the prior."""
+
+    arm: str
+    axis: int
+    key: str
+    symbol: str
+    value: float
+    u: float
+    is_shown: bool
+
+    @property
+    def unit(self) -> str:
+        """mm or °."""
+        return "mm" if self.key.endswith("_mm") else "°"
+
+
+@dataclass(frozen=True)
+class BaseTransform:
+    """Base of the second arm in that of the first: place, fixed-axis roll, pitch and yaw, with standard uncertainties;
+    work_mm: middle of the touches in the first base, where the second arm's frame is known to u_work_mm."""
+
+    xyz_mm: Vector
+    rpy_deg: Vector
+    u_xyz_mm: Vector
+    u_rotation_deg: Vector
+    distance_mm: float
+    u_distance_mm: float
+    work_mm: Vector
+    u_work_mm: Vector
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Common scale of all lengths in ppm, with its standard uncertainty and that of the nominal lengths alone."""
+
+    ppm: float
+    u_ppm: float
+    prior_u_ppm: float
+    is_known: bool
+
+
+@dataclass(frozen=True)
+class NotTestable:
+    """Something that these touches do not show, of an arm or of both (empty), with the reason."""
+
+    arm: str
+    name: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class PairResult:
+    """Result of a pair. before_mm, left_mm: rms coordinate of the gap with nominal arms, and at touches predicted from
+    all others; odd: rows left out, with the distance in mm by which each is off."""
+
+    names: tuple[str, str]
+    touches: int
+    before_mm: float
+    left_mm: float
+    scatter_mm: float
+    unexplained_mm: tuple[float, float]
+    base: BaseTransform
+    scale: Scale
+    constants: tuple[PairConstant, ...]
+    ball_mm: Vector
+    u_ball_mm: Vector
+    sockets: dict[str, tuple[Vector, Vector]]
+    not_testable: tuple[NotTestable, ...]
+    odd: tuple[tuple[int, float], ...]
+    doubts: tuple[str, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the result as JSON has it."""
+        base = self.base
+        return {
+            "first": self.names[0], "second": self.names[1], "touches": self.touches, "before_mm": self.before_mm,
+            "left_mm": self.left_mm, "scatter_mm": self.scatter_mm,
+            "unexplained_mm": dict(zip(self.names, self.unexplained_mm, strict=True)),
+            "base": {
+                "xyz_mm": list(base.xyz_mm), "rpy_deg": list(base.rpy_deg), "u_xyz_mm": list(base.u_xyz_mm),
+                "u_rotation_deg": list(base.u_rotation_deg), "distance_mm": base.distance_mm,
+                "u_distance_mm": base.u_distance_mm, "work_mm": list(base.work_mm), "u_work_mm": list(base.u_work_mm),
+            },
+            "scale": {
+                "ppm": self.scale.ppm, "u_ppm": self.scale.u_ppm, "nominal_u_ppm": self.scale.prior_u_ppm,
+                "known": self.scale.is_known,
+            },
+            "constants": [
+                {"arm": constant.arm, "axis": constant.axis, "key": constant.key, "symbol": constant.symbol,
+                 "delta": constant.value, "u": constant.u, "shown": constant.is_shown}
+                for constant in self.constants
+            ],
+            "ball": {"xyz_mm": list(self.ball_mm), "u_mm": list(self.u_ball_mm)},
+            "sockets": {name: {"xyz_mm": list(at), "u_mm": list(u)} for name, (at, u) in self.sockets.items()},
+            "not_testable": [
+                {"arm": hidden.arm, "what": hidden.name, "reason": hidden.reason} for hidden in self.not_testable
+            ],
+            "left_out": [{"row": row, "off_mm": off} for row, off in self.odd], "doubts": list(self.doubts),
+        }  # fmt: skip
+
+
+def result_of(fit: FittedPair) -> PairResult:
+    """Return the result of a fit."""
+    pair, result = fit.pair, fit.posterior
+    sd = np.sqrt(np.diag(result.cov))
+    terms = sum(len(arm.terms) for arm in pair.arms)
+    names = (pair.first.rig.name, pair.second.rig.name)
+    constants = tuple(_constants(fit, sd))
+    scale = _scale(fit)
+    places = sd[terms + 9 :].reshape(-1, 3)
+    sockets = {
+        name: (_vector(at), _vector(u)) for (name, at), u in zip(fit.state.sockets_mm.items(), places, strict=True)
+    }
+    left_mm = float(np.sqrt(np.mean(result.left_mm**2)))
+    return PairResult(
+        names, len(pair.table.q), fit.nominal_rms_mm, left_mm, result.levels.scatter_mm, result.levels.unexplained_mm,
+        _base(fit), scale, constants, _vector(fit.state.ball_mm), _vector(sd[terms + 6 : terms + 9]), sockets,
+        tuple(_not_testable(fit, constants, scale)), fit.odd, tuple(_doubts(fit, left_mm)),
+    )  # fmt: skip
+
+
+def result_of_plan(pair: Pair, gaps: LinearGaps, state: PairState, expected: PairPosterior) -> PairResult:
+    """Return the result that touches not yet taken are expected to have."""
+    return result_of(FittedPair(pair, gaps, expected, state, (), 0.0))
+
+
+def _constants(fit: FittedPair, sd: Array) -> Iterator[PairConstant]:
+    k = 0
+    for arm in fit.pair.arms:
+        for term in arm.terms:
+            mean, u, prior = fit.posterior.mean[k], sd[k], fit.posterior.prior_sd[k]
+            k += 1
+            constant = term.effect.compensation().constant
+            if constant is None:
+                continue
+            unit = float(getattr(term.effect, size_field(term.effect)))
+            axis, key = constant[0], "offset_deg" if constant[1] == "q_deg" else constant[1]
+            value, u_value = float(mean * unit), float(u * unit)
+            symbol = f"{'zero' if key == 'offset_deg' else key.rpartition('_')[0]} of axis {axis}"
+            yield PairConstant(arm.rig.name, axis, key, symbol, value, u_value, bool(u < _SHOWN * prior))
+
+
+def _base(fit: FittedPair) -> BaseTransform:
+    first, second = (arm.model.arm.T_world_base for arm in fit.pair.arms)
+    inverse = np.linalg.inv(first)
+    T = inverse @ fit.state.T_first_second @ second
+    terms = sum(len(arm.terms) for arm in fit.pair.arms)
+    cov = fit.posterior.cov[terms : terms + 6, terms : terms + 6]
+    centre = fit.gaps.centre_mm
+    origin = (fit.state.T_first_second @ second)[:3, 3] - centre
+    R = inverse[:3, :3]
+    # The set-up turns about the middle of the work: its origin moves by the shift and by the turn times its distance.
+    at_base = R @ np.concatenate([np.eye(3), -np.cross(np.eye(3), origin)], axis=1)
+    u_base = at_base @ cov @ at_base.T
+    along = T[:3, 3] / max(float(np.linalg.norm(T[:3, 3])), 1e-9)
+    return BaseTransform(
+        _vector(T[:3, 3]), _vector(np.degrees(roll_pitch_yaw(T))), _vector(np.sqrt(np.diag(u_base))),
+        _vector(np.degrees(np.sqrt(np.diag(R @ cov[3:, 3:] @ R.T)))), float(np.linalg.norm(T[:3, 3])),
+        float(np.sqrt(along @ u_base @ along)), _vector(R @ centre + inverse[:3, 3]),
+        _vector(np.sqrt(np.diag(R @ cov[:3, :3] @ R.T))),
+    )  # fmt: skip
+
+
+def _scale(fit: FittedPair) -> Scale:
+    """Return the common scale: the mean of all lengths, weighted by their prior."""
+    shares = np.concatenate([scale_shares(arm) for arm in fit.pair.arms])
+    count = len(shares)
+    prior = fit.posterior.prior_sd[:count]
+    information = float(((shares / prior) ** 2).sum())
+    if information == 0.0:
+        return Scale(0.0, 0.0, 0.0, True)
+    weights = shares / prior**2 / information
+    ppm = 1000 * float(weights @ fit.posterior.mean[:count])
+    u = 1000 * float(np.sqrt(weights @ fit.posterior.cov[:count, :count] @ weights))
+    prior_u = 1000 / np.sqrt(information)
+    return Scale(ppm, u, float(prior_u), bool(u < _SHOWN * prior_u))
+
+
+def _not_testable(fit: FittedPair, constants: tuple[PairConstant, ...], scale: Scale) -> Iterator[NotTestable]:
+    if not scale.is_known:
+        reason = (
+            "all lengths times one factor leave every touch as it is; a known distance of two sockets fixes it "
+            "(tests.touch.distances)"
+        )
+        yield NotTestable("", f"scale of both arms, ± {scale.u_ppm:.0f} ppm by the nominal lengths", reason)
+    for arm, holds in zip(fit.pair.arms, ("ball", "socket"), strict=True):
+        yield NotTestable(arm.rig.name, "constants and zero of axis 1", "they move only the frame of its base")
+        last = f"zero and d of axis {arm.axes}"
+        yield NotTestable(arm.rig.name, last, f"they move only the place of the {holds} on the flange")
+        weak = [it.symbol for it in constants if it.arm == arm.rig.name and not it.is_shown]
+        if weak:
+            reason = "these postures hardly show each of them alone; their u is mostly what is usual for such an arm"
+            yield NotTestable(arm.rig.name, ", ".join(weak), reason)
+        if not any(term.group == "gravity" for term in arm.terms):
+            reason = "its rig file has no masses"
+            yield NotTestable(arm.rig.name, "deflection of the joints under load", reason)
+
+
+def _doubts(fit: FittedPair, left_mm: float) -> Iterator[str]:
+    for row, off in fit.odd:
+        yield f"row {row} does not fit the others by {off:.2f} mm and is left out: was the ball seated?"
+    if left_mm >= fit.nominal_rms_mm:
+        yield "the calibrations predict touches no better than the nominal arms: touch in more postures"
+    for arm, joints in ((fit.pair.first, fit.pair.table.q), (fit.pair.second, fit.pair.table.p)):
+        still = [str(axis) for axis, turn in enumerate(np.nanmax(joints, axis=0) - np.nanmin(joints, axis=0), start=1)
+                 if turn < _STILL_RAD]  # fmt: skip
+        if still:
+            yield f"{arm.rig.name}: axis {', '.join(still)} hardly turned, so its constants are not shown"
+
+
+_STILL_RAD = float(np.radians(20.0))
+"""Range below which an axis hardly turned. Chosen: a third of a radian changes the lever of an error by a few
+percent."""
+
+
+def _vector(values: Array) -> Vector:
+    x, y, z = (round(float(value), _RIG_DIGITS) for value in values)
+    return x, y, z

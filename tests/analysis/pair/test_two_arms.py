@@ -1,0 +1,317 @@
+"""Two arms that measure each other, on an independent world: fit, plan, tables, and the command from init to files."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from analysis import calibrated_arm
+from analysis.pair.arm_terms import PairArm, arm_terms
+from analysis.pair.fit_pair import FittedPair, fit_pair, pair_of, start
+from analysis.pair.linear_gap import PairState, linearise
+from analysis.pair.pair_table import PairTable, read_pair_table
+from analysis.pair.plan_touches import plan_touches
+from analysis.pair.posterior import expected_posterior
+from analysis.pair.postures import common_postures, is_clear
+from analysis.pair.result import PairResult, result_of, result_of_plan
+from analysis.robot.kinematics.arm import Array
+from analysis.runs.table_layout import joint_columns, second_joint_columns
+from rigs.errors import FileError
+from rigs.load import load
+from rigs.rig import Rig
+from rigs.schema.robot import Pose
+from tests.support.command_line import ran
+from tests.support.two_arm_cases import KNOWN, deviations, rig_of, touches_alone, touches_of_pair, with_fixed
+from tests.worlds import two_arms as world
+
+FIRST_BALL, SECOND_BALL = (60.0, 20.0, 90.0), (-50.0, 30.0, 70.0)
+SCATTER_MM = 0.05
+
+
+@cache
+def cell(second: world.Kind = world.IIWA, seed: int = 5) -> world.Cell:
+    return world.drawn_cell(world.UR10E, second, np.random.default_rng(seed))
+
+
+def rigs(second: world.Kind = world.IIWA) -> tuple[Rig, Rig]:
+    return rig_of(world.UR10E, "left", FIRST_BALL), rig_of(second, "right", SECOND_BALL)
+
+
+@cache
+def touches(count: int = 50) -> PairTable:
+    return touches_of_pair(cell(), count, SCATTER_MM, np.random.default_rng(7))
+
+
+@cache
+def fitted() -> FittedPair:
+    return fit_pair(pair_of(*rigs(), touches(), "touches.csv"))
+
+
+@cache
+def result() -> PairResult:
+    return result_of(fitted())
+
+
+def error_over_u(found: PairResult) -> Array:
+    """Return the deviation of the base (3,) in its standard uncertainties."""
+    off = np.array(found.base.xyz_mm) - cell().known_base[:3, 3]
+    return np.abs(off) / np.array(found.base.u_xyz_mm)
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The fit.
+
+
+def test_constants_and_base_are_within_their_uncertainty() -> None:
+    found = deviations(cell(), fitted(), np.random.default_rng(1))
+    z = np.array([value for values in found.z.values() for value in values])
+    assert 0.4 < np.sqrt(np.mean(z**2)) < 1.5
+    assert np.mean(np.abs(z) < 2) > 0.88
+    assert error_over_u(result()).max() < 3
+
+
+def test_both_arms_become_several_times_more_accurate() -> None:
+    error = deviations(cell(), fitted(), np.random.default_rng(1)).error
+    for arm in ("first", "second"):
+        assert error[f"{arm} place fitted"] < 0.3 * error[f"{arm} place nominal"]
+    assert result().left_mm < 0.15 * result().before_mm
+
+
+def test_the_columns_are_the_change_of_the_gap() -> None:
+    pair = pair_of(*rigs(), touches().rows(np.arange(50) < 15), "t")
+    state, _ = start(pair)
+    gaps = linearise(pair, state)
+    rng = np.random.default_rng(3)
+    step = np.where(gaps.group >= 0, 0.02, 0.02) * rng.normal(size=pair.unknowns)
+    terms = int((gaps.group >= 0).sum())
+    step[terms + 3 : terms + 6] *= 1e-3  # rad
+    moved, before = pair.gaps(state.moved(step, gaps.centre_mm))[0], pair.gaps(state)[0]
+    change = (moved - before).ravel()
+    assert np.abs(change - gaps.columns @ step).max() < 1e-3 * np.abs(change).max()
+
+
+def test_arms_of_four_and_five_axes_are_fitted() -> None:
+    for kind in (world.FOUR, world.FIVE):
+        drawn = world.drawn_cell(world.UR10E, kind, np.random.default_rng(2))
+        table = touches_of_pair(drawn, 30, SCATTER_MM, np.random.default_rng(2))
+        fit = fit_pair(pair_of(*rigs(kind), table, "t"))
+        found = result_of(fit)
+        off = np.array(found.base.xyz_mm) - drawn.known_base[:3, 3]
+        assert (np.abs(off) < 4 * np.array(found.base.u_xyz_mm)).all()
+        assert found.left_mm < 0.3 * found.before_mm
+
+
+def test_a_ball_that_was_not_seated_is_left_out() -> None:
+    table = touches()
+    q = table.q.copy()
+    q[17, 1] += np.radians(0.5)  # some 8 mm
+    fit = fit_pair(pair_of(*rigs(), replace(table, q=q), "t"))
+    assert [row for row, _ in fit.odd] == [18]
+    assert any("row 18" in doubt for doubt in result_of(fit).doubts)
+    assert fit.state.T_first_second == pytest.approx(fitted().state.T_first_second, abs=0.3)
+
+
+def test_rows_of_other_touches_are_refused() -> None:
+    table = touches()
+    with pytest.raises(FileError, match="mm apart in its rows"):
+        fit_pair(pair_of(*rigs(), replace(table, p=np.roll(table.p, 1, axis=0)), "t"))
+
+
+def test_a_rail_is_refused() -> None:
+    left, right = rigs()
+    railed = left.model_copy(update={"robot": left.robot.model_copy(update={"rail": object()})})
+    with pytest.raises(FileError, match="rail"):
+        pair_of(railed, right, touches(), "t")
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The scale.
+
+
+def test_the_scale_of_both_arms_is_not_testable() -> None:
+    found = result()
+    assert not found.scale.is_known
+    assert found.scale.u_ppm == pytest.approx(found.scale.prior_u_ppm, rel=0.3)
+    assert "scale" in found.not_testable[0].name
+
+
+def test_a_known_distance_of_fixed_sockets_fixes_the_scale() -> None:
+    fixed = touches_alone(cell().first, 7, 24, SCATTER_MM, np.random.default_rng(11))
+    both, left = with_fixed(touches(), fixed), rig_of(world.UR10E, "left", FIRST_BALL, KNOWN)
+    found = result_of(fit_pair(pair_of(left, rigs()[1], both, "t")))
+    assert found.scale.is_known
+    assert found.base.u_distance_mm < 0.5 * result().base.u_distance_mm
+    assert error_over_u(found).max() < 3.5
+    assert "scale" not in found.not_testable[0].name
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The plan.
+
+
+def placed_rigs(apart_mm: float = 1500.0) -> tuple[Rig, Rig]:
+    left, right = rigs()
+    base = Pose(xyz_mm=(apart_mm, 0.0, 0.0), rpy_deg=(0.0, 0.0, 180.0))
+    return left, right.model_copy(update={"robot": right.robot.model_copy(update={"base": base})})
+
+
+def test_planned_touches_seat_the_ball_within_limits_and_show_more_than_random_ones() -> None:
+    left, right = placed_rigs()
+    planned = plan_touches(left, right, 20, "t")
+    table = planned.table
+    tips = []
+    for kind, joints, ball in ((world.UR10E, table.q, FIRST_BALL), (world.IIWA, table.p, SECOND_BALL)):
+        arm = world.nominal_arm(kind, np.array(ball))
+        tips.append(arm.tip_and_slope(joints)[0])
+        assert (np.abs(joints) <= np.radians([170 if kind is world.IIWA else 180] * kind.axes)).all()
+    there = np.array([1500.0, 0.0, 0.0]) + tips[1] * np.array([-1.0, -1.0, 1.0])
+    assert np.abs(tips[0] - there).max() < 0.01
+    arms = PairArm(left, ()).model.arm, PairArm(right, ()).model.arm
+    assert is_clear(arms, table.q, table.p, tips[0]).all()
+    random = common_postures(arms, (np.array(FIRST_BALL), np.array(SECOND_BALL)), 20, np.random.default_rng(4), "t")
+    table = PairTable(random.q, random.p, np.full(20, "A"), np.arange(1, 21))
+    pair, zeros = pair_of(left, right, table, "t"), [np.zeros(len(arm_terms(rig))) for rig in (left, right)]
+    state = PairState((zeros[0], zeros[1]), np.eye(4), np.array(FIRST_BALL), {"A": np.array(SECOND_BALL)})
+    gaps = linearise(pair, state)
+    by_chance = result_of_plan(pair, gaps, state, expected_posterior(gaps))
+    u = [[one.u for one in found.constants] for found in (planned.expected, by_chance)]
+    assert np.log(np.divide(*u)).mean() < np.log(0.95)
+    assert max(planned.expected.base.u_work_mm) < max(by_chance.base.u_work_mm) * 1.01
+
+
+def test_arms_that_do_not_reach_each_other_are_refused() -> None:
+    with pytest.raises(FileError, match="meet in 0 postures, with the bases 4000 mm apart"):
+        plan_touches(*placed_rigs(4000.0), 20, "t")
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The table.
+
+
+def written(path: Path, table: PairTable, names: tuple[str, ...] | None = None) -> Path:
+    names = names or (*joint_columns(table.q.shape[1]), *second_joint_columns(table.p.shape[1]))
+    rows = np.degrees(np.concatenate([table.q, table.p], axis=1))
+    lines = [",".join(["socket", *names])]
+    lines += [",".join([socket, *("" if np.isnan(v) else f"{v:.5f}" for v in row)]) for socket, row in
+              zip(table.socket.tolist(), rows, strict=True)]  # fmt: skip
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def test_a_table_is_read_as_it_was_written(tmp_path: Path) -> None:
+    read = read_pair_table(written(tmp_path / "t.csv", touches()), *rigs())
+    assert read.q == pytest.approx(touches().q, abs=1e-6)
+    assert read.p == pytest.approx(touches().p, abs=1e-6)
+    assert read.is_mounted.all()
+
+
+def still(table: PairTable) -> PairTable:
+    return replace(table, p=np.tile(table.p[:1], (len(table.p), 1)))
+
+
+def half_empty(table: PairTable) -> PairTable:
+    p = table.p.copy()
+    p[4, 2] = np.nan
+    return replace(table, p=p)
+
+
+def mixed(table: PairTable) -> PairTable:
+    p = table.p.copy()
+    p[4] = np.nan
+    return replace(table, p=p)
+
+
+@pytest.mark.parametrize(
+    ("change", "problem"),
+    [
+        (still, "p1_deg … p7_deg are the same in all rows: right stood still"),
+        (lambda t: replace(t, q=np.radians(t.q), p=np.radians(t.p)), "look like radians"),
+        (lambda t: replace(t, p=np.radians(t.p)), "p1_deg … p7_deg within ±6.3, which look like radians"),
+        (lambda t: t.rows(np.arange(len(t.q)) < 8), "has 8 touches with both arms, and at least 12"),
+        (lambda t: replace(t, p=np.full_like(t.p, np.nan)), "has 0 touches with both arms"),
+        (lambda t: replace(t, p=t.p[:, :5]), "lacks the columns p6_deg … p7_deg of right"),
+        (lambda t: replace(t, q=np.column_stack([t.q, t.q[:, :1]])), "has q7_deg, and left has 6 axes"),
+        (half_empty, "line 6: some of p1_deg … p7_deg are empty"),
+        (mixed, "socket A is on the second arm in some rows and fixed in others"),
+    ],
+)
+def test_a_wrong_table_is_refused_in_one_line(tmp_path: Path, change, problem: str) -> None:  # type: ignore[no-untyped-def]
+    path = written(tmp_path / "t.csv", change(touches()))
+    with pytest.raises(FileError) as error:
+        read_pair_table(path, *rigs())
+    assert problem in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The command, from rig init to both files and the transform of the bases.
+
+
+def test_from_init_to_both_calibrations_and_the_base(tmp_path: Path) -> None:
+    for name, arm, ball in (("left", "ur10e", "60,20,90"), ("right", "kuka-lbr-iiwa-14", "-50,30,70")):
+        made = ran("init", f"{name}.yaml", "--measured-by", "arm", "--arm", arm, f"--tool={ball}", cwd=tmp_path)
+        assert made.returncode == 0, made.stderr
+        assert "rig pair" in made.stdout
+    written(tmp_path / "touches.csv", touches())
+    done = ran("pair", "left.yaml", "right.yaml", "touches.csv", "-o", "calibrated", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    off = np.array(found["base"]["xyz_mm"]) - cell().known_base[:3, 3]
+    assert (np.abs(off) < 3 * np.array(found["base"]["u_xyz_mm"])).all()
+    assert {one["what"] for one in found["not_testable"]} >= {"zero and d of axis 6", "zero and d of axis 7"}
+    assert json.loads((tmp_path / "calibrated/pair.json").read_text()) == found
+    right, _ = load(tmp_path / "calibrated/right.yaml")
+    assert right.robot.base.xyz_mm == pytest.approx(found["base"]["xyz_mm"], abs=1e-5)
+    meets = []
+    for name, joints in (("left", touches().q), ("right", touches().p)):
+        rig, _ = load(tmp_path / f"calibrated/{name}.yaml")
+        assert rig.calibrated is not None and rig.tests.touch is not None
+        poses = calibrated_arm(rig).forward(np.degrees(joints))
+        meets.append(poses.T[:, :3, 3] + poses.T[:, :3, :3] @ np.array(rig.tests.touch.ball_mm))
+        assert np.isfinite(poses.u_mm).all()
+    # Both files put ball and socket at one place in one world.
+    assert np.sqrt(np.mean((meets[0] - meets[1]) ** 2)) < 0.1
+    again = ran("pair", "left.yaml", "right.yaml", "touches.csv", "-o", "calibrated", cwd=tmp_path)
+    assert again.returncode == 3 and "exists already" in again.stderr
+    twice = ran("pair", "left.yaml", "calibrated/right.yaml", "touches.csv", cwd=tmp_path)
+    assert twice.returncode == 3 and "has a calibration already" in twice.stderr
+
+
+def test_a_plan_and_drawn_touches_lead_to_a_calibration(tmp_path: Path) -> None:
+    arms, base = ("ur10e", "kuka-lbr-iiwa-14"), ("--base", "1500,0,0,0,0,180")
+    made = ran("pair", *arms, "--plan", "30", *base, "--simulate", "2", "-o", "t.csv", cwd=tmp_path)
+    assert made.returncode == 0, made.stderr
+    drawn = [float(x) for x in made.stderr.split(" at ")[1].split(" mm")[0].split(",")]
+    done = ran("pair", *arms, "t.csv", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "not testable" in done.stdout and "predicted from the others" in " ".join(done.stdout.split())
+    found = json.loads(ran("pair", *arms, "t.csv", "--json", cwd=tmp_path).stdout)
+    assert np.abs(np.array(found["base"]["xyz_mm"]) - drawn).max() < 3.5 * max(found["base"]["u_xyz_mm"])
+
+
+def test_a_table_of_two_arms_is_no_table_of_a_fixed_socket(tmp_path: Path) -> None:
+    written(tmp_path / "t.csv", touches())
+    done = ran("import", "t.csv", "--rig", "ur10e", "--test", "touch", "-o", "run", cwd=tmp_path)
+    assert done.returncode == 3 and "rig pair FIRST SECOND t.csv" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "problem"),
+    [
+        (("ur10e", "kuka-lbr-iiwa-14"), 2, "either a table of touches or --plan"),
+        (("ur10e", "kuka-lbr-iiwa-14", "t.csv", "--base", "1,2,3"), 2, "--base: is allowed only with --plan"),
+        (("ur10e", "kuka-lbr-iiwa-14", "--plan", "20"), 3, "base where the first arm has its own"),
+        (("ur10e", "kuka-lbr-iiwa-14", "--plan", "20", "--base", "1,2"), 2, "'1,2' is no pose"),
+        (("ur10e", "ur10e", "t.csv"), 3, "has the name"),
+        (("ur10e", "kuka-lbr-iiwa-14", "none.csv"), 3, "none.csv"),
+    ],
+)
+def test_wrong_use_is_one_line(tmp_path: Path, words: tuple[str, ...], code: int, problem: str) -> None:
+    done = ran("pair", *words, cwd=tmp_path)
+    assert (done.returncode, len(done.stderr.splitlines())) == (code, 1)
+    assert problem in done.stderr
