@@ -49,7 +49,7 @@ def test_a_robot_that_drives_undisturbed_gives_no_doubt() -> None:
         ({"speed_percent": (0, 100, 40)}, "speed was 40 % throughout; compare only"),
         (
             {"speed_percent": (60, 61, 97)},
-            "speed was 97 % from 60.0 s on for 1.0 s, and not the same throughout; record",
+            "speed was 97 % from 60.0 s on for 1.0 s, and not the same throughout; repeat",
         ),
     ],
 )

@@ -233,7 +233,7 @@ def test_where_nothing_is_gained_no_program_is_written(effect: Effect, tmp_path:
     assert "next:" not in done.stderr and [file.name for file in out.iterdir()] == ["corrections.yaml"]
     assert yaml.safe_load((out / "corrections.yaml").read_text())["verdict"] == "nothing"
     assert ran("correct", cell, "--program", path, "-o", tmp_path / "anyway", "--anyway").returncode == 0
-    assert "written although rig says" in (tmp_path / "anyway" / "a.script").read_text()
+    assert "written although rig advises" in (tmp_path / "anyway" / "a.script").read_text()
     assert "next:" not in ran("correct", cell, "-o", tmp_path / "bare", "--anyway").stderr
 
 
