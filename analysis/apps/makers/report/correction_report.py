@@ -90,7 +90,7 @@ def _first(corrections: Corrections) -> str:
     work, of_work = corrections.work, texts_of("en").not_known(corrections.work.unknown)
     if all(support.use == "none" for support in corrections.effects) and work.model_um < GAIN_UM:
         head = f"Nothing of the tool's {work.before_um:.0f} µm over the work can be corrected"
-        return f"{head}; the table gives why.{of_work}"
+        return f"{head}; see the table.{of_work}"
     if corrections.at_controller:
         first = controller_report.first_sentence(corrections.at_controller, entered=corrections.entered)
         return first + _never_both(corrections) + of_work

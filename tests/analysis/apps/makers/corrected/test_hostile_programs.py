@@ -131,7 +131,9 @@ def test_an_arm_at_the_end_of_a_joint_or_out_of_reach_is_listed(tmp_path: Path) 
 
 
 def test_every_reason_completes_a_sentence() -> None:
-    assert all(why.split()[0].strip(",") in ("is", "has", "can", "would", "does") for why in WHY.values())
+    assert all(
+        why.split()[0].strip(",") in ("is", "has", "can", "may", "would", "does", "belongs") for why in WHY.values()
+    )
 
 
 def test_the_command_writes_the_program_beside_what_it_says(tmp_path: Path, cell: Path) -> None:
