@@ -130,12 +130,12 @@ def test_the_table_has_every_figure_of_every_run(work: Path) -> None:
     ("words", "line"),
     [
         (("nowhere",), "error: nowhere: no such directory; give the directory that holds the plant's runs"),
-        (("empty",), "error: empty: does not contain runs; give the directory that holds the plant's runs"),
-        (("plant", "--catalogue", "letter"), "error: letter: is not a catalogue of rig fleet; give another"),
+        (("empty",), "error: empty: contains no runs; give the directory that holds the plant's runs"),
+        (("plant", "--catalogue", "letter"), "error: letter: is not a catalogue of rig fleet; choose a different"),
         (("plant", "-o", "page.txt"), "error: page.txt: is not the name of a page; give --output FILE.html"),
         (("plant", "--parquet", "empty"), "error: empty: Is a directory; choose a different --parquet"),
-        (("plant", "--parquet", "letter"), "error: letter: exists already, and rig did not make it; give another"),
-        (("plant", "--parquet", "own.parquet"), "error: own.parquet: exists already, and rig did not make it; give"),
+        (("plant", "--parquet", "letter"), "error: letter: exists already, and rig did not make it; choose a different"),
+        (("plant", "--parquet", "own.parquet"), "error: own.parquet: exists already, and rig did not make it; choose"),
         (("plant", "--parquet", "letter/x"), "error: letter/x: Not a directory; choose a different --parquet"),
     ],
 )
