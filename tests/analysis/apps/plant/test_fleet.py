@@ -134,7 +134,7 @@ def test_the_table_has_every_figure_of_every_run(work: Path) -> None:
         (("plant", "--catalogue", "letter"), "error: letter: is not a catalogue of rig fleet; choose a different"),
         (("plant", "-o", "page.txt"), "error: page.txt: is not the name of a page; give --output FILE.html"),
         (("plant", "--parquet", "empty"), "error: empty: Is a directory; choose a different --parquet"),
-        (("plant", "--parquet", "letter"), "error: letter: exists already, and rig did not make it; choose a different"),
+        (("plant", "--parquet", "letter"), "error: letter: exists already, and rig did not make it; choose"),
         (("plant", "--parquet", "own.parquet"), "error: own.parquet: exists already, and rig did not make it; choose"),
         (("plant", "--parquet", "letter/x"), "error: letter/x: Not a directory; choose a different --parquet"),
     ],
