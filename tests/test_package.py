@@ -74,7 +74,7 @@ def test_example_writes_rig_files_that_are_good_and_takes_the_place_of_none(tmp_
     (tmp_path / "rigs" / "ur10.yaml").unlink()
     again = _run(RIG, "example", tmp_path / "rigs")
     assert (again.returncode, again.stdout) == (3, "")
-    remedy = "exists already; choose a different --output, or remove the old one first"
+    remedy = "exists already; choose a different --output, or remove it first"
     assert again.stderr == f"error: {tmp_path}/rigs/paper-errors.yaml: {remedy}\n"
     assert not (tmp_path / "rigs" / "ur10.yaml").exists()
 

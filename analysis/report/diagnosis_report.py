@@ -102,7 +102,7 @@ def hold_empty(directory: Path) -> None:
             raise FileError(
                 str(directory),
                 "exists already and is not empty",
-                "choose a different --output, or remove the old one first",
+                "choose a different --output, or remove it first",
             )
     except OSError as error:
         raise FileError(str(directory), error.strerror or str(error), "choose a different --output") from None

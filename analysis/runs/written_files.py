@@ -189,7 +189,7 @@ def _hold_free(path: Path) -> None:
 
 
 def _exists(path: Path) -> FileError:
-    return FileError(str(path), "exists already", "choose a different --output, or remove the old one first")
+    return FileError(str(path), "exists already", "choose a different --output, or remove it first")
 
 
 def write_parquet(table: pa.Table, file: BinaryIO) -> None:

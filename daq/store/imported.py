@@ -97,9 +97,7 @@ def write_table_run(run: Run, path: Path, companions: Mapping[str, bytes] | None
             finally:
                 durable.close(lock)
     except FileExistsError:
-        raise FileError(
-            str(path), "exists already", "choose a different --output, or remove the old one first"
-        ) from None
+        raise FileError(str(path), "exists already", "choose a different --output, or remove it first") from None
     except (OSError, pa.ArrowException) as error:
         problem = getattr(error, "strerror", None) or str(error).partition("\n")[0]
         remedy = durable.remedy(error, "make room or choose a different directory")

@@ -27,7 +27,7 @@ def init(
     measured_by: Annotated[
         MeasuredBy,
         typer.Option(
-            help="Instrument: gauges and a ball link, poses of a tracker, a ball in sockets, or a second arm that carries "
+            help="Instrument: gauges and a ball link, poses of a tracker, a ball in sockets, or a second arm with "
             "the socket; for arms of four, five and seven axes not gauges."
         ),
     ] = "gauges",

@@ -43,7 +43,7 @@ def test_a_table_without_an_arm_is_refused_in_a_line(folder: Path) -> None:
 
 def test_an_import_infers_its_test_and_says_it(folder: Path) -> None:
     done = ran("import", "poses.csv", "--arm", "ur5", "-o", "runs/poses", cwd=folder)
-    assert done.returncode == 0 and "poses.csv: a pose table, according to the columns" in done.stderr
+    assert done.returncode == 0 and "poses.csv: a pose table according to the columns" in done.stderr
     assert ran("analyse", "runs/poses", cwd=folder).returncode == 0
 
 

@@ -89,7 +89,7 @@ def test_where_no_run_measured_there_is_no_uncertainty(tmp_path: Path) -> None:
         found = calibrated_arm(rig).forward(q_deg)
         assert found.covered.tolist() == np.isfinite(found.u_mm).tolist() == known
         assert calibrated_arm(rig).inverse(found.T, near_deg=q_deg[0]).covered.tolist() == known
-        far = [words for words in corrected(rig, supports(rig), np.radians(q_deg)).doubts if "socket touched" in words]
+        far = [words for words in corrected(rig, supports(rig), np.radians(q_deg)).doubts if "touched socket" in words]
         assert [words.split(": ")[1].split()[0] for words in far] == (["2"] if changes.get("reach_mm") == 100 else [])
 
 

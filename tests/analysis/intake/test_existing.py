@@ -52,7 +52,7 @@ def test_what_records_something_is_never_replaced(tmp_path: Path, names: dict[st
     made, words = _twice(command, names, tmp_path / "out")
     again = ran(*words)
     assert again.returncode == 3 and again.stderr.endswith(
-        "exists already; choose a different --output, or remove the old one first\n"
+        "exists already; choose a different --output, or remove it first\n"
     )
     assert made and all(file.read_bytes() == data for file, data in made.items())
 

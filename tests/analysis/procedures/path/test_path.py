@@ -252,7 +252,7 @@ def test_a_spike_among_the_places_is_left_out_and_said(size_mm: float, count: in
     table = replace(sound, xyz_mm=xyz)
     found, truth = (path.evaluate(one, CUBE, None, "path") for one in (table, sound))
     assert found.notes[0].startswith(f"{count} of {len(xyz)} places {'is' if count == 1 else 'are'} wild: row")
-    assert str(row + 1) in found.notes[0] and "left out" in found.notes[0]
+    assert str(row + 1) in found.notes[0] and "ignored" in found.notes[0]
     for name in ("line_rt_mm", "line_at_mm", "circle_rt_mm"):
         assert found.figures[name].value == pytest.approx(truth.figures[name].value, abs=2e-3)
     assert not any("wild" in note or "repeat the one" in note for note in truth.notes)

@@ -44,7 +44,7 @@ def test_a_bad_target_is_named_and_left_out_and_no_other() -> None:
     for off in (4.0, -30.0):
         result = _radial(g + off * (TABLE.target == 12))
         assert list(result.cells.target[~result.used]) == [12]
-        assert "target 12 left out" in result.notes[0]
+        assert "target 12 ignored" in result.notes[0]
         assert result.figures["radius_mm"].value == pytest.approx(clean.figures["radius_mm"].value, abs=0.05)
     two = _radial(g + 4.0 * np.isin(TABLE.target, (12, 13)))
     assert set(two.cells.target[~two.used]) == {12, 13}
@@ -211,7 +211,7 @@ def test_what_targets_near_one_plane_do_not_determine_is_left_out_with_the_reaso
     result = _radial(planted.true_radial(TABLE)[rows], **part)
     assert not {"centre_z_mm", "radius_mm"} & result.figures.keys()
     assert {"centre_x_mm", "band_mm", "held_radius_mm"} <= result.figures.keys()
-    assert any(note.startswith("centre_z_mm, radius_mm left out") for note in result.notes)
+    assert any(note.startswith("centre_z_mm, radius_mm ignored") for note in result.notes)
 
 
 @pytest.mark.parametrize(
@@ -266,7 +266,7 @@ def test_repeatability_leaves_out_what_has_one_side_and_refuses_what_has_none() 
     part = {name: getattr(table, name)[keep] for name in ("target", "approach", "round", "t_s", "q", "g_mm")}
     result = repeatability.evaluate(dataclasses.replace(table, **part), 0.0005)
     assert list(result.targets) == [1, 3]
-    assert "target 2 left out" in result.notes[0]
+    assert "target 2 ignored" in result.notes[0]
     for said, changes in (
         ("the targets were not read twice from each side", {"approach": np.full(18, "out")}),
         ("is not a side", {"approach": np.full(18, "left")}),

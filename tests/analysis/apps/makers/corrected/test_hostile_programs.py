@@ -131,7 +131,9 @@ def test_an_arm_at_the_end_of_a_joint_or_out_of_reach_is_listed(tmp_path: Path) 
 
 
 def test_every_reason_completes_a_sentence() -> None:
-    assert all(why.split()[0].strip(",") in ("is", "has", "can", "would", "does") for why in WHY.values())
+    assert all(
+        why.split()[0].strip(",") in ("is", "has", "can", "may", "would", "does", "belongs") for why in WHY.values()
+    )
 
 
 def test_the_command_writes_the_program_beside_what_it_says(tmp_path: Path, cell: Path) -> None:
@@ -233,7 +235,7 @@ def test_where_nothing_is_gained_no_program_is_written(effect: Effect, tmp_path:
     assert "next:" not in done.stderr and [file.name for file in out.iterdir()] == ["corrections.yaml"]
     assert yaml.safe_load((out / "corrections.yaml").read_text())["verdict"] == "nothing"
     assert ran("correct", cell, "--program", path, "-o", tmp_path / "anyway", "--anyway").returncode == 0
-    assert "written although rig says" in (tmp_path / "anyway" / "a.script").read_text()
+    assert "written although rig advises" in (tmp_path / "anyway" / "a.script").read_text()
     assert "next:" not in ran("correct", cell, "-o", tmp_path / "bare", "--anyway").stderr
 
 
