@@ -72,7 +72,7 @@ class State:
             (len(self.without_figures), "without results"),
             (self.wild, "wild"),
             (self.copies, "copied"),
-            (self.corrected, "run with corrections, so they do not show the arm alone"),
+            (self.corrected, "driven with corrections, so they do not show the arm itself"),
         )
         return [*filter(None, [self.problem]), *(f"{count} {words}" for count, words in counts if count)]
 

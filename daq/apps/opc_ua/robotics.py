@@ -192,7 +192,7 @@ class _Client:
             return Reaction()
         note = response.Parameters.NotificationMessage
         if ended := [data for data in note.NotificationData or () if isinstance(data, ua.StatusChangeNotification)]:
-            raise Refused(f"{ended[0].Status.name} ended the subscription; reconnecting")
+            raise Refused(f"{ended[0].Status.name}, which ends the subscription; reconnecting")
         if values.stand_still(note):
             self._polls, self.due_ns = True, message.last_byte_ns
             return Reaction()

@@ -181,6 +181,6 @@ class RobotValues:
             if position.apart_s > _APART_S and not self._apart_reported:
                 self._apart_reported = True
                 detail = f"the server stamps the axes of a position up to {1e3 * position.apart_s:.1f} ms apart"
-                yield Fault(FaultKind.DOUBTFUL, at_ns, f"{detail}; the mean time is used")
+                yield Fault(FaultKind.DOUBTFUL, at_ns, f"{detail}; the midpoint is used")
             values = (*position.angles_deg, *condition)
             yield Sample(values, *stamps, message.size, position.clock_s, position.status)

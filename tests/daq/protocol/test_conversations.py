@@ -575,7 +575,7 @@ def test_a_datagram_holds_whole_lines_and_continues_nothing() -> None:
     script.receive(b"1000,1,2,3,4,5,6\r\n1010,1,2,3,4,5,6")
     assert [item.device_time_s for item in script.taken() if isinstance(item, Sample)] == [1.0, 1.01]
     script.receive(b"1020,1,2,3")
-    _fault(script, GARBLED, "4 fields where 7")
+    _fault(script, GARBLED, "4 fields instead of 7")
     script.receive(b"1030,1,2,3,4,5,6")
     assert len(script.taken()) == 1
 

@@ -214,7 +214,7 @@ def test_ild1420_takes_none_of_several_values() -> None:
     for k in range(1000):
         script.receive(value(30_000, further=True) + value(2000), k * S // 1000)
     faults = script.taken()
-    assert all(isinstance(item, Fault) and "distance alone" in item.detail for item in faults)
+    assert all(isinstance(item, Fault) and "only the distance" in item.detail for item in faults)
     assert len(faults) < 5
 
 

@@ -87,7 +87,7 @@ def test_a_message_in_pieces_and_two_in_one() -> None:
 @pytest.mark.parametrize(
     ("text", "kind", "words"),
     [
-        (published(name=["a"], position=[0.0]), FaultKind.MISSING, ("panda_joint1", "it has a", "`joints`")),
+        (published(name=["a"], position=[0.0]), FaultKind.MISSING, ("panda_joint1", "available: a", "`joints`")),
         (published(position=HALVES[:5]), FaultKind.MISSING, ("panda_joint6",)),
         (published(position=[None, *HALVES[1:]]), FaultKind.MISSING, ("panda_joint1",)),
         (published(position=[1e9, *HALVES[1:]]), FaultKind.GARBLED, ("angles",)),

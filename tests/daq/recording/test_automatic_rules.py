@@ -67,10 +67,16 @@ automatic:
     - {when: {signal: 5}, test: pose, still_s: 0}
 retention: {}"""
     problems = told(rules)
-    words = ["did you mean signal?", "has a direction", "no direction", "either signal, or", "both from_deg and to_deg"]
+    words = [
+        "did you mean signal?",
+        "needs a direction",
+        "no direction",
+        "either signal, or",
+        "both from_deg and to_deg",
+    ]
     words += [
         "give a more distant posture",
-        "'pose' is not known",
+        "'pose' is unknown",
         "greater than or equal to 0.2",
         "days, gigabytes or both",
     ]

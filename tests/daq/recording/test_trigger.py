@@ -77,7 +77,7 @@ def test_a_robot_that_drives_on_ends_the_run_too() -> None:
     robot.does(5, 1, deg_s=10)
     assert robot.does(9.5, 0, deg_s=10) == []
     (stop,) = robot.does(1, 0, deg_s=10)
-    assert isinstance(stop, StopRun) and "over for 10 s" in stop.why
+    assert isinstance(stop, StopRun) and "ended 10 s ago" in stop.why
 
 
 def test_the_next_lap_ends_the_one_before() -> None:

@@ -261,6 +261,6 @@ def test_a_lock_is_in_a_directory_that_nobody_else_writes(tmp_path: Path, mode: 
     place = tmp_path / "shared"
     place.mkdir()
     place.chmod(mode)
-    with pytest.raises(CellError, match="can be written by other users"):
+    with pytest.raises(CellError, match="is writable for other users"):
         lock(place / "cell.lock")
     assert not list(place.iterdir())

@@ -88,7 +88,7 @@ def test_a_stream_that_is_gone_is_missed(run: Path) -> None:
         forget_chunk(run, file.name)
     assert said(run).splitlines() == [
         "not whole",
-        "g1 holds 0 rows, and 20 samples were counted",
+        "g1 has 0 rows, but 20 samples were counted",
         "rows 0 to 19 of g1 are missing",
     ]
     assert CliRunner().invoke(app, ["verify", str(run)]).exit_code == 3
@@ -288,7 +288,7 @@ def test_an_old_run_reads_and_is_not_sealed(old: Path) -> None:
     [
         ("g1-0001.parquet", "rows 0 to 7 of g1 are missing"),
         ("g1-0002.parquet", "rows 8 to 15 of g1 are missing"),
-        ("g1-0003.parquet", "g1 holds 16 rows, and 20 samples were counted"),
+        ("g1-0003.parquet", "g1 has 16 rows, but 20 samples were counted"),
     ],
 )
 def test_an_old_run_misses_a_chunk_that_went_with_its_entry(old: Path, file: str, missed: str) -> None:

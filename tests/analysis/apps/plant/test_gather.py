@@ -266,7 +266,7 @@ def test_a_corrected_program_mends_no_arm() -> None:
         after = [run(day, 0.01, corrected) for day in range(11, 21)]
         found = state_of("runs", Collected("cell", (*as_it_is, *after), (), (), limits))
         assert (found.standing, found.trend, found.corrected) == ("fail", "", 10)
-        assert "10 run with corrections" in " ".join(found.doubts)
+        assert "10 driven with corrections" in " ".join(found.doubts)
         titles = [series.title for series in history_of(Collected("cell", (*as_it_is, *after), (), (), limits)).series]
         assert len(titles) == 2 and titles[0] == "yaw acw" and titles[1] != titles[0]
     mended = [run(day, 0.01) for day in range(11, 21)]

@@ -116,7 +116,7 @@ def test_a_robot_that_stands_with_stamps_that_stand_is_polled(robot: LibraryRobo
 def test_a_server_without_a_robot_says_so() -> None:
     with library_robot(names=()) as empty:
         missing = read_until(opc_ua(port=empty.port), faults, lambda: None)
-    assert "no MotionDeviceSystem" in faults(missing)[0].detail
+    assert "contains no MotionDeviceSystem" in faults(missing)[0].detail
 
 
 # --- the emulated server, in simulated time ---
@@ -173,12 +173,12 @@ SIX = {f"A{axis}": DEGREE for axis in range(1, 7)}
 @pytest.mark.parametrize(
     ("space", "changes", "words"),
     [
-        (Space(), {}, ("no MotionDeviceSystem", "node ids")),
-        (_space(), {}, ("no MotionDeviceSystem",)),
+        (Space(), {}, ("contains no MotionDeviceSystem", "node ids")),
+        (_space(), {}, ("contains no MotionDeviceSystem",)),
         (_space(**SIX, A7=DEGREE), {}, ("A7", "list six of them in `axes`")),
         (_space(Base=DEGREE, Shoulder=DEGREE), {}, ("Base, Shoulder", "`axes`")),
-        (_space(**SIX), {"axes": ("A1", "A2", "A3", "A4", "A5", "E1")}, ("no axis 'E1'", "A1, A2")),
-        (_space(**SIX | {"A2": CELSIUS}), {}, ("'A2'", "'°C'", "no angle")),
+        (_space(**SIX), {"axes": ("A1", "A2", "A3", "A4", "A5", "E1")}, ("axis 'E1' does not exist", "A1, A2")),
+        (_space(**SIX | {"A2": CELSIUS}), {}, ("'A2'", "'°C'", "not an angle")),
         (_space(**dict.fromkeys(SIX)), {}, ("unit of axis 'A1'", "`units`")),
         (_two_robots(), {}, ("Left, Right", "`device`")),
         (_two_robots(), {"device": "Middle"}, ("Left, Right",)),
