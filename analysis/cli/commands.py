@@ -73,6 +73,7 @@ JOBS = {
         "file.",
         "correct": "Write joint zeros, link constants, corrected targets and programs, each only where the effects "
         "support it.",
+        "postures": "Rank all postures that reach each target by their expected error, and choose the best sequence.",
         "versions": "List the calibrations of a robot, the newest first, or go back to one; rig compare shows how two "
         "differ.",
     },
@@ -114,7 +115,7 @@ _APPS = {
     **dict.fromkeys(("arms", "export"), "interchange"),
     **dict.fromkeys(("circle", "doctor", "init"), "commission"),
     **dict.fromkeys(("compare", "fleet", "history"), "plant"),
-    **dict.fromkeys(("correct", "plan", "program"), "makers"),
+    **dict.fromkeys(("correct", "plan", "postures", "program"), "makers"),
     **{name: name for name in ("emulate", "live", "paper", "parts", "session", "window")},
 }
 """The app that has a file of commands, as cli_FILE; the others are next to this file."""

@@ -19,7 +19,7 @@ from analysis.robot.kinematics.joint_limits import SAME_RAD, within_limits, wrap
 from analysis.robot.kinematics.newton import conditioning, newton
 from rigs.schema.vocabulary import DRIVEN_AXES
 
-_LEAST_CONDITIONING = 0.01
+LEAST_CONDITIONING = 0.01
 """Conditioning below which a posture counts as singular, as in the planning of poses (`pose_pool`)."""
 _TURN_RAD = np.radians(195.0)
 """Distance of a joint from the reference posture up to which whole turns are kept. Chosen: half a turn, and 15° more so
@@ -39,20 +39,20 @@ class Candidates:
     """Postures q (m, axes) rad, followed by the rail position in m, that reach targets (m,), sorted by target.
 
     `branch` (m,): 4 · shoulder + 2 · elbow + wrist, or NO_BRANCH. `conditioning` (m,): 0 is singular. `reasons`: why a
-    target has no posture.
+    target has no posture. Postures with the same `solution` (m,) differ by whole turns.
     """
 
     q: Array
     target: Integers
+    solution: Integers
     branch: Integers
     conditioning: Array
     reasons: dict[int, Reason]
 
     def of(self, rows: Mask | Integers) -> Candidates:
         """Return the postures of a mask or of indices."""
-        return Candidates(
-            self.q[rows], self.target[rows], self.branch[rows], self.conditioning[rows], self.reasons
-        )  # fmt: skip
+        own = (getattr(self, name)[rows] for name in ("q", "target", "solution", "branch", "conditioning"))
+        return Candidates(*own, self.reasons)
 
     def groups(self) -> Iterator[tuple[int, slice]]:
         """Yield each target with postures, and their rows."""
@@ -68,23 +68,25 @@ def find_candidates(arm: Arm, poses: Array, near: Array, rail_m: tuple[float, fl
     near: reference posture (axes,) rad for whole turns. rail_m: travel of a rail in m; its position is a free choice.
     """
     stands = [None] if rail_m is None or arm.rail is None else np.linspace(*rail_m, _STANDS).tolist()
-    parts, in_reach = [], np.zeros(len(poses), dtype=bool)
+    parts, in_reach, solutions = [], np.zeros(len(poses), dtype=bool), 0
     for stand in stands:
         at_stand = arm if stand is None else _standing(arm, stand)
         find = _branches if arm.axes == DRIVEN_AXES else _redundant
-        q, target, reached = find(at_stand, poses, near)
+        q, target, solution, reached = find(at_stand, poses, near)
         in_reach |= reached
-        parts.append((q if stand is None else np.column_stack([q, np.full(len(q), stand)]), target))
-    q, target = (np.concatenate(part) for part in zip(*parts, strict=True))
+        q = q if stand is None else np.column_stack([q, np.full(len(q), stand)])
+        parts.append((q, target, solution + solutions))
+        solutions += int(solution.max(initial=0)) + 1
+    q, target, solution = (np.concatenate(part) for part in zip(*parts, strict=True))
     order = np.argsort(target, kind="stable")
-    q, target = q[order], target[order].astype(np.int64)
+    q, target, solution = q[order], target[order], solution[order]
     regular = conditioning(arm, q) if len(q) else np.zeros(0)
-    clear = regular > _LEAST_CONDITIONING
+    clear = regular > LEAST_CONDITIONING
     reasons: dict[int, Reason] = {}
     for k in sorted(set(range(len(poses))) - set(target[clear].tolist())):
         reasons[k] = "singular" if (target == k).any() else "beyond_limits" if in_reach[k] else "unreachable"
     branch = branch_of(arm, poses[target], q)
-    return Candidates(q[clear], target[clear], branch[clear], regular[clear], reasons)
+    return Candidates(q[clear], target[clear], solution[clear], branch[clear], regular[clear], reasons)
 
 
 def branch_of(arm: Arm, poses: Array, q: Array) -> Integers:
@@ -105,8 +107,9 @@ def _standing(arm: Arm, stand_m: float) -> Arm:
     return replace(arm, T_world_base=T, rail=None)
 
 
-def _branches(arm: Arm, poses: Array, near: Array) -> tuple[Array, Integers, Mask]:
-    """Return the postures (m, 6) rad of a six-axis arm, their targets (m,), and a mask (n,) of poses in reach."""
+def _branches(arm: Arm, poses: Array, near: Array) -> tuple[Array, Integers, Integers, Mask]:
+    """Return the postures (m, 6) rad of a six-axis arm, their targets (m,), the number (m,) of the solution of which
+    each is a turn, and a mask (n,) of poses in reach."""
     solutions = inverse(arm, poses)
     target, slot = np.nonzero(solutions.found)
     q, row = within_limits(arm, solutions.q[target, slot])
@@ -114,11 +117,12 @@ def _branches(arm: Arm, poses: Array, near: Array) -> tuple[Array, Integers, Mas
     nearest = np.full(len(target), np.inf)
     np.minimum.at(nearest, row, away)
     kept = away <= np.maximum(_TURN_RAD, nearest[row] + SAME_RAD)
-    return q[kept], target[row[kept]], solutions.found.any(axis=1)
+    return q[kept], target[row[kept]].astype(np.int64), row[kept].astype(np.int64), solutions.found.any(axis=1)
 
 
-def _redundant(arm: Arm, poses: Array, near: Array) -> tuple[Array, Integers, Mask]:
-    """Return sampled postures (m, axes) rad of a redundant arm, their targets (m,), and a mask (n,) of poses in reach.
+def _redundant(arm: Arm, poses: Array, near: Array) -> tuple[Array, Integers, Integers, Mask]:
+    """Return sampled postures (m, axes) rad of a redundant arm, their targets (m,), a number (m,) of each, and a mask
+    (n,) of poses in reach.
 
     All poses have the same start values, so that neighbouring poses have neighbouring postures.
     """
@@ -131,7 +135,8 @@ def _redundant(arm: Arm, poses: Array, near: Array) -> tuple[Array, Integers, Ma
     q = low + np.mod(q - low, 2 * np.pi)  # the turn above the lower limit
     solved &= (q <= high).all(axis=1)
     q = np.where(solved[:, None], q, np.nan).reshape(len(poses), len(starts), arm.axes)
-    return *_thinned(q), in_reach
+    q, target = _thinned(q)
+    return q, target, np.arange(len(q)), in_reach
 
 
 def _thinned(q: Array) -> tuple[Array, Integers]:
@@ -142,4 +147,4 @@ def _thinned(q: Array) -> tuple[Array, Integers]:
             apart = np.abs(q[:, :slot] - q[:, slot, None]).max(axis=2)
         kept[:, slot] &= ~((apart < _SAME_SELF_MOTION_RAD) & kept[:, :slot]).any(axis=1)
     target, slot = np.nonzero(kept)
-    return q[target, slot], target
+    return q[target, slot], target.astype(np.int64)

@@ -6,14 +6,15 @@ motion of the arm and a shift of the tool are no error (`analysis.correction.wor
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import product
 from typing import Literal
 
 import numpy as np
 
-from analysis.correction.pose_uncertainty import PoseUncertainty, covered, pose_uncertainty
+from analysis.correction.pose_uncertainty import CalibratedUncertainty, PoseUncertainty, covered, pose_uncertainty
 from analysis.correction.support import supports, why_nothing
 from analysis.correction.work import (
     TaughtFrame,
@@ -25,8 +26,8 @@ from analysis.correction.work import (
     work_or_spread,
 )
 from analysis.postures.typical import typical_displacements, typical_play_rad
-from analysis.robot.kinematics.arm import Array, Integers, Mask, arm_of, forward, forward_and_jacobian
-from analysis.robot.model.predict import driven, model_of, visits
+from analysis.robot.kinematics.arm import Array, Integers, Mask, arm_of, blocks, forward, forward_and_jacobian
+from analysis.robot.model.predict import driven, model_of, stops
 from rigs.rig import Rig
 
 Knowledge = Literal["calibrated", "effects", "typical"]
@@ -40,8 +41,8 @@ _GROWN_RAD = np.radians(30.0)
 """Distance outside the range at which the growth is complete. Chosen: a usual range of taught postures."""
 _TAUGHT = 200
 """Most postures for teaching a frame. Chosen: six parameters do not improve with more."""
-_ROWS = 256
-"""Postures per block: 1500 terms at each need 10 MB."""
+_ROWS = 1024
+"""Postures per block: 1500 terms at each need 75 MB. Smaller blocks take more calls of each term."""
 _SAMPLE = 40
 """Postures at which effects of time are evaluated; they hardly depend on the posture."""
 
@@ -118,10 +119,13 @@ def knowledge_of(rig: Rig) -> Knowledge:
     return "effects" if any(effect.found for effect in rig.effects) else "typical"
 
 
-def expected_errors(rig: Rig, q: Array, taught: Array | None = None) -> PostureErrors:
+def expected_errors(
+    rig: Rig, q: Array, taught: Array | None = None, *, solution: Integers | None = None
+) -> PostureErrors:
     """Return the errors of postures q (m, axes) rad, followed by a rail position in m.
 
-    taught (k, axes): postures at which frame and tool are taught, the work of the rig unless given.
+    taught (k, axes): postures at which frame and tool are taught, the work of the rig unless given. solution (m,):
+    postures with the same number differ by whole turns, and share the uncertainty of the model.
     """
     knowledge = knowledge_of(rig)
     if knowledge == "typical":
@@ -138,27 +142,57 @@ def expected_errors(rig: Rig, q: Array, taught: Array | None = None) -> PostureE
     frame = TaughtFrame(at_taught)
     square = np.zeros(len(q))
     if knowledge != "typical":
-        square += _model_square(uncertainty, frame, taught, q, at_postures) * _growth(uncertainty, q) ** 2
+        first, of_all = unique(solution, len(q))
+        square += _model_square(uncertainty, frame, taught, q[first], at_postures[first])[of_all]
+        square *= _growth(uncertainty, q) ** 2
     if knowledge != "calibrated":
-        moves = typical_displacements(rig, np.concatenate([taught, q]))
-        rest = frame.rest(moves[:, len(taught) :], at_postures, frame.motions(moves[:, : len(taught)]))
-        square += (rest**2).sum(axis=(0, 2))
+        first, of_all = unique(solution, len(q))
+        moves = typical_displacements(rig, np.concatenate([taught, q[first]]))
+        rest = frame.rest(moves[:, len(taught) :], at_postures[first], frame.motions(moves[:, : len(taught)]))
+        square += np.einsum("kni,kni->n", rest, rest)[of_all]
     rising, falling = _plays(rig, q, typical=knowledge != "calibrated")
     square += _time_square(rig, q)
     inside = covered(uncertainty, q) if knowledge != "typical" else np.zeros(len(q), dtype=bool)
     return PostureErrors(error, np.sqrt(square), rising, falling, inside)
 
 
-def _model_square(
-    uncertainty: PoseUncertainty, frame: TaughtFrame, taught: Array, q: Array, poses: Array
-) -> Array:
+def unique(solution: Integers | None, count: int) -> tuple[Integers, Integers]:
+    """Return the first posture of each solution, and the place of each of `count` postures among them."""
+    numbers = np.arange(count) if solution is None else solution
+    _, first, of_all = np.unique(numbers, return_index=True, return_inverse=True)
+    return first, of_all
+
+
+def _model_square(uncertainty: PoseUncertainty, frame: TaughtFrame, taught: Array, q: Array, poses: Array) -> Array:
     """Return the variance (m,) mm² of positions in a taught frame by the model, with its unexplained error."""
-    motions = frame.motions(uncertainty.pose_displacements(taught)[:, :, :3])
     square = np.full(len(q), uncertainty.unexplained_mm**2)
-    for begin in range(0, len(q), _ROWS):
-        rows = slice(begin, begin + _ROWS)
-        moves = uncertainty.pose_displacements(q[rows])[:, :, :3]
-        square[rows] += (frame.rest(moves, poses[rows], motions) ** 2).sum(axis=(0, 2))
+    if isinstance(uncertainty, CalibratedUncertainty):
+        moves_at, factor = partial(_bare_derivatives, uncertainty), uncertainty.factor.T.astype(np.float32)
+        square += _rest_square(uncertainty.displacements_by_others, None, frame, taught, (q, poses))
+    else:
+        moves_at, factor = uncertainty.pose_displacements, None
+    return square + _rest_square(moves_at, factor, frame, taught, (q, poses))
+
+
+def _bare_derivatives(uncertainty: CalibratedUncertainty, q: Array) -> Array:
+    """Return derivatives (p, n, 6) about the nominal arm: effects are small, and evaluating them takes most time."""
+    return uncertainty.pose_derivatives(model_of(uncertainty.rig, ()), q)
+
+
+def _rest_square(
+    moves_at: Callable[[Array], Array], factor: Array | None, frame: TaughtFrame, taught: Array, at: tuple[Array, Array]
+) -> Array:
+    """Return the sum (m,) mm² of squared displacements at postures and their poses, after removing those of the frame.
+
+    moves_at: displacements (k, n, 6) at joint angles. factor (r, k): combines them, each one independent unless given.
+    """
+    q, poses = at
+    motions, square = frame.motions(np.ascontiguousarray(moves_at(taught)[:, :, :3])), np.zeros(len(q))
+    for rows in blocks(len(q), _ROWS):
+        moves = frame.rest(moves_at(q[rows])[:, :, :3], poses[rows], motions)
+        if factor is not None and len(moves):
+            moves = (factor @ moves.reshape(len(moves), -1).astype(np.float32)).reshape(len(factor), -1, 3)
+        square[rows] = np.einsum("kni,kni->n", moves, moves, dtype=float)
     return square
 
 
@@ -189,7 +223,7 @@ def _plays(rig: Rig, q: Array, *, typical: bool) -> tuple[Array, Array]:
         if model.effects:
             came_from = q.copy()
             came_from[:, :axes] += side * _SWING_RAD
-            path = visits(q, came_from)
+            path = stops(q, came_from=came_from)
             lag = (driven(model, path).link_q - path.q)[path.rows][:, :axes]
         lag = np.where((lag == 0).all(axis=0), side * usual, lag)
         found.append(lag[..., None] * motions)

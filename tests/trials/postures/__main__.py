@@ -99,9 +99,9 @@ def calibrated(runs: Sequence[Measured], text: str) -> Rig:
 def with_tool(rig: Rig, xyz_mm: Array) -> Rig:
     """Return a rig with its tool at the target (3,) mm on the flange."""
     x, y, z = (float(value) for value in xyz_mm)
-    return rig.model_copy(update={"robot": rig.robot.model_copy(update={"tool": Pose(xyz_mm=(x, y, z))})}).calibrated_as(
-        rig
-    )
+    return rig.model_copy(
+        update={"robot": rig.robot.model_copy(update={"tool": Pose(xyz_mm=(x, y, z))})}
+    ).calibrated_as(rig)
 
 
 def tracked(data: Path, series: str) -> Iterator[tuple[str, Ranked]]:
