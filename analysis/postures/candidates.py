@@ -51,8 +51,14 @@ class Candidates:
 
     def of(self, rows: Mask | Integers) -> Candidates:
         """Return the postures of a mask or of indices."""
-        own = (getattr(self, name)[rows] for name in ("q", "target", "solution", "branch", "conditioning"))
-        return Candidates(*own, self.reasons)
+        return Candidates(
+            self.q[rows],
+            self.target[rows],
+            self.solution[rows],
+            self.branch[rows],
+            self.conditioning[rows],
+            self.reasons,
+        )
 
     def groups(self) -> Iterator[tuple[int, slice]]:
         """Yield each target with postures, and their rows."""
@@ -68,7 +74,8 @@ def find_candidates(arm: Arm, poses: Array, near: Array, rail_m: tuple[float, fl
     near: reference posture (axes,) rad for whole turns. rail_m: travel of a rail in m; its position is a free choice.
     """
     stands = [None] if rail_m is None or arm.rail is None else np.linspace(*rail_m, _STANDS).tolist()
-    parts, in_reach, solutions = [], np.zeros(len(poses), dtype=bool), 0
+    parts, solutions = [], 0
+    in_reach: Mask = np.zeros(len(poses), dtype=bool)
     for stand in stands:
         at_stand = arm if stand is None else _standing(arm, stand)
         find = _branches if arm.axes == DRIVEN_AXES else _redundant
@@ -117,7 +124,8 @@ def _branches(arm: Arm, poses: Array, near: Array) -> tuple[Array, Integers, Int
     nearest = np.full(len(target), np.inf)
     np.minimum.at(nearest, row, away)
     kept = away <= np.maximum(_TURN_RAD, nearest[row] + SAME_RAD)
-    return q[kept], target[row[kept]].astype(np.int64), row[kept].astype(np.int64), solutions.found.any(axis=1)
+    reached = np.asarray(solutions.found.any(axis=1))
+    return q[kept], target[row[kept]].astype(np.int64), row[kept].astype(np.int64), reached
 
 
 def _redundant(arm: Arm, poses: Array, near: Array) -> tuple[Array, Integers, Integers, Mask]:
@@ -130,13 +138,13 @@ def _redundant(arm: Arm, poses: Array, near: Array) -> tuple[Array, Integers, In
     starts = np.vstack([near, np.random.default_rng(0).uniform(low, high, (_STARTS, arm.axes))])
     target = np.repeat(np.arange(len(poses)), len(starts))
     q, solved = newton(arm, poses[target], np.tile(starts, (len(poses), 1)))
-    in_reach = np.zeros(len(poses), dtype=bool)
+    in_reach: Mask = np.zeros(len(poses), dtype=bool)
     in_reach[target[solved]] = True
     q = low + np.mod(q - low, 2 * np.pi)  # the turn above the lower limit
     solved &= (q <= high).all(axis=1)
     q = np.where(solved[:, None], q, np.nan).reshape(len(poses), len(starts), arm.axes)
-    q, target = _thinned(q)
-    return q, target, np.arange(len(q)), in_reach
+    kept, reached = _thinned(q)
+    return kept, reached, np.arange(len(kept)), in_reach
 
 
 def _thinned(q: Array) -> tuple[Array, Integers]:

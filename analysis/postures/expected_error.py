@@ -36,11 +36,12 @@ Knowledge = Literal["calibrated", "effects", "typical"]
 _SWING_RAD = np.radians(5.0)
 """Distance over which a joint approaches from its side. Chosen: wider than the play of any arm."""
 _MOST_GROWTH = 4.0
-"""Growth of u outside the measured joint range: real arms were missed there by two to four u (docs/evidence/world.md)."""
+"""Growth of u outside the measured joint range: real arms missed by two to four u (docs/evidence/world.md)."""
 _GROWN_RAD = np.radians(30.0)
 """Distance outside the range at which the growth is complete. Chosen: a usual range of taught postures."""
 _TAUGHT = 200
-"""Most postures for teaching a frame. Chosen: six parameters do not improve with more."""
+"""Most postures for teaching a frame, of which the uncertainty is computed. Chosen: nine parameters do not improve with
+more."""
 _ROWS = 1024
 """Postures per block: 1500 terms at each need 75 MB. Smaller blocks take more calls of each term."""
 _SAMPLE = 40
@@ -134,12 +135,12 @@ def expected_errors(
     uncertainty = pose_uncertainty(rig, supported)
     if taught is None:
         taught = work_or_spread(rig, uncertainty.joints_rad)
-    taught = taught[:: -(-len(taught) // _TAUGHT)]
     arm, used = arm_of(rig.robot), used_effects(rig, supported)
     at_taught, at_postures = forward(arm, taught), forward(arm, q)
     places = tool_places(rig, used, q)
     error = rest_moves_mm(places, at_postures, (tool_places(rig, used, taught), at_taught))
-    frame = TaughtFrame(at_taught)
+    few = _few_of(len(taught))
+    taught, frame = taught[few], TaughtFrame(at_taught[few])
     square = np.zeros(len(q))
     if knowledge != "typical":
         first, of_all = unique(solution, len(q))
@@ -156,6 +157,11 @@ def expected_errors(
     return PostureErrors(error, np.sqrt(square), rising, falling, inside)
 
 
+def _few_of(count: int) -> Integers:
+    """Return at most 200 of so many indices at random: every eighth of a grid would be one orientation alone."""
+    return np.random.default_rng(0).permutation(count)[:_TAUGHT]
+
+
 def unique(solution: Integers | None, count: int) -> tuple[Integers, Integers]:
     """Return the first posture of each solution, and the place of each of `count` postures among them."""
     numbers = np.arange(count) if solution is None else solution
@@ -167,11 +173,10 @@ def _model_square(uncertainty: PoseUncertainty, frame: TaughtFrame, taught: Arra
     """Return the variance (m,) mm² of positions in a taught frame by the model, with its unexplained error."""
     square = np.full(len(q), uncertainty.unexplained_mm**2)
     if isinstance(uncertainty, CalibratedUncertainty):
-        moves_at, factor = partial(_bare_derivatives, uncertainty), uncertainty.factor.T.astype(np.float32)
         square += _rest_square(uncertainty.displacements_by_others, None, frame, taught, (q, poses))
-    else:
-        moves_at, factor = uncertainty.pose_displacements, None
-    return square + _rest_square(moves_at, factor, frame, taught, (q, poses))
+        moves_at = partial(_bare_derivatives, uncertainty)
+        return np.asarray(square + _rest_square(moves_at, uncertainty.factor.T, frame, taught, (q, poses)))
+    return np.asarray(square + _rest_square(uncertainty.pose_displacements, None, frame, taught, (q, poses)))
 
 
 def _bare_derivatives(uncertainty: CalibratedUncertainty, q: Array) -> Array:
@@ -187,12 +192,14 @@ def _rest_square(
     moves_at: displacements (k, n, 6) at joint angles. factor (r, k): combines them, each one independent unless given.
     """
     q, poses = at
+    single = None if factor is None else factor.astype(np.float32)  # half the time, and u needs three digits
     motions, square = frame.motions(np.ascontiguousarray(moves_at(taught)[:, :, :3])), np.zeros(len(q))
     for rows in blocks(len(q), _ROWS):
         moves = frame.rest(moves_at(q[rows])[:, :, :3], poses[rows], motions)
-        if factor is not None and len(moves):
-            moves = (factor @ moves.reshape(len(moves), -1).astype(np.float32)).reshape(len(factor), -1, 3)
-        square[rows] = np.einsum("kni,kni->n", moves, moves, dtype=float)
+        if single is not None and len(moves):
+            flat = moves.reshape(len(moves), -1).astype(np.float32)
+            moves = (single @ flat).reshape(len(single), -1, 3).astype(float)
+        square[rows] = np.einsum("kni,kni->n", moves, moves)
     return square
 
 

@@ -45,6 +45,11 @@ class Postures:
     work_map: WorkMap | None
 
     @property
+    def reached(self) -> Array:
+        """Poses (t, 4, 4) of the targets that have a posture."""
+        return np.asarray(self.poses[np.unique(self.candidates.target)])
+
+    @property
     def outside(self) -> int:
         """Number of targets whose posture in the best sequence lies outside the measured region."""
         covered = self.errors.covered
@@ -81,7 +86,7 @@ class Postures:
             "map": self._map(),
         }
 
-    def _posture(self, k: int, rising: Array, approached: Array) -> dict[str, Any]:
+    def _posture(self, k: int, rising: Mask, approached: Array) -> dict[str, Any]:
         errors, axes, q = self.errors, len(self.rig.robot.axes), self.candidates.q[k]
         branch = int(self.candidates.branch[k])
         played = np.flatnonzero(self.played[k]).tolist()
@@ -145,9 +150,10 @@ def choose_postures(
     else:
         usual = sequence_of(found, errors, _rows_of(found, given))
     placed = None
-    if part_mm is not None and len(poses) and rail is None:
-        middle = poses[0].copy()
-        middle[:3, 3] = poses[:, :3, 3].mean(axis=0)
+    reached = np.unique(found.target)
+    if part_mm is not None and len(reached) and rail is None:
+        middle = poses[reached[0]].copy()
+        middle[:3, 3] = poses[reached, :3, 3].mean(axis=0)
         placed = work_map(rig, part_mm, middle, near, taught)
     return Postures(
         rig, poses, knowledge_of(rig), why_nothing(rig), found, errors, best, usual, given is not None, placed

@@ -7,6 +7,7 @@ posture before, so play counts with its sign.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -57,7 +58,7 @@ def best_sequence(
     own = _SINGULAR * (candidates.conditioning <= LEAST_CONDITIONING)
     cost = own[groups[0]] + error * errors.expected_mm[groups[0]] / unit
     came_from = []
-    for before, rows in zip(groups, groups[1:], strict=False):
+    for before, rows in pairwise(groups):
         away = candidates.q[None, rows] - candidates.q[before, None]
         moves = np.abs(away).max(axis=2)
         price = error * _approached(errors, before, rows, away) / unit + travel * moves

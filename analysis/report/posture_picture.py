@@ -1,7 +1,8 @@
-"""The picture of postures: the errors of all postures by target, the joints of the chosen ones, and the map of places."""
+"""The picture of postures: errors of all postures by target, joints of the chosen ones, and the map of places."""
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 from functools import partial
 
@@ -28,13 +29,11 @@ def picture(postures: Postures) -> Figure:
     parts: list[Part] = [(2.8, partial(_draw_errors, postures)), (2.6, partial(_draw_joints, postures))]
     if postures.work_map is not None:
         title.append(map_words(postures, texts))
-        parts.append((5.4, partial(_draw_map, postures.work_map, postures.poses[:, :2, 3])))
+        parts.append((5.4, partial(_draw_map, postures.work_map, postures.reached[:, :2, 3])))
     return Sheet.of_parts(_wrapped(title), parts, _WIDTH)
 
 
 def _wrapped(lines: Sequence[str]) -> list[str]:
-    import textwrap  # noqa: PLC0415 - for the title alone
-
     return [short for line in lines if line for short in textwrap.wrap(line, 92)]
 
 

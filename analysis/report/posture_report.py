@@ -76,7 +76,7 @@ def map_words(postures: Postures, texts: Texts) -> str:
     if work_map.best_mm is None:
         return texts("postures_no_place", part=part)
     x, y = work_map.best_mm
-    now = work_map.at(*postures.poses[:, :2, 3].mean(axis=0))
+    now = work_map.at(*postures.reached[:, :2, 3].mean(axis=0))
     words = texts("postures_place", part=part, x=f"{x:.0f}", y=f"{y:.0f}", best=f"{work_map.at(x, y):.3f}")
     return words if np.isnan(now) else f"{words} {texts('postures_place_now', now=f'{now:.3f}')}"
 
@@ -145,7 +145,7 @@ def chosen_csv(postures: Postures, kept: dict[str, list[str]]) -> str:
 def all_csv(postures: Postures, labels: Sequence[str]) -> str:
     """Return all postures of all targets as CSV, the best of each target first."""
     robot = postures.rig.robot
-    head = ["target", "rank", *_joint_names(robot), "branch", *POSTURE_COLUMNS, "play_mm", "approached_mm", "approach", "conditioning"]  # fmt: skip
+    names = (*_joint_names(robot), "branch", *POSTURE_COLUMNS, "play_mm", "approached_mm", "approach", "conditioning")
     rising, approached = postures.errors.best_approach()
     plays = postures.played
     lines: list[list[str]] = []
@@ -158,7 +158,7 @@ def all_csv(postures: Postures, labels: Sequence[str]) -> str:
                 f"{postures.errors.play_mm[row]:.4f}", f"{approached[row]:.4f}", _sides(rising[row], plays[row]),
                 f"{postures.candidates.conditioning[row]:.4f}",
             ])  # fmt: skip
-    return _csv([head, *lines])
+    return _csv([("target", "rank", *names), *lines])
 
 
 def _joint_names(robot: Robot) -> list[str]:
