@@ -77,7 +77,7 @@ def find_candidates(arm: Arm, poses: Array, near: Array, rail_m: tuple[float, fl
     parts, solutions = [], 0
     in_reach: Mask = np.zeros(len(poses), dtype=bool)
     for stand in stands:
-        at_stand = arm if stand is None else _standing(arm, stand)
+        at_stand = arm if stand is None or arm.rail is None else _standing(arm, arm.rail, stand)
         find = _branches if arm.axes == DRIVEN_AXES else _redundant
         q, target, solution, reached = find(at_stand, poses, near)
         in_reach |= reached
@@ -106,11 +106,10 @@ def branch_of(arm: Arm, poses: Array, q: Array) -> Integers:
     return np.asarray(np.abs(wrapped(theta - turned)).max(axis=1).argmin(axis=0), dtype=np.int64)
 
 
-def _standing(arm: Arm, stand_m: float) -> Arm:
-    """Return an arm with its base at a position of its rail."""
-    assert arm.rail is not None  # noqa: S101 - asked for rails alone
+def _standing(arm: Arm, rail: Array, stand_m: float) -> Arm:
+    """Return an arm with its base at a position of its rail, which has a direction (3,)."""
     T = arm.T_world_base.copy()
-    T[:3, 3] += RAIL_MM * stand_m * arm.rail
+    T[:3, 3] += RAIL_MM * stand_m * rail
     return replace(arm, T_world_base=T, rail=None)
 
 
@@ -137,22 +136,21 @@ def _redundant(arm: Arm, poses: Array, near: Array) -> tuple[Array, Integers, In
     low, high = arm.limits.T
     starts = np.vstack([near, np.random.default_rng(0).uniform(low, high, (_STARTS, arm.axes))])
     target = np.repeat(np.arange(len(poses)), len(starts))
-    q, solved = newton(arm, poses[target], np.tile(starts, (len(poses), 1)))
+    q, converged = newton(arm, poses[target], np.tile(starts, (len(poses), 1)))
     in_reach: Mask = np.zeros(len(poses), dtype=bool)
-    in_reach[target[solved]] = True
+    in_reach[target[converged]] = True
     q = low + np.mod(q - low, 2 * np.pi)  # the turn above the lower limit
-    solved &= (q <= high).all(axis=1)
-    q = np.where(solved[:, None], q, np.nan).reshape(len(poses), len(starts), arm.axes)
-    kept, reached = _thinned(q)
-    return kept, reached, np.arange(len(kept)), in_reach
+    inside = converged & (q <= high).all(axis=1)
+    q = np.where(inside[:, None], q, np.nan).reshape(len(poses), len(starts), arm.axes)
+    q, target = _thinned(q)
+    return q, target, np.arange(len(q)), in_reach
 
 
 def _thinned(q: Array) -> tuple[Array, Integers]:
     """Return the postures (m, axes) of q (n, k, axes) that differ, without NaN, and their targets (m,)."""
-    kept = np.isfinite(q).all(axis=2)
+    kept: Mask = np.asarray(np.isfinite(q).all(axis=2))
     for slot in range(1, q.shape[1]):
         with np.errstate(invalid="ignore"):
             apart = np.abs(q[:, :slot] - q[:, slot, None]).max(axis=2)
         kept[:, slot] &= ~((apart < _SAME_SELF_MOTION_RAD) & kept[:, :slot]).any(axis=1)
-    target, slot = np.nonzero(kept)
-    return q[target, slot], target.astype(np.int64)
+    return q[kept], np.nonzero(kept)[0].astype(np.int64)

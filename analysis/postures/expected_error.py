@@ -149,8 +149,8 @@ def expected_errors(
     if knowledge != "calibrated":
         first, of_all = unique(solution, len(q))
         moves = typical_displacements(rig, np.concatenate([taught, q[first]]))
-        rest = frame.rest(moves[:, len(taught) :], at_postures[first], frame.motions(moves[:, : len(taught)]))
-        square += np.einsum("kni,kni->n", rest, rest)[of_all]
+        remaining = frame.rest(moves[:, len(taught) :], at_postures[first], frame.motions(moves[:, : len(taught)]))
+        square += np.einsum("kni,kni->n", remaining, remaining)[of_all]
     rising, falling = _plays(rig, q, typical=knowledge != "calibrated")
     square += _time_square(rig, q)
     inside = covered(uncertainty, q) if knowledge != "typical" else np.zeros(len(q), dtype=bool)
@@ -224,7 +224,7 @@ def _plays(rig: Rig, q: Array, *, typical: bool) -> tuple[Array, Array]:
     axes = model.arm.axes
     motions = forward_and_jacobian(model.arm, q)[1][:, :3].transpose(0, 2, 1)
     usual = typical_play_rad(rig) / 2 if typical else 0.0
-    found = []
+    moves = []
     for side in (-1.0, 1.0):
         lag = np.zeros((len(q), axes))
         if model.effects:
@@ -233,8 +233,8 @@ def _plays(rig: Rig, q: Array, *, typical: bool) -> tuple[Array, Array]:
             path = stops(q, came_from=came_from)
             lag = (driven(model, path).link_q - path.q)[path.rows][:, :axes]
         lag = np.where((lag == 0).all(axis=0), side * usual, lag)
-        found.append(lag[..., None] * motions)
-    return found[0], found[1]
+        moves.append(lag[..., None] * motions)
+    return moves[0], moves[1]
 
 
 def _time_square(rig: Rig, q: Array) -> Array:

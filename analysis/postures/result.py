@@ -127,11 +127,11 @@ class Postures:
 
 
 def choose_postures(
-    rig: Rig, poses: Array, given: Array | None = None, *, change: float = CHANGE, part_mm: Array | None = None
+    rig: Rig, poses: Array, current: Array | None = None, *, change: float = CHANGE, part_mm: Array | None = None
 ) -> Postures:
     """Return the postures of a rig's arm at tool poses (n, 4, 4) in the world, in the order of a program.
 
-    given: joint angles (n, axes) rad of the program so far, if it has them. change: price of a change of branch.
+    current: joint angles (n, axes) rad of the program so far, if it has them. change: price of a change of branch.
     part_mm (3,): size of a part to place in the work area. Raises FileError for an arm of fewer than six axes.
     """
     arm = arm_of(rig.robot)
@@ -139,78 +139,80 @@ def choose_postures(
         problem = f"an arm of {arm.axes} axes reaches a pose in part, and its postures are not compared"
         raise FileError(RigPlace.of(rig.name), problem, "give the rig file of an arm of six or seven axes")
     rail = rig.robot.rail
-    near = _reference(rig, given)
+    near = _reference(rig, current)
     travel_m = None if rail is None else (rail.limits_mm[0] / RAIL_MM, rail.limits_mm[1] / RAIL_MM)
-    found = _with_given(arm, poses, find_candidates(arm, poses, near, travel_m), given)
-    taught = _taught(rig, found)
-    errors = expected_errors(rig, found.q, taught, solution=found.solution)
-    best = best_sequence(found, errors, change=change)
-    if given is None:
-        usual = best_sequence(found, errors, change=1.0, travel=1.0, error=0.0)
+    candidates = _with_given(arm, poses, find_candidates(arm, poses, near, travel_m), current)
+    taught = _taught(rig, candidates)
+    errors = expected_errors(rig, candidates.q, taught, solution=candidates.solution)
+    best = best_sequence(candidates, errors, change=change)
+    if current is None:
+        usual = best_sequence(candidates, errors, change=1.0, travel=1.0, error=0.0)
     else:
-        usual = sequence_of(found, errors, _rows_of(found, given))
+        usual = sequence_of(candidates, errors, _rows_of(candidates, current))
     placed = None
-    reached = np.unique(found.target)
+    reached = np.unique(candidates.target)
     if part_mm is not None and len(reached) and rail is None:
         middle = poses[reached[0]].copy()
         middle[:3, 3] = poses[reached, :3, 3].mean(axis=0)
         placed = work_map(rig, part_mm, middle, near, taught)
     return Postures(
-        rig, poses, knowledge_of(rig), why_nothing(rig), found, errors, best, usual, given is not None, placed
+        rig, poses, knowledge_of(rig), why_nothing(rig), candidates, errors, best, usual, current is not None, placed
     )  # fmt: skip
 
 
-def _reference(rig: Rig, given: Array | None) -> Array:
+def _reference(rig: Rig, current: Array | None) -> Array:
     """Return the posture (axes,) rad near which whole turns are kept: the middle of the program so far, of the measured
     range, or of the limits."""
     arm = arm_of(rig.robot)
-    if given is not None and len(given):
-        return np.asarray((given.min(axis=0) + given.max(axis=0))[: arm.axes] / 2)
+    if current is not None and len(current):
+        return np.asarray((current.min(axis=0) + current.max(axis=0))[: arm.axes] / 2)
     measured = pose_uncertainty(rig, supports(rig)).joints_rad
     ranges = arm.limits if measured is None else measured[: arm.axes]
     return np.asarray(ranges.mean(axis=1))
 
 
-def _taught(rig: Rig, found: Candidates) -> Array:
+def _taught(rig: Rig, candidates: Candidates) -> Array:
     """Return the postures at which frame and tool are taught: over the measured region, or, if nothing was measured, in
     all postures of the targets, which prefers none of them."""
     measured = pose_uncertainty(rig, supports(rig)).joints_rad
-    if measured is not None or not len(found.q):
+    if measured is not None or not len(candidates.q):
         return work_or_spread(rig, measured)
-    _, first = np.unique(found.solution, return_index=True)
-    return found.q[first]
+    _, first = np.unique(candidates.solution, return_index=True)
+    return candidates.q[first]
 
 
-def _with_given(arm: Arm, poses: Array, found: Candidates, given: Array | None) -> Candidates:
+def _with_given(arm: Arm, poses: Array, candidates: Candidates, current: Array | None) -> Candidates:
     """Return candidates with the postures of the program so far, which may be singular or not among the samples."""
-    if given is None:
-        return found
-    missing = np.array([k for k in np.unique(found.target).tolist() if _row_of(found, given[k], k) is None], dtype=int)
+    if current is None:
+        return candidates
+    missing = np.array(
+        [k for k in np.unique(candidates.target).tolist() if _row_of(candidates, current[k], k) is None], dtype=int
+    )
     if not len(missing):
-        return found
-    q, target = given[missing], np.concatenate([found.target, missing])
+        return candidates
+    q, target = current[missing], np.concatenate([candidates.target, missing])
     whole = Candidates(
-        np.concatenate([found.q, q]),
+        np.concatenate([candidates.q, q]),
         target,
-        np.concatenate([found.solution, found.solution.max() + 1 + np.arange(len(missing))]),
-        np.concatenate([found.branch, branch_of(arm, poses[missing], q)]),
-        np.concatenate([found.conditioning, conditioning(arm, q)]),
-        found.reasons,
+        np.concatenate([candidates.solution, candidates.solution.max() + 1 + np.arange(len(missing))]),
+        np.concatenate([candidates.branch, branch_of(arm, poses[missing], q)]),
+        np.concatenate([candidates.conditioning, conditioning(arm, q)]),
+        candidates.reasons,
     )
     return whole.of(np.argsort(target, kind="stable"))
 
 
-def _rows_of(found: Candidates, given: Array) -> Integers:
+def _rows_of(candidates: Candidates, current: Array) -> Integers:
     """Return the rows of the postures that a program has."""
-    rows = [_row_of(found, given[target], target) for target, _ in found.groups()]
+    rows = [_row_of(candidates, current[target], target) for target, _ in candidates.groups()]
     return np.array(rows, dtype=np.int64)
 
 
-def _row_of(found: Candidates, q: Array, target: int) -> int | None:
+def _row_of(candidates: Candidates, q: Array, target: int) -> int | None:
     """Return the row of the candidate at joint angles (axes,) rad, None if there is none."""
-    rows = np.flatnonzero(found.target == target)
+    rows = np.flatnonzero(candidates.target == target)
     if not len(rows):
         return None
-    away = np.abs(found.q[rows] - q).max(axis=1)
+    away = np.abs(candidates.q[rows] - q).max(axis=1)
     nearest = int(away.argmin())
     return int(rows[nearest]) if away[nearest] < _SAME_RAD else None

@@ -55,14 +55,14 @@ def best_sequence(
         return Sequence(np.zeros(0, dtype=np.int64), np.zeros(0), 0, 0.0)
     smallest = [errors.expected_mm[rows].min() for rows in groups]
     unit = max(float(np.sqrt(np.mean(np.square(smallest)))), 1e-12)
-    own = _SINGULAR * (candidates.conditioning <= LEAST_CONDITIONING)
-    cost = own[groups[0]] + error * errors.expected_mm[groups[0]] / unit
+    singular = _SINGULAR * (candidates.conditioning <= LEAST_CONDITIONING)
+    cost = singular[groups[0]] + error * errors.expected_mm[groups[0]] / unit
     came_from = []
     for before, rows in pairwise(groups):
         away = candidates.q[None, rows] - candidates.q[before, None]
         moves = np.abs(away).max(axis=2)
         price = error * _approached(errors, before, rows, away) / unit + travel * moves
-        price += own[rows] + change * _changed(candidates.branch[before, None], candidates.branch[None, rows])
+        price += singular[rows] + change * _changed(candidates.branch[before, None], candidates.branch[None, rows])
         whole = cost[:, None] + price
         came_from.append(whole.argmin(axis=0))
         cost = whole.min(axis=0)

@@ -4,18 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from analysis.diagnosis.evidence.blocks import blocks_of
-from analysis.diagnosis.evidence.observation import observe_run
-from analysis.diagnosis.fit.candidates import candidates_for, columns_for
-from analysis.diagnosis.fit.responses import linearise
-from analysis.diagnosis.plan.expected import without_bands
-from analysis.procedures.prediction import nominal_setup
-from analysis.robot.kinematics.arm import Array, arm_of, forward
-from analysis.robot.model.predict import model_of
-from analysis.runs.tables import PoseTable
+from analysis.diagnosis.plan.pose_plan import pose_columns
+from analysis.robot.kinematics.arm import Array
 from rigs.effects.backlash import Backlash
 from rigs.rig import Rig
-from rigs.schema.effect import is_play
 
 _LEVEL = 1.0
 """Size of the errors relative to a healthy arm: 1 gives a UR10 1.0 mm rms over its workspace. The measured nominal
@@ -27,16 +19,10 @@ def typical_displacements(rig: Rig, q: Array) -> Array:
 
     Each displacement is one standard deviation of a typical effect. Play is left out: it depends on the approach.
     """
-    bare = rig.model_copy(update={"effects": ()}).with_calibration(None, None)
-    table = PoseTable(q, forward(arm_of(rig.robot), q)[:, :3, 3], None)
-    run = observe_run(model_of(bare), table, rig.name)
-    setups = {run.setup: nominal_setup(bare, table)}
-    (block,) = blocks = without_bands(blocks_of([run], setups))
-    linear = linearise(blocks, setups)
-    columns = columns_for(linear, [effect for effect in candidates_for(linear) if not is_play(effect.effect)])
+    columns, sd_mm = pose_columns(rig.model_copy(update={"effects": ()}).with_calibration(None, None), q)
     variance = columns.variance(_LEVEL)
     variance[columns.fixed > 0] = 0.0  # set-ups and scatter
-    scaled = columns.X * np.sqrt(variance) * block.sd_mm.reshape(-1, 1)
+    scaled = columns.X * np.sqrt(variance) * sd_mm.reshape(-1, 1)
     return np.ascontiguousarray(scaled.reshape(len(q), 3, -1).transpose(2, 0, 1))
 
 

@@ -17,14 +17,12 @@ from rigs.rig import Rig
 
 _NODES = 21
 """Nodes along each side of the map. Chosen: one every 130 mm for an arm with a reach of 1.3 m."""
-_FEWEST = 3
-"""Fewest nodes along each side of a part."""
 
 
 @dataclass(frozen=True)
 class WorkMap:
     """Expected rms error (y, x) mm of a part centred at x_mm (x,) and y_mm (y,) of the world, NaN where it cannot be
-    worked on; z_mm: height of its middle; part_mm (3,): its size; rpy_deg (3,): orientation of the tool."""
+    worked on; z_mm: height of its middle; part_mm (3,): its size."""
 
     x_mm: Array
     y_mm: Array
@@ -59,7 +57,6 @@ def work_map(rig: Rig, part_mm: Array, pose: Array, near: Array, taught: Array |
     side = np.linspace(-reach, reach, _NODES)
     x_mm, y_mm = arm.T_world_base[0, 3] + side, arm.T_world_base[1, 3] + side
     heights = np.unique(pose[2, 3] + np.array([-0.5, 0.5]) * part_mm[2])
-    square = np.zeros((len(heights), _NODES, _NODES, 1))
     layers = [_node_errors(rig, np.stack(np.meshgrid(x_mm, y_mm), axis=-1), z, pose, near, taught) for z in heights]
     square = np.stack(layers)
     half = [max(0, round(size / 2 / step)) for size in part_mm[:2]]
@@ -76,10 +73,10 @@ def _node_errors(rig: Rig, xy: Array, z: float, pose: Array, near: Array, taught
     nodes = xy.reshape(-1, 2)
     poses = np.tile(pose, (len(nodes), 1, 1))
     poses[:, :2, 3], poses[:, 2, 3] = nodes, z
-    found = _nearest_turns(find_candidates(arm_of(rig.robot), poses, near), near)
-    expected = expected_errors(rig, found.q, taught).expected_mm if len(found.q) else np.zeros(0)
-    square = np.full((len(nodes), int(found.branch.max(initial=0)) + 1), np.inf)
-    np.minimum.at(square, (found.target, np.maximum(found.branch, 0)), expected**2)
+    candidates = _nearest_turns(find_candidates(arm_of(rig.robot), poses, near), near)
+    expected = expected_errors(rig, candidates.q, taught).expected_mm if len(candidates.q) else np.zeros(0)
+    square = np.full((len(nodes), int(candidates.branch.max(initial=0)) + 1), np.inf)
+    np.minimum.at(square, (candidates.target, np.maximum(candidates.branch, 0)), expected**2)
     full = np.full((len(nodes), 8), np.inf)
     full[:, : square.shape[1]] = square
     return full.reshape(*xy.shape[:2], 8)
@@ -97,7 +94,7 @@ def _of_parts(square: Array, half_x: int, half_y: int) -> Array:
     """Return the mean square (y, x) of parts that extend over half_x and half_y nodes on each side, in the best
     branch, NaN where a node is out of reach. square (layer, y, x, branch)."""
     mean = square.mean(axis=0)
-    window = np.full((mean.shape[0], mean.shape[1], mean.shape[2]), 0.0)
+    window = np.zeros(mean.shape)
     padded = np.pad(mean, ((half_y, half_y), (half_x, half_x), (0, 0)), constant_values=np.inf)
     for dy in range(2 * half_y + 1):
         for dx in range(2 * half_x + 1):

@@ -70,7 +70,7 @@ def postures(
     """Rank all postures that reach each target by their expected error, and choose the best sequence.
 
     A posture is within the joint limits and clear of singularities. Obstacles are not known."""
-    from analysis.apps.makers.posture_files import labels_of, read_targets, target_errors, write_postures
+    from analysis.apps.makers.posture_targets import labels_of, read_targets, target_errors
     from analysis.cli.console import progress_of
     from analysis.cli.several import end_with, worst
     from analysis.postures.result import choose_postures
@@ -86,24 +86,26 @@ def postures(
         problem = "programs are written for arms of six axes without a rail"
         raise UseError("--for", problem, "leave it out and use postures.csv")
     with named_by(rig_file, rig), progress_of("comparing postures"):
-        read, poses, given = read_targets(targets, rig)
-        found = choose_postures(rig, poses, given, change=change, part_mm=size)
-        errors = target_errors(targets, read, found)
-        write = output is not None and len(found.best.rows) > 0
-        written = write_postures(found, read, output, maker) if output is not None and write else []
+        read, poses, current = read_targets(targets, rig)
+        chosen = choose_postures(rig, poses, current, change=change, part_mm=size)
+        errors = target_errors(targets, read, chosen)
+        written: list[Path] = []
+        if output is not None and len(chosen.best.rows):
+            from analysis.apps.makers.posture_files import write_postures  # matplotlib takes half a second
+
+            written = write_postures(chosen, read, output, maker)
     if as_json:
-        of_lines = [
-            target | {"line": line} for target, line in zip(found.to_dict()["targets"], read.lines, strict=True)
-        ]
-        say_json(found.to_dict() | {"targets": of_lines, "files": [str(path) for path in written]})
+        content = chosen.to_dict()
+        of_lines = [target | {"line": line} for target, line in zip(content["targets"], read.lines, strict=True)]
+        say_json(content | {"targets": of_lines, "files": [str(path) for path in written]})
     else:
-        PlainConsole().print(as_screen(found, labels_of(read), lang))
+        PlainConsole().print(as_screen(chosen, labels_of(read), lang))
     for path in written:
         say(f"wrote {path}", err=True)
-    if written and found.knowledge == "calibrated":
+    if written and chosen.knowledge == "calibrated":
         table = as_argument(written[0])
         say(f"next: rig correct {as_argument(rig_file)} --path {table} -o corrections  # takes away more", err=True)
-    elif found.knowledge == "typical" and not found.verdict:
+    elif chosen.knowledge == "typical" and not chosen.verdict:
         say(f"next: rig plan {as_argument(rig_file)} --poses 40 -o poses  # measure this arm", err=True)
     for error in errors[:_SAID]:
         say_error(error)

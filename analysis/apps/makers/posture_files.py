@@ -1,4 +1,4 @@
-"""Files of `rig postures`: targets as a table, the chosen postures as tables, program and picture."""
+"""Files of `rig postures`: the chosen postures as tables, program and picture."""
 
 from __future__ import annotations
 
@@ -7,85 +7,26 @@ from pathlib import Path
 
 import numpy as np
 
+from analysis.apps.makers.posture_targets import labels_of
 from analysis.apps.makers.programs.motion_plan import Comment, JointMove, Plan, Step, demand_of
 from analysis.apps.makers.programs.planned import targets_at, tracker_plan
-from analysis.apps.makers.target_path import POSES, TargetPath, read_path
+from analysis.apps.makers.target_path import POSES, TargetPath
 from analysis.apps.makers.writing import encoded_programs, programs_of
-from analysis.correction.reasons import WHY
-from analysis.correction.work import posture_limits
 from analysis.postures.result import Postures
+from analysis.report.posture_picture import picture
 from analysis.report.posture_report import POSTURE_COLUMNS, all_csv, chosen_csv
-from analysis.robot.kinematics.arm import RAIL_MM, Array, arm_of, forward
-from analysis.runs.table_layout import PLACE, RAIL
+from analysis.report.still_chart import as_png
+from analysis.robot.kinematics.arm import arm_of
 from analysis.runs.written_files import Writer, holding, write_all_new
 from rigs.errors import FileError
-from rigs.rig import Rig
 from rigs.schema.vocabulary import MakerName
 
-MOST_TARGETS = 20_000
-"""Limit of targets: each has dozens of postures, and ten thousand take a minute."""
-_LARGEST_IN_M = 10.0
-"""Positions of which none exceeds this are in metres: a tool within 10 mm of the base origin reaches nothing."""
-_SLACK = 1e-6
-"""Tolerance of a limit in rad or m: rounding of a posture taught at the limit."""
 _SPEED_RAD_S = float(np.radians(20.0))
 """Fastest joint between targets, as in the programs of tests: slow enough to be stopped by hand."""
 
 
-def read_targets(path: Path, rig: Rig) -> tuple[TargetPath, Array, Array | None]:
-    """Return the targets of a table, their poses (n, 4, 4) in the world, and their joint angles (n, axes) rad if the
-    table has them. Raises FileError for a table in other units, and like `read_path`."""
-    read = read_path(path, len(rig.robot.axes), rail=rig.robot.rail is not None)
-    if len(read.lines) > MOST_TARGETS:
-        problem = f"has {len(read.lines)} targets, and at most {MOST_TARGETS} are compared"
-        raise FileError(str(path), problem, "split the table")
-    _check_units(read, str(path))
-    if not read.joints:
-        return read, read.poses(), None
-    q = read.angles()
-    _check_limits(read, q, rig, str(path))
-    return read, forward(arm_of(rig.robot), q), q
-
-
-def _check_units(read: TargetPath, where: str) -> None:
-    """Raise FileError for positions in metres, or angles in radians: all joints within one radian's turn."""
-    if not read.joints:
-        places = np.abs(read.values[:, : len(PLACE)]).max()
-        if 0 < places < _LARGEST_IN_M:
-            problem = f"has no coordinate above {places:.4g} mm: the positions look like metres"
-            raise FileError(where, problem, "multiply x_mm, y_mm and z_mm by 1000")
-        return
-    joints = np.abs(read.values[:, [name != RAIL for name in read.names]]).max()
-    if 0 < joints <= 2 * np.pi:
-        problem = f"has no joint angle above {joints:.3g}°: the angles look like radians"
-        raise FileError(where, problem, "multiply the joint angles by 57.29578")
-
-
-def _check_limits(read: TargetPath, q: Array, rig: Rig, where: str) -> None:
-    """Raise FileError for a posture beyond a joint limit, which no program has."""
-    limits = posture_limits(rig)
-    beyond = np.argwhere((q < limits[:, 0] - _SLACK) | (q > limits[:, 1] + _SLACK))
-    if len(beyond):
-        row, column = beyond[0].tolist()
-        name, units = read.names[column], RAIL_MM if read.names[column] == RAIL else float(np.degrees(1.0))
-        low, high = limits[column] * units
-        problem = f"{name} {q[row, column] * units:.6g} is beyond the limits {low:.6g} to {high:.6g}"
-        raise FileError(f"{where}, line {read.lines[row]}", problem, "correct the angle, or limits_deg in the rig file")
-
-
-def target_errors(path: Path, read: TargetPath, postures: Postures) -> list[FileError]:
-    """Return an error for each target without a posture."""
-    return [
-        FileError(f"{path}, line {read.lines[k]}", f"the target {WHY[reason]}", "move the target or turn the tool")
-        for k, reason in sorted(postures.candidates.reasons.items())
-    ]
-
-
 def write_postures(postures: Postures, read: TargetPath, directory: Path, maker: MakerName | None = None) -> list[Path]:
     """Write the tables, the picture, and the program of a maker into a directory: all files or none."""
-    from analysis.report.posture_picture import picture  # noqa: PLC0415 - slow to import, needed here only
-    from analysis.report.still_chart import as_png  # noqa: PLC0415
-
     replaced = {*read.names, *POSES, *POSTURE_COLUMNS}
     kept = {name: column for name, column in read.columns.items() if name not in replaced}
     files: dict[str, Writer] = {
@@ -100,11 +41,6 @@ def write_postures(postures: Postures, read: TargetPath, directory: Path, maker:
         return write_all_new(directory, files)
     except FileError as error:
         raise FileError(error.where, error.what, "give another --output") from None
-
-
-def labels_of(read: TargetPath) -> list[str]:
-    """Return the name of each target: its line in the table."""
-    return [f"line {line}" for line in read.lines]
 
 
 def posture_plan(postures: Postures, labels: Sequence[str]) -> Plan:

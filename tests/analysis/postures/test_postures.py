@@ -6,7 +6,7 @@ Kinematics and set-ups of the checks are those of the proving ground, which shar
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import product
+from itertools import pairwise, product
 
 import numpy as np
 import pytest
@@ -178,7 +178,7 @@ def test_the_best_sequence_is_the_best_of_all(change: float) -> None:
 
     def price(rows: tuple[int, ...]) -> float:
         whole = errors.expected_mm[rows[0]] / unit
-        for before, after in zip(rows, rows[1:], strict=False):
+        for before, after in pairwise(rows):
             away = candidates.q[after] - candidates.q[before]
             error = errors.error_mm[after] + sum(
                 errors.rising_mm[after, k] if away[k] > 0 else errors.falling_mm[after, k] for k in range(2)

@@ -10,8 +10,8 @@ from __future__ import annotations
 import argparse
 import csv
 import tempfile
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -105,26 +105,26 @@ def with_tool(rig: Rig, xyz_mm: Array) -> Rig:
 
 
 def tracked(data: Path, series: str) -> Iterator[tuple[str, Ranked]]:
-    """Yield the rankings of a series of the UR10: neighbourhoods of joint space, and postures of the same target."""
-    poses = ur10_poses(data / "ipa-ur10" / f"series_{series.lower()}.csv", "used")
-    goals = goals_of(data / "ipa-ur10" / f"series_{series.lower()}.csv")
-    _, target = np.unique(goals.round(3), axis=0, return_inverse=True)
-    yield f"UR10 {series}, neighbourhoods of joint angles", tracked_ranks(poses.q, poses.xyz_mm, groups_of(poses.q))
+    """Yield the rankings of a series of the UR10: neighbourhoods of the work left out, and among these the postures of
+    each target that has several."""
+    file = data / "ipa-ur10" / f"series_{series.lower()}.csv"
+    poses, goals = ur10_poses(file, "used"), goals_of(file)
+    ranked = tracked_ranks(poses.q, poses.xyz_mm, groups_of(goals[:, :3]))
+    yield f"UR10 {series}, neighbourhoods left out", ranked
+    _, target, counts = np.unique(goals.round(3), axis=0, return_inverse=True, return_counts=True)
     target = np.asarray(target.ravel(), dtype=np.int64)
-    pairs = np.bincount(target)[target] > 1
-    if pairs.any():
-        place = groups_of(goals[:, :3])
-        ranked = tracked_ranks(poses.q, poses.xyz_mm, place, target)
-        yield f"UR10 {series}, the better posture of each target", _of(ranked, pairs)
+    several = counts[target] > 1
+    if several.any():
+        yield f"UR10 {series}, postures of the same target", _of(replace(ranked, compared=target), several)
 
 
 def _of(ranked: Ranked, rows: NDArray[np.bool_]) -> Ranked:
     return Ranked(ranked.expected_mm[rows], ranked.measured_mm[rows], ranked.group[rows], ranked.compared[rows])
 
 
-def tracked_ranks(q: Array, xyz_mm: Array, group: Integers, compared: Integers | None = None) -> Ranked:
+def tracked_ranks(q: Array, xyz_mm: Array, group: Integers) -> Ranked:
     """Return poses q (n, 6) rad with measured places (n, 3) mm, each ranked by a calibration without its
-    neighbourhood; compared (n,): sets to compare, those of each fold unless given."""
+    neighbourhood (n,), among those of its fold."""
     text = f"name: ur10\n{load_arm('ur10').text}"
     expected, measured = np.zeros(len(q)), np.zeros(len(q))
     for fold in range(FOLDS):
@@ -136,7 +136,7 @@ def tracked_ranks(q: Array, xyz_mm: Array, group: Integers, compared: Integers |
         seen = (setup.T_world_base @ forward(arm, q[out]) @ setup.T_flange_tool)[:, :3, 3]
         measured[out] = np.linalg.norm(seen - xyz_mm[out], axis=1)
         expected[out] = expected_errors(with_tool(rig, setup.T_flange_tool[:3, 3]), q[out], q[~out]).expected_mm
-    return Ranked(expected, measured, group, group % FOLDS if compared is None else compared)
+    return Ranked(expected, measured, group, group % FOLDS)
 
 
 def goals_of(path: Path) -> Array:
@@ -206,7 +206,10 @@ def main() -> None:
     parser.add_argument("--only", help="series whose name begins so (all)")
     parser.add_argument("-o", "--output", type=Path, help="page to write")
     given = parser.parse_args()
-    names = {"UR10 B": ("B", tracked), "UR10 D": ("D", tracked), **{name: (name, touched) for name in ARMS}}
+    names: dict[str, tuple[str, Callable[[Path, str], Iterator[tuple[str, Ranked]]]]] = {
+        **{f"UR10 {series}": (series, tracked) for series in "BD"},
+        **{name: (name, touched) for name in ARMS},
+    }
     rows = []
     for name, (key, rankings) in names.items():
         if not given.only or name.startswith(given.only):
