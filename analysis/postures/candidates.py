@@ -50,7 +50,7 @@ class Candidates:
     reasons: dict[int, Reason]
 
     def of(self, rows: Mask | Integers) -> Candidates:
-        """Return the postures of a mask or of indices."""
+        """Return the postures of a mask (m,) or of indices (k,)."""
         return Candidates(
             self.q[rows],
             self.target[rows],

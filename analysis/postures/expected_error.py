@@ -6,7 +6,7 @@ motion of the arm and a shift of the tool are no error (`analysis.correction.wor
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import product
@@ -25,9 +25,10 @@ from analysis.correction.work import (
     used_effects,
     work_or_spread,
 )
-from analysis.postures.typical import typical_displacements, typical_play_rad
+from analysis.postures.typical import typical_displacements, typical_plays
 from analysis.robot.kinematics.arm import Array, Integers, Mask, arm_of, blocks, forward, forward_and_jacobian
 from analysis.robot.model.predict import driven, model_of, stops
+from rigs.effects import Effect
 from rigs.rig import Rig
 
 Knowledge = Literal["calibrated", "effects", "typical"]
@@ -84,7 +85,7 @@ class PostureErrors:
         return np.asarray(((self.rising_mm + self.falling_mm) / 2).sum(axis=1))
 
     def of(self, rows: Mask | Integers | slice) -> PostureErrors:
-        """Return the errors of some postures."""
+        """Return the errors of the postures of a mask (m,), of indices (k,) or of a slice."""
         inside = None if self.covered is None else self.covered[rows]
         return PostureErrors(
             self.error_mm[rows], self.u_mm[rows], self.rising_mm[rows], self.falling_mm[rows], inside
@@ -220,21 +221,26 @@ def _plays(rig: Rig, q: Array, *, typical: bool) -> tuple[Array, Array]:
 
     Effects in joints that no target corrects are included; typical: play of joints without a known one.
     """
-    model = model_of(rig, [effect for effect in rest_effects(rig, supports(rig)) if effect.STAGE == "joint"])
+    effects = [effect for effect in rest_effects(rig, supports(rig)) if effect.STAGE == "joint"]
+    motions = forward_and_jacobian(arm_of(rig.robot), q)[1][:, :3].transpose(0, 2, 1)
+    rising, falling = (_lag_rad(rig, effects, q, side) for side in (-1.0, 1.0))
+    if typical:
+        unknown = (rising == 0).all(axis=0) & (falling == 0).all(axis=0)
+        rising = np.where(unknown, _lag_rad(rig, typical_plays(rig), q, -1.0), rising)
+        falling = np.where(unknown, _lag_rad(rig, typical_plays(rig), q, 1.0), falling)
+    return rising[..., None] * motions, falling[..., None] * motions
+
+
+def _lag_rad(rig: Rig, effects: Sequence[Effect], q: Array, side: float) -> Array:
+    """Return the lag (m, axes) rad of the links after each joint came from one side, -1 below and 1 above."""
+    model = model_of(rig, effects)
     axes = model.arm.axes
-    motions = forward_and_jacobian(model.arm, q)[1][:, :3].transpose(0, 2, 1)
-    usual = typical_play_rad(rig) / 2 if typical else 0.0
-    moves = []
-    for side in (-1.0, 1.0):
-        lag = np.zeros((len(q), axes))
-        if model.effects:
-            came_from = q.copy()
-            came_from[:, :axes] += side * _SWING_RAD
-            path = stops(q, came_from=came_from)
-            lag = (driven(model, path).link_q - path.q)[path.rows][:, :axes]
-        lag = np.where((lag == 0).all(axis=0), side * usual, lag)
-        moves.append(lag[..., None] * motions)
-    return moves[0], moves[1]
+    if not effects or not len(q):
+        return np.zeros((len(q), axes))
+    came_from = q.copy()
+    came_from[:, :axes] += side * _SWING_RAD
+    path = stops(q, came_from=came_from)
+    return np.asarray((driven(model, path).link_q - path.q)[path.rows][:, :axes])
 
 
 def _time_square(rig: Rig, q: Array) -> Array:

@@ -6,8 +6,9 @@ import numpy as np
 
 from analysis.diagnosis.plan.pose_plan import pose_columns
 from analysis.robot.kinematics.arm import Array
-from rigs.effects.backlash import Backlash
+from rigs.effects import VOCABULARY, Effect
 from rigs.rig import Rig
+from rigs.schema.effect import healthy, scaled, size_fields
 
 _LEVEL = 1.0
 """Size of the errors relative to a healthy arm: 1 gives a UR10 1.0 mm rms over its workspace. The measured nominal
@@ -26,7 +27,12 @@ def typical_displacements(rig: Rig, q: Array) -> Array:
     return np.ascontiguousarray(scaled.reshape(len(q), 3, -1).transpose(2, 0, 1))
 
 
-def typical_play_rad(rig: Rig) -> float:
-    """Return the typical play of a joint of an arm of this build."""
-    play = Backlash(axis=1, width_deg=0.0)
-    return float(np.radians(play.healthy * play.usual_times(rig.robot.built)))
+def typical_plays(rig: Rig) -> list[Effect]:
+    """Return the play of every joint at the size that is usual for an arm of this build."""
+    plays = [cls for cls in VOCABULARY.values() if cls.STAGE == "joint" and cls.STRAIGHT == 0]
+    of_axes = [
+        healthy(cls.model_validate({"axis": axis, size_fields(cls)[0]: 1.0}))
+        for cls in plays
+        for axis in range(1, len(rig.robot.axes) + 1)
+    ]
+    return [scaled(play, play.usual_times(rig.robot.built)) for play in of_axes]
