@@ -144,11 +144,11 @@ def expected_errors(
     taught, frame = taught[few], TaughtFrame(at_taught[few])
     square = np.zeros(len(q))
     if knowledge != "typical":
-        first, of_all = unique(solution, len(q))
+        first, of_all = _first_turns(solution, len(q))
         square += _model_square(uncertainty, frame, taught, q[first], at_postures[first])[of_all]
         square *= _growth(uncertainty, q) ** 2
     if knowledge != "calibrated":
-        first, of_all = unique(solution, len(q))
+        first, of_all = _first_turns(solution, len(q))
         moves = typical_displacements(rig, np.concatenate([taught, q[first]]))
         remaining = frame.rest(moves[:, len(taught) :], at_postures[first], frame.motions(moves[:, : len(taught)]))
         square += np.einsum("kni,kni->n", remaining, remaining)[of_all]
@@ -159,12 +159,12 @@ def expected_errors(
 
 
 def _few_of(count: int) -> Integers:
-    """Return at most 200 of so many indices at random: every eighth of a grid would be one orientation alone."""
+    """Return at most 200 of so many indices (k,) at random: every eighth of a grid would be one orientation alone."""
     return np.random.default_rng(0).permutation(count)[:_TAUGHT]
 
 
-def unique(solution: Integers | None, count: int) -> tuple[Integers, Integers]:
-    """Return the first posture of each solution, and the place of each of `count` postures among them."""
+def _first_turns(solution: Integers | None, count: int) -> tuple[Integers, Integers]:
+    """Return the first posture (k,) of each solution, and the place (m,) of each of `count` postures among them."""
     numbers = np.arange(count) if solution is None else solution
     _, first, of_all = np.unique(numbers, return_index=True, return_inverse=True)
     return first, of_all
