@@ -70,12 +70,12 @@ class CalibratedUncertainty:
         return np.concatenate([moves, self.displacements_by_others(q)])
 
     def displacements_by_others(self, q: Array) -> Array:
-        """Return the displacements (k, n, 6) of `pose_displacements` by effects outside the calibration."""
+        """Return the displacements (k, n, 6) mm and rad of `pose_displacements` by effects outside the calibration."""
         return EffectsUncertainty(self.rig, self.others).pose_displacements(q)
 
     @property
     def factor(self) -> Array:
-        """A root (p, P) of the covariance of the parameters in `pose_derivatives`."""
+        """A root (p, P) of the covariance of the parameters in `pose_derivatives`, each row in the unit of its parameter."""
         return np.asarray(self.calibrated.root[self._kept])
 
     def pose_derivatives(self, model: Model, q: Array) -> Array:

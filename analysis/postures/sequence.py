@@ -74,7 +74,7 @@ def best_sequence(
 
 
 def sequence_of(candidates: Candidates, errors: PostureErrors, rows: Integers) -> Sequence:
-    """Return the sequence of given rows (t,) of the candidates."""
+    """Return the sequence of the candidates with the indices `rows` (t,)."""
     q, branch = candidates.q[rows], candidates.branch[rows]
     expected = errors.expected_mm[rows].copy()
     away = np.diff(q, axis=0)
