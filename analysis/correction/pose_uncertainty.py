@@ -75,7 +75,7 @@ class CalibratedUncertainty:
 
     @property
     def factor(self) -> Array:
-        """A root (p, P) of the covariance of the parameters in `pose_derivatives`, each row in the unit of its parameter."""
+        """A root (p, P) of the covariance of the parameters of `pose_derivatives`, a row in the unit of each."""
         return np.asarray(self.calibrated.root[self._kept])
 
     def pose_derivatives(self, model: Model, q: Array) -> Array:
