@@ -39,6 +39,8 @@ FOLDS, GROUPS = 5, 20
 """Parts in which neighbourhoods are left out, and neighbourhoods of a series."""
 FEWEST_TAUGHT = 9
 """Touches of a placement that determine the ball on the flange and two sockets."""
+APART_RAD = 0.1
+"""Distance of a joint from which two visits of a target are two postures."""
 DRAWS = 2000
 """Bootstrap samples of neighbourhoods."""
 HEAD = (
@@ -111,9 +113,10 @@ def tracked(data: Path, series: str) -> Iterator[tuple[str, Ranked]]:
     poses, goals = ur10_poses(file, "used"), goals_of(file)
     ranked = tracked_ranks(poses.q, poses.xyz_mm, groups_of(goals[:, :3]))
     yield f"UR10 {series}, neighbourhoods left out", ranked
-    _, target, counts = np.unique(goals.round(3), axis=0, return_inverse=True, return_counts=True)
+    _, target = np.unique(goals.round(3), axis=0, return_inverse=True)
     target = np.asarray(target.ravel(), dtype=np.int64)
-    several = counts[target] > 1
+    # a visit that was repeated is no other posture
+    several = np.array([np.ptp(poses.q[target == number], axis=0).max() > APART_RAD for number in target])
     if several.any():
         yield f"UR10 {series}, postures of the same target", _of(replace(ranked, compared=target), several)
 
