@@ -70,6 +70,7 @@ JOBS = {
         "correct": "Write joint zeros, link constants, corrected targets and programs, each only where the effects "
         "support it.",
         "pair": "Calibrate two arms by each other: a ball on the flange of one, a socket on the flange of the other.",
+        "postures": "Rank all postures that reach each target by their expected error, and choose the best sequence.",
         "versions": "List the calibrations of a robot, newest first, or restore an earlier one.",
     },
     "Look after runs and daemon": {
@@ -108,7 +109,7 @@ _APPS = {
     **dict.fromkeys(("arms", "export"), "interchange"),
     **dict.fromkeys(("circle", "doctor", "init"), "commission"),
     **dict.fromkeys(("compare", "fleet", "history"), "plant"),
-    **dict.fromkeys(("correct", "plan", "program"), "makers"),
+    **dict.fromkeys(("correct", "plan", "postures", "program"), "makers"),
     **{name: name for name in ("emulate", "live", "paper", "parts", "session", "window")},
 }
 """App that contains a module of commands, as cli_FILE; all other modules are in this package."""

@@ -66,7 +66,21 @@ class CalibratedUncertainty:
     def pose_displacements(self, q: Array) -> Array:
         """Return independent tool displacements (k, n, 6), mm and rad, of one standard uncertainty each, at joint
         angles q (n, 6) rad."""
-        model = model_of(self.rig)
+        moves: Array = np.tensordot(self._root.T, self.pose_derivatives(model_of(self.rig), q), axes=1)
+        return np.concatenate([moves, self.displacements_by_others(q)])
+
+    def displacements_by_others(self, q: Array) -> Array:
+        """Return the displacements (k, n, 6) mm and rad of `pose_displacements` by effects outside the calibration."""
+        return EffectsUncertainty(self.rig, self.others).pose_displacements(q)
+
+    @property
+    def factor(self) -> Array:
+        """A root (p, P) of the covariance of the parameters of `pose_derivatives`, a row in the unit of each."""
+        return np.asarray(self.calibrated.root[self._kept])
+
+    def pose_derivatives(self, model: Model, q: Array) -> Array:
+        """Return the derivatives (p, n, 6) of the tool pose, mm and rad, by the parameters of posture-dependent terms
+        about a model at joint angles q (n, 6) rad."""
         base = tool_poses(model, q)
         by_joint = np.stack([
             pose_error(base, tool_poses(_with(model, turned(axis, _STEP_DEG)), q)) / np.radians(_STEP_DEG)
@@ -100,8 +114,7 @@ class CalibratedUncertainty:
             step = _SMALL * healthy_size(effect) if parameter.field == size_field(effect) else _SMALL
             stepped = effect.model_copy(update={parameter.field: getattr(effect, parameter.field) + step})
             derivatives[row] = (of(stepped) - of(effect)) / step
-        moves: Array = np.tensordot(self._root.T, derivatives, axes=1)
-        return np.concatenate([moves, EffectsUncertainty(self.rig, self.others).pose_displacements(q)])
+        return derivatives
 
     @property
     def unexplained_mm(self) -> float:

@@ -229,8 +229,8 @@ class TaughtFrame:
         return displacements
 
 
-def rest_mm(places: Array, nominal: Array, taught: tuple[Array, Array] | None = None) -> Array:
-    """Return distances (n,) mm between positions (n, 3) mm and wanted poses (n, 4, 4), with the best frame and tool.
+def rest_moves_mm(places: Array, nominal: Array, taught: tuple[Array, Array] | None = None) -> Array:
+    """Return displacements (n, 3) mm of positions (n, 3) mm from wanted poses (n, 4, 4), with the best frame and tool.
 
     taught: separate positions (m, 3) mm and wanted poses (m, 4, 4) that determine frame and tool.
     """
@@ -238,8 +238,13 @@ def rest_mm(places: Array, nominal: Array, taught: tuple[Array, Array] | None = 
     T = best_rigid(places_taught, poses[:, :3, 3])  # exact for a large rotation, about which the other terms are linear
     frame, off = TaughtFrame(poses), in_frame(T, places_taught) - poses[:, :3, 3]
     moves = (in_frame(T, places) - nominal[:, :3, 3])[None]
-    distances_mm: Array = np.linalg.norm(frame.rest(moves, nominal, frame.motions(off[None]))[0], axis=1)
-    return distances_mm
+    displacements_mm: Array = frame.rest(moves, nominal, frame.motions(off[None]))[0]
+    return displacements_mm
+
+
+def rest_mm(places: Array, nominal: Array, taught: tuple[Array, Array] | None = None) -> Array:
+    """Return the lengths (n,) mm of `rest_moves_mm`."""
+    return np.asarray(np.linalg.norm(rest_moves_mm(places, nominal, taught), axis=1))
 
 
 def base_u_um(u_mm: Array, u_frame_mm: Array) -> float:

@@ -16,7 +16,7 @@ import numpy as np
 
 from analysis.diagnosis.evidence.blocks import blocks_of
 from analysis.diagnosis.evidence.observation import observe_run
-from analysis.diagnosis.fit.candidates import candidates_for, columns_for
+from analysis.diagnosis.fit.candidates import Columns, candidates_for, columns_for
 from analysis.diagnosis.fit.responses import linearise
 from analysis.diagnosis.plan.expected import without_bands
 from analysis.procedures.prediction import nominal_setup
@@ -184,14 +184,21 @@ def planned_poses(rig: Rig, count: int, sight: Sight | None = None, *, one_axis:
 
 def pool_of(rig: Rig, q: Array) -> Pool:
     """Return the prior of poses q (n, 6) rad of a rig's arm measured by a tracker. Raises FileError."""
+    columns, sd_mm = pose_columns(rig, q)
+    variance = columns.variance(_LEVEL)
+    of_set_ups = columns.X[:, columns.set_ups]
+    variance[columns.set_ups] = _SET_UP_SIGMA**2 / np.mean(of_set_ups**2, axis=0)
+    root = columns.X * np.sqrt(variance)
+    return Pool(q, root @ root.T, sd_mm)
+
+
+def pose_columns(rig: Rig, q: Array) -> tuple[Columns, Array]:
+    """Return the columns of a diagnosis for tracker poses at q (n, axes) rad, without play, in standard deviations
+    (3 n,) mm of the noise. Raises FileError."""
     table = PoseTable(q, forward(arm_of(rig.robot), q)[:, :3, 3], None)
     run = observe_run(model_of(rig), table, rig.name)
     setups = {run.setup: nominal_setup(rig, table)}
     (block,) = blocks = without_bands(blocks_of([run], setups))
     linear = linearise(blocks, setups)
     columns = columns_for(linear, [candidate for candidate in candidates_for(linear) if not is_play(candidate.effect)])
-    variance = columns.variance(_LEVEL)
-    of_set_ups = columns.X[:, columns.set_ups]
-    variance[columns.set_ups] = _SET_UP_SIGMA**2 / np.mean(of_set_ups**2, axis=0)
-    root = columns.X * np.sqrt(variance)
-    return Pool(q, root @ root.T, block.sd_mm)
+    return columns, block.sd_mm

@@ -236,6 +236,11 @@ def cases() -> dict[str, Case]:
             [cell / "rig.yaml", "-o", own / EVIL.replace("/", "|")],
         ],
         "plan": lambda cell, own: [[cell / "no rig"], [cell / "rig.yaml", "--tests", EVIL]],
+        "postures": lambda cell, own: [
+            [cell / "no targets", "--rig", cell / "rig.yaml"],
+            [cell / "rig.yaml", "--arm", "ur5", "-o", own / "made"],
+            [cell / EVIL, "--rig", EVIL, "--part", EVIL],
+        ],
         "program": lambda cell, own: [
             [cell / "rig.yaml", "--for", "fanuc", "--test", "yaw", "-o", own / (EVIL.replace("/", "|") + BYTES)],
             [cell / "rig.yaml", "--for", "ur", "--test", "roll", "-o", cell / "rig.yaml"],

@@ -1,0 +1,129 @@
+"""`rig postures TARGETS.csv`: which of the postures that reach each target has the smallest error."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from analysis.cli import completion
+from analysis.cli.commands import app, command
+from analysis.cli.console import say, say_error, say_json
+from analysis.cli.options import AsJson, maker_option
+from rigs.errors import UseError
+from rigs.schema.vocabulary import MakerName
+from rigs.text import as_argument
+
+if TYPE_CHECKING:
+    from analysis.robot.kinematics.arm import Array
+
+_SAID = 20
+"""Most targets without a posture on the screen; the JSON lists all."""
+
+
+@command(app, "rig postures targets.csv --rig found/cell.yaml -o postures")
+def postures(
+    targets: Annotated[
+        Path,
+        typer.Argument(
+            metavar="TARGETS.csv",
+            help="Targets in the order of the program: x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg of the tool (roll-pitch-yaw "
+            "about fixed axes, in the world frame of the rig file), or q1_deg … of the postures so far.",
+        ),
+    ],
+    rig_file: Annotated[
+        str,
+        typer.Option(
+            "--rig",
+            "--arm",
+            autocompletion=completion.rig_files,
+            help="Calibrated rig file; or a rig file or an arm of the library that was not measured, with typical "
+            "errors.",
+        ),
+    ],
+    part: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y,Z",
+            help="Size of the part in mm: also map where it could stand at this height; default: no map.",
+        ),
+    ] = None,
+    change: Annotated[
+        float,
+        typer.Option(
+            min=0.0, max=100.0, help="Price of a change of branch, in errors of a mean target: 0 allows any change."
+        ),
+    ] = 0.5,
+    maker: Annotated[
+        MakerName | None, maker_option("With -o: maker of the controller whose program is written", "none")
+    ] = None,
+    lang: Annotated[Literal["en", "de", "ko"], typer.Option(help="Language of the text.")] = "en",
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output", "-o", metavar="DIR", help="Directory for joint targets, tables and a picture; default: none."
+        ),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Rank all postures that reach each target by their expected error, and choose the best sequence.
+
+    A posture is within the joint limits and clear of singularities. Obstacles are not known."""
+    from analysis.apps.makers.posture_targets import labels_of, read_targets, target_errors
+    from analysis.cli.console import progress_of
+    from analysis.cli.several import end_with, worst
+    from analysis.postures.result import choose_postures
+    from analysis.report.plain_console import PlainConsole
+    from analysis.report.posture_report import as_screen
+    from rigs.load import load, named_by
+
+    if maker and not output:
+        raise UseError("--for", "needs a directory to write to", "add -o DIR")
+    size = _size_of(part)
+    rig, _ = load(rig_file)
+    if maker and not rig.takes_programs:
+        problem = "programs are written for arms of six axes without a rail"
+        raise UseError("--for", problem, "leave it out and use postures.csv")
+    with named_by(rig_file, rig), progress_of("comparing postures"):
+        read, poses, current = read_targets(targets, rig)
+        chosen = choose_postures(rig, poses, current, change=change, part_mm=size)
+        errors = target_errors(targets, read, chosen)
+        written: list[Path] = []
+        if output is not None and len(chosen.best.rows):
+            from analysis.apps.makers.posture_files import write_postures  # matplotlib takes half a second
+
+            written = write_postures(chosen, read, output, maker)
+    if as_json:
+        content = chosen.to_dict()
+        of_lines = [target | {"line": line} for target, line in zip(content["targets"], read.lines, strict=True)]
+        say_json(content | {"targets": of_lines, "files": [str(path) for path in written]})
+    else:
+        PlainConsole().print(as_screen(chosen, labels_of(read), lang))
+    for path in written:
+        say(f"wrote {path}", err=True)
+    if written and chosen.knowledge == "calibrated":
+        table = as_argument(written[0])
+        say(f"next: rig correct {as_argument(rig_file)} --path {table} -o corrections  # takes away more", err=True)
+    elif chosen.knowledge == "typical" and not chosen.verdict:
+        say(f"next: rig plan {as_argument(rig_file)} --poses 40 -o poses  # measure this arm", err=True)
+    for error in errors[:_SAID]:
+        say_error(error)
+    if len(errors) > _SAID:
+        say(f"      and {len(errors) - _SAID} more targets without a posture", err=True)
+    end_with(worst(errors))
+
+
+def _size_of(part: str | None) -> Array | None:
+    """Return the size (3,) mm of a part. Raises UseError."""
+    import numpy as np
+
+    if part is None:
+        return None
+    try:
+        size = np.array([float(number) for number in part.split(",")])
+    except ValueError:
+        size = np.zeros(0)
+    if size.shape != (3,) or not np.isfinite(size).all() or (size < 0).any():
+        raise UseError("--part", f"{part!r} is no size", "give X,Y,Z in mm, as 300,200,100")
+    return size

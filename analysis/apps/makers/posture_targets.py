@@ -1,0 +1,77 @@
+"""Targets of `rig postures`: poses or joint angles in a table, in the units and limits of the arm."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from analysis.apps.makers.target_path import TargetPath, read_path
+from analysis.correction.reasons import WHY
+from analysis.correction.work import posture_limits
+from analysis.postures.result import Postures
+from analysis.robot.kinematics.arm import RAIL_MM, Array, arm_of, forward
+from analysis.runs.table_layout import PLACE, RAIL
+from rigs.errors import FileError
+from rigs.rig import Rig
+
+MOST_TARGETS = 20_000
+"""Limit of targets: each has dozens of postures, and ten thousand take a minute."""
+_LARGEST_IN_M = 10.0
+"""Positions of which none exceeds this are in metres: a tool within 10 mm of the base origin reaches nothing."""
+_SLACK = 1e-6
+"""Tolerance of a limit in rad or m: rounding of a posture taught at the limit."""
+
+
+def read_targets(path: Path, rig: Rig) -> tuple[TargetPath, Array, Array | None]:
+    """Return the targets of a table, their poses (n, 4, 4) in the world, and their joint angles (n, axes) rad if the
+    table has them. Raises FileError for a table in other units, and like `read_path`."""
+    read = read_path(path, len(rig.robot.axes), rail=rig.robot.rail is not None)
+    if len(read.lines) > MOST_TARGETS:
+        problem = f"has {len(read.lines)} targets, and at most {MOST_TARGETS} are compared"
+        raise FileError(str(path), problem, "split the table")
+    _check_units(read, str(path))
+    if not read.joints:
+        return read, read.poses(), None
+    q = read.angles()
+    _check_limits(read, q, rig, str(path))
+    return read, forward(arm_of(rig.robot), q), q
+
+
+def _check_units(read: TargetPath, where: str) -> None:
+    """Raise FileError for positions in metres, or angles in radians: all joints within one radian's turn."""
+    if not read.joints:
+        places = np.abs(read.values[:, : len(PLACE)]).max()
+        if 0 < places < _LARGEST_IN_M:
+            problem = f"has no coordinate above {places:.4g} mm: the positions look like metres"
+            raise FileError(where, problem, "multiply x_mm, y_mm and z_mm by 1000")
+        return
+    joints = np.abs(read.values[:, [name != RAIL for name in read.names]]).max()
+    if 0 < joints <= 2 * np.pi:
+        problem = f"has no joint angle above {joints:.3g}°: the angles look like radians"
+        raise FileError(where, problem, "multiply the joint angles by 57.29578")
+
+
+def _check_limits(read: TargetPath, q: Array, rig: Rig, where: str) -> None:
+    """Raise FileError for a posture beyond a joint limit, which no program has."""
+    limits = posture_limits(rig)
+    beyond = np.argwhere((q < limits[:, 0] - _SLACK) | (q > limits[:, 1] + _SLACK))
+    if len(beyond):
+        row, column = beyond[0].tolist()
+        name, units = read.names[column], RAIL_MM if read.names[column] == RAIL else float(np.degrees(1.0))
+        low, high = limits[column] * units
+        problem = f"{name} {q[row, column] * units:.6g} is beyond the limits {low:.6g} to {high:.6g}"
+        raise FileError(f"{where}, line {read.lines[row]}", problem, "correct the angle, or limits_deg in the rig file")
+
+
+def target_errors(path: Path, read: TargetPath, postures: Postures) -> list[FileError]:
+    """Return an error for each target without a posture."""
+    return [
+        FileError(f"{path}, line {read.lines[k]}", f"the target {WHY[reason]}", "move the target or turn the tool")
+        for k, reason in sorted(postures.candidates.reasons.items())
+    ]
+
+
+def labels_of(read: TargetPath) -> list[str]:
+    """Return the name of each target: its line in the table."""
+    return [f"line {line}" for line in read.lines]

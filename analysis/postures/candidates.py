@@ -1,0 +1,156 @@
+"""All postures that reach a target: within the joint limits and clear of singularities.
+
+An arm of six axes has up to eight branches, each with the whole turns that stay near a reference posture. A seventh
+axis is sampled: Newton's method starts from postures spread over the limits. A rail is sampled by its position.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from analysis.correction.reasons import Reason
+from analysis.robot.kinematics.arm import RAIL_MM, Arm, Array, Integers, Mask
+from analysis.robot.kinematics.closed_form import branches, canonical
+from analysis.robot.kinematics.inverse import inverse
+from analysis.robot.kinematics.joint_limits import SAME_RAD, within_limits, wrapped
+from analysis.robot.kinematics.newton import conditioning, newton
+from rigs.schema.vocabulary import DRIVEN_AXES
+
+LEAST_CONDITIONING = 0.01
+"""Conditioning below which a posture counts as singular, as in the planning of poses (`pose_pool`)."""
+_TURN_RAD = np.radians(195.0)
+"""Distance of a joint from the reference posture up to which whole turns are kept. Chosen: half a turn, and 15° more so
+that a program can pass the half turn without winding back."""
+_STARTS = 48
+"""Start values of a redundant arm for each target. Chosen: about a quarter converge within the limits of a Franka."""
+_SAME_SELF_MOTION_RAD = np.radians(3.0)
+"""Distance below which two postures of a redundant arm are the same for a person."""
+_STANDS = 5
+"""Positions of a rail that are tried, evenly over its travel."""
+NO_BRANCH = -1
+"""Branch of a posture whose arm has no known branches."""
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """Postures q (m, axes) rad, followed by the rail position in m, that reach targets (m,), sorted by target.
+
+    `branch` (m,): 4 · shoulder + 2 · elbow + wrist, or NO_BRANCH. `conditioning` (m,): 0 is singular. `reasons`: why a
+    target has no posture. Postures with the same `solution` (m,) differ by whole turns.
+    """
+
+    q: Array
+    target: Integers
+    solution: Integers
+    branch: Integers
+    conditioning: Array
+    reasons: dict[int, Reason]
+
+    def of(self, rows: Mask | Integers) -> Candidates:
+        """Return the postures of a mask (m,) or of indices (k,)."""
+        return Candidates(
+            self.q[rows],
+            self.target[rows],
+            self.solution[rows],
+            self.branch[rows],
+            self.conditioning[rows],
+            self.reasons,
+        )
+
+    def groups(self) -> Iterator[tuple[int, slice]]:
+        """Yield each target with postures, and their rows."""
+        targets, begins = np.unique(self.target, return_index=True)
+        ends = [*begins[1:].tolist(), len(self.target)]
+        for target, begin, end in zip(targets.tolist(), begins.tolist(), ends, strict=True):
+            yield target, slice(begin, end)
+
+
+def find_candidates(arm: Arm, poses: Array, near: Array, rail_m: tuple[float, float] | None = None) -> Candidates:
+    """Return the postures of an arm with six or more axes at tool poses (n, 4, 4) in the world.
+
+    near: reference posture (axes,) rad for whole turns. rail_m: travel of a rail in m; its position is a free choice.
+    """
+    stands = [None] if rail_m is None or arm.rail is None else np.linspace(*rail_m, _STANDS).tolist()
+    parts, solutions = [], 0
+    in_reach: Mask = np.zeros(len(poses), dtype=bool)
+    for stand in stands:
+        at_stand = arm if stand is None or arm.rail is None else _standing(arm, arm.rail, stand)
+        find = _branches if arm.axes == DRIVEN_AXES else _redundant
+        q, target, solution, reached = find(at_stand, poses, near)
+        in_reach |= reached
+        q = q if stand is None else np.column_stack([q, np.full(len(q), stand)])
+        parts.append((q, target, solution + solutions))
+        solutions += int(solution.max(initial=0)) + 1
+    q, target, solution = (np.concatenate(part) for part in zip(*parts, strict=True))
+    order = np.argsort(target, kind="stable")
+    q, target, solution = q[order], target[order], solution[order]
+    regular = conditioning(arm, q) if len(q) else np.zeros(0)
+    clear = regular > LEAST_CONDITIONING
+    reasons: dict[int, Reason] = {}
+    for k in sorted(set(range(len(poses))) - set(target[clear].tolist())):
+        reasons[k] = "singular" if (target == k).any() else "beyond_limits" if in_reach[k] else "unreachable"
+    branch = branch_of(arm, poses[target], q)
+    return Candidates(q[clear], target[clear], solution[clear], branch[clear], regular[clear], reasons)
+
+
+def branch_of(arm: Arm, poses: Array, q: Array) -> Integers:
+    """Return the branch (m,) of postures q (m, axes) rad at their poses (m, 4, 4)."""
+    form = canonical(arm) if arm.axes == DRIVEN_AXES and arm.rail is None else None
+    if form is None or not len(q):
+        return np.full(len(q), NO_BRANCH, dtype=np.int64)
+    theta = branches(form, poses)
+    turned = (q @ arm.coupling.T + arm.offset).T
+    return np.asarray(np.abs(wrapped(theta - turned)).max(axis=1).argmin(axis=0), dtype=np.int64)
+
+
+def _standing(arm: Arm, rail: Array, stand_m: float) -> Arm:
+    """Return an arm with its base at a position of its rail, which has a direction (3,)."""
+    T = arm.T_world_base.copy()
+    T[:3, 3] += RAIL_MM * stand_m * rail
+    return replace(arm, T_world_base=T, rail=None)
+
+
+def _branches(arm: Arm, poses: Array, near: Array) -> tuple[Array, Integers, Integers, Mask]:
+    """Return the postures (m, 6) rad of a six-axis arm, their targets (m,), the number (m,) of the solution of which
+    each is a turn, and a mask (n,) of poses in reach."""
+    solutions = inverse(arm, poses)
+    target, slot = np.nonzero(solutions.found)
+    q, row = within_limits(arm, solutions.q[target, slot])
+    away = np.abs(q - near).max(axis=1)
+    nearest = np.full(len(target), np.inf)
+    np.minimum.at(nearest, row, away)
+    kept = away <= np.maximum(_TURN_RAD, nearest[row] + SAME_RAD)
+    reached = np.asarray(solutions.found.any(axis=1))
+    return q[kept], target[row[kept]].astype(np.int64), row[kept].astype(np.int64), reached
+
+
+def _redundant(arm: Arm, poses: Array, near: Array) -> tuple[Array, Integers, Integers, Mask]:
+    """Return sampled postures (m, axes) rad of a redundant arm, their targets (m,), a number (m,) of each, and a mask
+    (n,) of poses in reach.
+
+    All poses have the same start values, so that neighbouring poses have neighbouring postures.
+    """
+    low, high = arm.limits.T
+    starts = np.vstack([near, np.random.default_rng(0).uniform(low, high, (_STARTS, arm.axes))])
+    target = np.repeat(np.arange(len(poses)), len(starts))
+    q, converged = newton(arm, poses[target], np.tile(starts, (len(poses), 1)))
+    in_reach: Mask = np.zeros(len(poses), dtype=bool)
+    in_reach[target[converged]] = True
+    q = low + np.mod(q - low, 2 * np.pi)  # the turn above the lower limit
+    inside = converged & (q <= high).all(axis=1)
+    q = np.where(inside[:, None], q, np.nan).reshape(len(poses), len(starts), arm.axes)
+    q, target = _thinned(q)
+    return q, target, np.arange(len(q)), in_reach
+
+
+def _thinned(q: Array) -> tuple[Array, Integers]:
+    """Return the postures (m, axes) of q (n, k, axes) that differ, without NaN, and their targets (m,)."""
+    kept: Mask = np.asarray(np.isfinite(q).all(axis=2))
+    for slot in range(1, q.shape[1]):
+        with np.errstate(invalid="ignore"):
+            apart = np.abs(q[:, :slot] - q[:, slot, None]).max(axis=2)
+        kept[:, slot] &= ~((apart < _SAME_SELF_MOTION_RAD) & kept[:, :slot]).any(axis=1)
+    return q[kept], np.nonzero(kept)[0].astype(np.int64)

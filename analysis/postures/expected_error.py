@@ -1,0 +1,252 @@
+"""Expected position error of postures, with its uncertainty and the play of each joint by the side of approach.
+
+The controller is assumed to use the nominal arm. Frame and tool are taught with the robot over its work, so a rigid
+motion of the arm and a shift of the tool are no error (`analysis.correction.work`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+from itertools import product
+from typing import Literal
+
+import numpy as np
+
+from analysis.correction.pose_uncertainty import CalibratedUncertainty, PoseUncertainty, covered, pose_uncertainty
+from analysis.correction.support import supports, why_nothing
+from analysis.correction.work import (
+    TaughtFrame,
+    left_out_mm,
+    rest_effects,
+    rest_moves_mm,
+    tool_places,
+    used_effects,
+    work_or_spread,
+)
+from analysis.postures.typical import typical_displacements, typical_plays
+from analysis.robot.kinematics.arm import Array, Integers, Mask, arm_of, blocks, forward, forward_and_jacobian
+from analysis.robot.model.predict import driven, model_of, stops
+from rigs.effects import Effect
+from rigs.rig import Rig
+
+Knowledge = Literal["calibrated", "effects", "typical"]
+"""Origin of the errors: a calibrated model, effects of the rig file alone, or the typical size of every effect."""
+
+_SWING_RAD = np.radians(5.0)
+"""Distance over which a joint approaches from its side. Chosen: wider than the play of any arm."""
+_MOST_GROWTH = 4.0
+"""Growth of u outside the measured joint range: real arms missed by two to four u (docs/evidence/world.md)."""
+_GROWN_RAD = np.radians(30.0)
+"""Distance outside the range at which the growth is complete. Chosen: a usual range of taught postures."""
+_TAUGHT = 200
+"""Most postures for teaching a frame, of which the uncertainty is computed. Chosen: nine parameters do not improve with
+more."""
+_ROWS = 1024
+"""Postures per block: 1500 terms at each need 75 MB. Smaller blocks take more calls of each term."""
+_SAMPLE = 40
+"""Postures at which effects of time are evaluated; they hardly depend on the posture."""
+
+
+@dataclass(frozen=True)
+class PostureErrors:
+    """Errors of m postures in mm.
+
+    error_mm (m, 3): expected displacement without play. u_mm (m,): its standard uncertainty. rising_mm, falling_mm
+    (m, axes, 3): displacement by the play of each joint that arrives with a rising or a falling angle. covered (m,):
+    whether the runs reach the posture, None if their range is unknown.
+    """
+
+    error_mm: Array
+    u_mm: Array
+    rising_mm: Array
+    falling_mm: Array
+    covered: Mask | None
+
+    @cached_property
+    def size_mm(self) -> Array:
+        """Expected error (m,) mm without play and uncertainty."""
+        return np.asarray(np.linalg.norm(self.error_mm + self._middle_mm, axis=1))
+
+    @cached_property
+    def play_mm(self) -> Array:
+        """Rms displacement (m,) mm by play if the sides of approach are unknown."""
+        half = (self.rising_mm - self.falling_mm) / 2
+        return np.asarray(np.sqrt((half**2).sum(axis=(1, 2))))
+
+    @cached_property
+    def expected_mm(self) -> Array:
+        """Expected rms error (m,) mm, with uncertainty, and with play from unknown sides: the figure of the ranking."""
+        return np.asarray(np.sqrt(self.size_mm**2 + self.u_mm**2 + self.play_mm**2))
+
+    @property
+    def _middle_mm(self) -> Array:
+        return np.asarray(((self.rising_mm + self.falling_mm) / 2).sum(axis=1))
+
+    def of(self, rows: Mask | Integers | slice) -> PostureErrors:
+        """Return the errors of the postures of a mask (m,), of indices (k,) or of a slice."""
+        inside = None if self.covered is None else self.covered[rows]
+        return PostureErrors(
+            self.error_mm[rows], self.u_mm[rows], self.rising_mm[rows], self.falling_mm[rows], inside
+        )  # fmt: skip
+
+    def best_approach(self) -> tuple[Mask, Array]:
+        """Return for each posture the joints (m, axes) that should arrive with a rising angle, and the expected rms
+        error (m,) mm then. Joints without play count as rising."""
+        axes = self.rising_mm.shape[1]
+        playing = np.flatnonzero(np.abs(self.rising_mm - self.falling_mm).max(axis=(0, 2), initial=0.0) > 0)
+        rising = np.ones((len(self.u_mm), axes), dtype=bool)
+        best = self.from_sides(rising)
+        for sides in product((True, False), repeat=len(playing)):
+            tried = np.ones(axes, dtype=bool)
+            tried[playing] = sides
+            expected = self.from_sides(np.broadcast_to(tried, rising.shape))
+            better = expected < best - 1e-12
+            rising[better], best[better] = tried, expected[better]
+        return rising, best
+
+    def from_sides(self, rising: Mask) -> Array:
+        """Return the expected rms error (m,) mm if the joints (m, axes) arrive with a rising angle."""
+        moved = np.where(rising[..., None], self.rising_mm, self.falling_mm).sum(axis=1)
+        return np.asarray(np.sqrt(((self.error_mm + moved) ** 2).sum(axis=1) + self.u_mm**2))
+
+
+def knowledge_of(rig: Rig) -> Knowledge:
+    """Return the origin of the errors of a rig's arm."""
+    if why_nothing(rig):
+        return "typical"
+    if rig.calibrated is not None:
+        return "calibrated"
+    return "effects" if any(effect.found for effect in rig.effects) else "typical"
+
+
+def expected_errors(
+    rig: Rig, q: Array, taught: Array | None = None, *, solution: Integers | None = None
+) -> PostureErrors:
+    """Return the errors of postures q (m, axes) rad, followed by a rail position in m.
+
+    taught (k, axes): postures at which frame and tool are taught, the work of the rig unless given. solution (m,):
+    postures with the same number differ by whole turns, and share the uncertainty of the model.
+    """
+    knowledge = knowledge_of(rig)
+    if knowledge == "typical":
+        rig = rig.model_copy(update={"effects": ()}).with_calibration(None, None)
+    supported = supports(rig)
+    uncertainty = pose_uncertainty(rig, supported)
+    if taught is None:
+        taught = work_or_spread(rig, uncertainty.joints_rad)
+    arm, used = arm_of(rig.robot), used_effects(rig, supported)
+    at_taught, at_postures = forward(arm, taught), forward(arm, q)
+    places = tool_places(rig, used, q)
+    error = rest_moves_mm(places, at_postures, (tool_places(rig, used, taught), at_taught))
+    few = _few_of(len(taught))
+    taught, frame = taught[few], TaughtFrame(at_taught[few])
+    square = np.zeros(len(q))
+    if knowledge != "typical":
+        first, of_all = _first_turns(solution, len(q))
+        square += _model_square(uncertainty, frame, taught, q[first], at_postures[first])[of_all]
+        square *= _growth(uncertainty, q) ** 2
+    if knowledge != "calibrated":
+        first, of_all = _first_turns(solution, len(q))
+        moves = typical_displacements(rig, np.concatenate([taught, q[first]]))
+        remaining = frame.rest(moves[:, len(taught) :], at_postures[first], frame.motions(moves[:, : len(taught)]))
+        square += np.einsum("kni,kni->n", remaining, remaining)[of_all]
+    rising, falling = _plays(rig, q, typical=knowledge != "calibrated")
+    square += _time_square(rig, q)
+    inside = covered(uncertainty, q) if knowledge != "typical" else np.zeros(len(q), dtype=bool)
+    return PostureErrors(error, np.sqrt(square), rising, falling, inside)
+
+
+def _few_of(count: int) -> Integers:
+    """Return at most 200 of so many indices (k,) at random: every eighth of a grid would be one orientation alone."""
+    return np.random.default_rng(0).permutation(count)[:_TAUGHT]
+
+
+def _first_turns(solution: Integers | None, count: int) -> tuple[Integers, Integers]:
+    """Return the first posture (k,) of each solution, and the place (m,) of each of `count` postures among them."""
+    numbers = np.arange(count) if solution is None else solution
+    _, first, of_all = np.unique(numbers, return_index=True, return_inverse=True)
+    return first, of_all
+
+
+def _model_square(uncertainty: PoseUncertainty, frame: TaughtFrame, taught: Array, q: Array, poses: Array) -> Array:
+    """Return the variance (m,) mm² of positions in a taught frame by the model, with its unexplained error."""
+    square = np.full(len(q), uncertainty.unexplained_mm**2)
+    if isinstance(uncertainty, CalibratedUncertainty):
+        square += _rest_square(uncertainty.displacements_by_others, None, frame, taught, (q, poses))
+        moves_at = partial(_bare_derivatives, uncertainty)
+        return np.asarray(square + _rest_square(moves_at, uncertainty.factor.T, frame, taught, (q, poses)))
+    return np.asarray(square + _rest_square(uncertainty.pose_displacements, None, frame, taught, (q, poses)))
+
+
+def _bare_derivatives(uncertainty: CalibratedUncertainty, q: Array) -> Array:
+    """Return derivatives (p, n, 6) about the nominal arm: effects are small, and evaluating them takes most time."""
+    return uncertainty.pose_derivatives(model_of(uncertainty.rig, ()), q)
+
+
+def _rest_square(
+    moves_at: Callable[[Array], Array], factor: Array | None, frame: TaughtFrame, taught: Array, at: tuple[Array, Array]
+) -> Array:
+    """Return the sum (m,) mm² of squared displacements at postures and their poses, after removing those of the frame.
+
+    moves_at: displacements (k, n, 6) at joint angles. factor (r, k): combines them, each one independent unless given.
+    """
+    q, poses = at
+    single = None if factor is None else factor.astype(np.float32)  # half the time, and u needs three digits
+    motions, square = frame.motions(np.ascontiguousarray(moves_at(taught)[:, :, :3])), np.zeros(len(q))
+    for rows in blocks(len(q), _ROWS):
+        moves = frame.rest(moves_at(q[rows])[:, :, :3], poses[rows], motions)
+        if single is not None and len(moves):
+            flat = moves.reshape(len(moves), -1).astype(np.float32)
+            moves = (single @ flat).reshape(len(single), -1, 3).astype(float)
+        square[rows] = np.einsum("kni,kni->n", moves, moves)
+    return square
+
+
+def _growth(uncertainty: PoseUncertainty, q: Array) -> Array:
+    """Return the factor (m,) by which u grows outside the measured joint range, 1 inside or if it is unknown."""
+    joints = uncertainty.joints_rad
+    if joints is None:
+        return np.ones(len(q))
+    at = q[:, : len(joints)]
+    beyond = np.maximum(joints[:, 0] - at, at - joints[:, 1]).max(axis=1)
+    share = np.clip(beyond / _GROWN_RAD, 0.0, 1.0)
+    share[~uncertainty.is_within_reach(q)] = 1.0
+    return np.asarray(1 + (_MOST_GROWTH - 1) * share)
+
+
+def _plays(rig: Rig, q: Array, *, typical: bool) -> tuple[Array, Array]:
+    """Return the displacements (m, axes, 3) mm by play of each joint arriving with a rising and a falling angle.
+
+    Effects in joints that no target corrects are included; typical: play of joints without a known one.
+    """
+    effects = [effect for effect in rest_effects(rig, supports(rig)) if effect.STAGE == "joint"]
+    motions = forward_and_jacobian(arm_of(rig.robot), q)[1][:, :3].transpose(0, 2, 1)
+    rising, falling = (_lag_rad(rig, effects, q, side) for side in (-1.0, 1.0))
+    if typical:
+        unknown = (rising == 0).all(axis=0) & (falling == 0).all(axis=0)
+        rising = np.where(unknown, _lag_rad(rig, typical_plays(rig), q, -1.0), rising)
+        falling = np.where(unknown, _lag_rad(rig, typical_plays(rig), q, 1.0), falling)
+    return rising[..., None] * motions, falling[..., None] * motions
+
+
+def _lag_rad(rig: Rig, effects: Sequence[Effect], q: Array, side: float) -> Array:
+    """Return the lag (m, axes) rad of the links after each joint came from one side, -1 below and 1 above."""
+    model = model_of(rig, effects)
+    axes = model.arm.axes
+    if not effects or not len(q):
+        return np.zeros((len(q), axes))
+    came_from = q.copy()
+    came_from[:, :axes] += side * _SWING_RAD
+    path = stops(q, came_from=came_from)
+    return np.asarray((driven(model, path).link_q - path.q)[path.rows][:, :axes])
+
+
+def _time_square(rig: Rig, q: Array) -> Array:
+    """Return the variance (m,) mm² of uncorrectable effects outside the joints, as thermal growth."""
+    effects = [effect for effect in rest_effects(rig, supports(rig)) if effect.STAGE != "joint"]
+    if not effects or not len(q):
+        return np.zeros(len(q))
+    left_out = left_out_mm(rig, effects, q[:: -(-len(q) // _SAMPLE)])
+    return np.full(len(q), float((left_out**2).sum(axis=1).mean()))

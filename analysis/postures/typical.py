@@ -1,0 +1,38 @@
+"""Typical errors of an arm that was not measured: the healthy size of every effect as an independent displacement."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from analysis.diagnosis.plan.pose_plan import pose_columns
+from analysis.robot.kinematics.arm import Array
+from rigs.effects import VOCABULARY, Effect
+from rigs.rig import Rig
+from rigs.schema.effect import healthy, scaled, size_fields
+
+_LEVEL = 1.0
+"""Size of the errors relative to a healthy arm: 1 gives a UR10 1.0 mm rms over its workspace. The measured nominal
+errors of one are 0.8 to 1.1 mm (docs/trials.md)."""
+
+
+def typical_displacements(rig: Rig, q: Array) -> Array:
+    """Return independent tool displacements (k, n, 3) mm at joint angles q (n, axes) rad.
+
+    Each displacement is one standard deviation of a typical effect. Play is left out: it depends on the approach.
+    """
+    columns, sd_mm = pose_columns(rig.model_copy(update={"effects": ()}).with_calibration(None, None), q)
+    variance = columns.variance(_LEVEL)
+    variance[columns.fixed > 0] = 0.0  # set-ups and scatter
+    scaled = columns.X * np.sqrt(variance) * sd_mm.reshape(-1, 1)
+    return np.ascontiguousarray(scaled.reshape(len(q), 3, -1).transpose(2, 0, 1))
+
+
+def typical_plays(rig: Rig) -> list[Effect]:
+    """Return the play of every joint at the size that is usual for an arm of this build."""
+    plays = [cls for cls in VOCABULARY.values() if cls.STAGE == "joint" and cls.STRAIGHT == 0]
+    of_axes = [
+        healthy(cls.model_validate({"axis": axis, size_fields(cls)[0]: 1.0}))
+        for cls in plays
+        for axis in range(1, len(rig.robot.axes) + 1)
+    ]
+    return [scaled(play, play.usual_times(rig.robot.built)) for play in of_axes]

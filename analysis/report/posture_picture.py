@@ -1,0 +1,88 @@
+"""The picture of postures: errors of all postures by target, joints of the chosen ones, and the map of places."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure, SubFigure
+from matplotlib.patches import Rectangle
+
+from analysis.postures.result import Postures
+from analysis.postures.work_map import WorkMap
+from analysis.report.posture_report import gain_words, limits, map_words
+from analysis.report.still_chart import Part, Sheet
+from analysis.report.texts import texts_of
+from analysis.robot.kinematics.arm import Array
+
+_WIDTH = 9.0
+_CHOSEN, _USUAL, _GREY = "#1f5fa8", "#d95f02", "#b0b0b0"
+
+
+def picture(postures: Postures) -> Figure:
+    """Return a sheet: title, errors by target, joints along the program, and the map if a part was given."""
+    texts = texts_of("en")
+    title = [gain_words(postures, texts), *limits(postures, texts)]
+    parts: list[Part] = [(2.8, partial(_draw_errors, postures)), (2.6, partial(_draw_joints, postures))]
+    if postures.work_map is not None:
+        title.append(map_words(postures, texts))
+        parts.append((5.4, partial(_draw_map, postures.work_map, postures.reached[:, :2, 3])))
+    return Sheet.of_parts(_wrapped(title), parts, _WIDTH)
+
+
+def _wrapped(lines: Sequence[str]) -> list[str]:
+    return [short for line in lines if line for short in textwrap.wrap(line, 92)]
+
+
+def _draw_errors(postures: Postures, sheet: SubFigure) -> None:
+    axes: Axes = sheet.subplots()
+    targets = postures.candidates.target
+    axes.plot(targets + 1, postures.errors.expected_mm, ".", color=_GREY, ms=4, label="every posture")
+    for sequence, colour, label, marker in (
+        (postures.usual, _USUAL, "postures of the table" if postures.is_given else "shortest way", "s"),
+        (postures.best, _CHOSEN, "chosen", "o"),
+    ):
+        at = targets[sequence.rows] + 1
+        axes.plot(at, sequence.expected_mm, "-", marker=marker, ms=3, lw=1, color=colour, label=label)
+    axes.set_ylim(0, _top(postures))
+    axes.set_xlabel("target")
+    axes.set_ylabel("expected error / mm")
+    axes.legend(fontsize=8, ncols=3, loc="upper right", frameon=False)
+
+
+def _top(postures: Postures) -> float:
+    """Return an upper end of the errors shown: single postures may be far outside the measured region."""
+    shown = [postures.best.expected_mm, postures.usual.expected_mm, np.zeros(1)]
+    high = np.percentile(postures.errors.expected_mm, 95) if len(postures.errors.expected_mm) else 1.0
+    return 1.25 * max(float(np.concatenate(shown).max()), float(high), 1e-3)
+
+
+def _draw_joints(postures: Postures, sheet: SubFigure) -> None:
+    axes: Axes = sheet.subplots()
+    rows = postures.best.rows
+    angles = np.degrees(postures.candidates.q[rows, : len(postures.rig.robot.axes)])
+    for axis, column in enumerate(angles.T, start=1):
+        axes.plot(postures.candidates.target[rows] + 1, column, ".-", ms=3, lw=1, label=f"J{axis}")
+    axes.set_xlabel("target")
+    axes.set_ylabel("chosen joint angle / °")
+    axes.legend(fontsize=8, ncols=7, loc="upper right", frameon=False)
+    axes.margins(y=0.25)
+
+
+def _draw_map(work_map: WorkMap, places: Array, sheet: SubFigure) -> None:
+    axes: Axes = sheet.subplots()
+    drawn = axes.pcolormesh(work_map.x_mm, work_map.y_mm, work_map.expected_mm, cmap="viridis_r", shading="nearest")
+    sheet.colorbar(drawn, ax=axes, label="expected error of the part / mm rms", shrink=0.8)
+    if work_map.best_mm is not None:
+        (x, y), (width, height) = work_map.best_mm, work_map.part_mm[:2]
+        axes.add_patch(Rectangle((x - width / 2, y - height / 2), width, height, fill=False, ec=_CHOSEN, lw=2))
+        axes.plot([], [], "-", color=_CHOSEN, lw=2, label="best place of the part")
+    axes.plot(places[:, 0], places[:, 1], ".", color=_USUAL, ms=4, label="targets")
+    axes.set_aspect("equal")
+    axes.set_xlabel("x / mm")
+    axes.set_ylabel("y / mm")
+    axes.set_title(f"Centre of a part at z = {work_map.z_mm:.0f} mm; white: out of reach", fontsize=9)
+    axes.legend(fontsize=8, loc="upper right")

@@ -1,0 +1,188 @@
+"""Postures on the screen, and as tables: the chosen sequence, and all postures of each target."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+
+import numpy as np
+from rich.console import Group, RenderableType
+from rich.text import Text
+
+from analysis.postures.result import Postures
+from analysis.report.plain_console import bare_table, right
+from analysis.report.texts import Language, Texts, texts_of
+from analysis.robot.kinematics.arm import RAIL_MM, Array
+from analysis.runs.table_layout import RAIL, joint_columns
+from rigs.schema.robot import Robot
+
+POSTURE_COLUMNS = ("expected_mm", "error_mm", "posture_u_mm", "measured_region")
+"""Columns of a posture in each table: expected rms error with uncertainty and play, predicted error without them, empty
+for a typical arm, standard uncertainty, and whether the runs reach the posture (yes, no or unknown)."""
+_MOST_ROWS = 20
+"""Targets that are listed on the screen; JSON and tables have all."""
+_SHOWN_PLAY = 0.2
+"""Share of the expected error from which play is mentioned: it then adds 2 % to the rms."""
+
+
+def as_screen(postures: Postures, labels: Sequence[str], language: Language = "en") -> RenderableType:
+    """Return what is not known, the gain, and a row for each target, which `labels` (n,) name."""
+    texts = texts_of(language)
+    parts: list[RenderableType] = [Text(line, style="yellow") for line in limits(postures, texts)]
+    parts += [Text(gain_words(postures, texts), style="bold"), Text(way_words(postures, texts))]
+    if placed := map_words(postures, texts):
+        parts.append(Text(placed, style="bold"))
+    parts += [Text(), _table(postures, labels, texts)]
+    unlisted = len(postures.poses) - _MOST_ROWS
+    parts += [Text(texts("postures_more", count=unlisted))] if unlisted > 0 else []
+    if play := play_words(postures, texts):
+        parts.append(Text(play))
+    return Group(*parts, Text(texts("postures_collisions"), style="dim"))
+
+
+def limits(postures: Postures, texts: Texts) -> list[str]:
+    """Return what is not known about the errors; it comes first."""
+    lines = [texts("postures_verdict", why=postures.verdict)] if postures.verdict else []
+    if postures.knowledge != "calibrated":
+        lines.append(texts(f"postures_{postures.knowledge}"))
+    if postures.outside:
+        lines.append(texts("postures_outside", count=postures.outside, total=len(postures.best.rows)))
+    return lines
+
+
+def gain_words(postures: Postures, texts: Texts) -> str:
+    """Return the expected error of the chosen postures and of the usual ones."""
+    if not len(postures.best.rows):
+        return texts("postures_none")
+    key = "postures_gain_given" if postures.is_given else "postures_gain_short"
+    best, usual = (f"{sequence.rms_mm:.3f}" for sequence in (postures.best, postures.usual))
+    return texts(key, count=len(postures.best.rows), best=best, usual=usual)
+
+
+def way_words(postures: Postures, texts: Texts) -> str:
+    """Return the changes of branch and the travel of the joints, chosen and usual."""
+    best, usual = postures.best, postures.usual
+    travel, before = (f"{np.degrees(sequence.travel_rad):.0f}" for sequence in (best, usual))
+    return texts("postures_way", changes=best.changes, before=usual.changes, travel=travel, travel_before=before)
+
+
+def map_words(postures: Postures, texts: Texts) -> str:
+    """Return the best place of a part, empty without a map."""
+    work_map = postures.work_map
+    if work_map is None:
+        return ""
+    part = " × ".join(f"{size:g}" for size in work_map.part_mm)
+    if work_map.best_mm is None:
+        return texts("postures_no_place", part=part)
+    x, y = work_map.best_mm
+    now = work_map.at(*postures.reached[:, :2, 3].mean(axis=0))
+    words = texts("postures_place", part=part, x=f"{x:.0f}", y=f"{y:.0f}", best=f"{work_map.at(x, y):.3f}")
+    return words if np.isnan(now) else f"{words} {texts('postures_place_now', now=f'{now:.3f}')}"
+
+
+def play_words(postures: Postures, texts: Texts) -> str:
+    """Return how much the side of approach matters, empty if play is small or was not measured."""
+    rows = postures.best.rows
+    if postures.knowledge == "typical" or not len(rows):
+        return ""
+    errors = postures.errors.of(rows)
+    if np.median(errors.play_mm / errors.expected_mm) < _SHOWN_PLAY:
+        return ""
+    unknown, chosen = (float(np.sqrt(np.mean(mm**2))) for mm in (errors.expected_mm, errors.best_approach()[1]))
+    return texts("postures_play", unknown=f"{unknown:.3f}", chosen=f"{chosen:.3f}")
+
+
+def _table(postures: Postures, labels: Sequence[str], texts: Texts) -> RenderableType:
+    names = ("target", "count", "range", "chosen", "joints")
+    heads = [texts(f"postures_column_{name}") for name in names]
+    table = bare_table(heads[0], *map(right, heads[1:4]), heads[4])
+    chosen = dict(
+        zip(postures.candidates.target[postures.best.rows].tolist(), postures.best.rows.tolist(), strict=True)
+    )
+    of_target = dict(postures.candidates.groups())
+    for target in range(min(len(postures.poses), _MOST_ROWS)):
+        if target not in chosen:
+            table.add_row(labels[target], "0", "–", "–", "–")
+            continue
+        rows, row = of_target[target], chosen[target]
+        expected, solutions = postures.errors.expected_mm[rows], np.unique(postures.candidates.solution[rows])
+        spread = f"{expected.min():.3f} … {expected.max():.3f}"
+        table.add_row(labels[target], str(len(solutions)), spread, chosen_words(postures, row), _angles(postures, row))
+    return table
+
+
+def chosen_words(postures: Postures, row: int) -> str:
+    """Return the error of a posture with its standard uncertainty, in mm."""
+    u_mm = f"± {postures.errors.u_mm[row]:.3f}"
+    return u_mm if postures.knowledge == "typical" else f"{postures.errors.size_mm[row]:.3f} {u_mm}"
+
+
+def _angles(postures: Postures, row: int) -> str:
+    axes = len(postures.rig.robot.axes)
+    q = postures.candidates.q[row]
+    words = ", ".join(f"{angle:.0f}" for angle in np.degrees(q[:axes]))
+    return words + "".join(f", E1 {RAIL_MM * stand:.0f} mm" for stand in q[axes:])
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Tables
+
+
+def chosen_csv(postures: Postures, kept: dict[str, list[str]]) -> str:
+    """Return the joint targets of the best sequence as CSV, after the columns `kept` of the table, by name."""
+    rows = postures.best.rows
+    targets = postures.candidates.target[rows].tolist()
+    head = [*kept, *_joint_names(postures.rig.robot), *POSTURE_COLUMNS]
+    lines = [
+        [*(column[target] for column in kept.values()), *_joint_cells(postures, row), f"{expected:.4f}",
+         *_error_cells(postures, row)]
+        for target, row, expected in zip(targets, rows.tolist(), postures.best.expected_mm.tolist(), strict=True)
+    ]  # fmt: skip
+    return _csv([head, *lines])
+
+
+def all_csv(postures: Postures, labels: Sequence[str]) -> str:
+    """Return all postures of all targets as CSV, the best of each target first."""
+    robot = postures.rig.robot
+    names = (*_joint_names(robot), "branch", *POSTURE_COLUMNS, "play_mm", "approached_mm", "approach", "conditioning")
+    rising, approached = postures.errors.best_approach()
+    plays = postures.played
+    lines: list[list[str]] = []
+    for target, rows in postures.candidates.groups():
+        for rank, row in enumerate(postures.ranked(rows), start=1):
+            branch = int(postures.candidates.branch[row])
+            lines.append([
+                labels[target], str(rank), *_joint_cells(postures, row), str(branch) if branch >= 0 else "",
+                f"{postures.errors.expected_mm[row]:.4f}", *_error_cells(postures, row),
+                f"{postures.errors.play_mm[row]:.4f}", f"{approached[row]:.4f}", _sides(rising[row], plays[row]),
+                f"{postures.candidates.conditioning[row]:.4f}",
+            ])  # fmt: skip
+    return _csv([("target", "rank", *names), *lines])
+
+
+def _joint_names(robot: Robot) -> list[str]:
+    return [*joint_columns(len(robot.axes)), *((RAIL,) if robot.rail else ())]
+
+
+def _joint_cells(postures: Postures, row: int) -> list[str]:
+    axes, q = len(postures.rig.robot.axes), postures.candidates.q[row]
+    return [*(f"{angle:.6f}" for angle in np.degrees(q[:axes])), *(f"{RAIL_MM * stand:.4f}" for stand in q[axes:])]
+
+
+def _error_cells(postures: Postures, row: int) -> list[str]:
+    errors = postures.errors
+    size = "" if postures.knowledge == "typical" else f"{errors.size_mm[row]:.4f}"
+    region = "unknown" if errors.covered is None else "yes" if errors.covered[row] else "no"
+    return [size, f"{errors.u_mm[row]:.4f}", region]
+
+
+def _sides(rising: Array, plays: Array) -> str:
+    """Return the sides from which joints with play arrive best, as `J1+ J3-`: + with a rising angle."""
+    return " ".join(f"J{axis + 1}{'+' if rising[axis] else '-'}" for axis in np.flatnonzero(plays).tolist())
+
+
+def _csv(lines: Sequence[Sequence[str]]) -> str:
+    written = io.StringIO()
+    csv.writer(written, lineterminator="\n").writerows(lines)
+    return written.getvalue()

@@ -1,0 +1,130 @@
+"""`rig postures` as a person calls it: tables, files, what it says first, and errors in one line."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from analysis.report.texts import LANGUAGES, texts_of
+from tests.support.command_line import ran
+
+POSES = """name,x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg
+near,350,-100,200,180,0,0
+middle,450,0,200,180,0,30
+far,2000,0,200,180,0,0
+"""
+
+
+def _files(directory: Path, targets: str = POSES) -> Path:
+    path = directory / "targets.csv"
+    path.write_text(targets)
+    return path
+
+
+def _rows(path: Path) -> list[dict[str, str]]:
+    return list(csv.DictReader(path.read_text().splitlines()))
+
+
+def test_the_chosen_postures_are_written_in_every_form(tmp_path: Path) -> None:
+    _files(tmp_path)
+    done = ran(
+        "postures", "targets.csv", "--arm", "ur5", "--for", "ur", "--part", "200,100,50", "-o", "out", cwd=tmp_path
+    )
+    assert done.returncode == 3, "one target is out of reach"
+    assert done.stdout.startswith("No error of this arm was measured.")
+    assert "error: targets.csv, line 4: the target is out of the nominal arm's reach; move the target" in done.stderr
+    chosen = _rows(tmp_path / "out" / "postures.csv")
+    assert [row["name"] for row in chosen] == ["near", "middle"]
+    every = _rows(tmp_path / "out" / "all-postures.csv")
+    expected = [float(row["expected_mm"]) for row in every if row["target"] == "line 2"]
+    assert expected == sorted(expected)
+    assert len(expected) >= 8
+    program = (tmp_path / "out" / "postures_ur5.script").read_text()
+    numbers = np.array([float(number) for number in re.findall(r"-?[0-9]+\.[0-9]{8,}", program)])
+    for row in chosen:
+        for axis in range(1, 7):
+            assert np.abs(numbers - np.radians(float(row[f"q{axis}_deg"]))).min() < 1e-6
+    assert (tmp_path / "out" / "postures.png").read_bytes().startswith(b"\x89PNG")
+    again = ran("postures", "targets.csv", "--arm", "ur5", "-o", "out", cwd=tmp_path)
+    assert again.returncode == 3
+    assert "give another --output" in again.stderr
+
+
+def test_chosen_postures_are_targets_again(tmp_path: Path) -> None:
+    _files(tmp_path, "".join(POSES.splitlines(keepends=True)[:3]))
+    assert ran("postures", "targets.csv", "--arm", "ur5", "-o", "out", cwd=tmp_path).returncode == 0
+    done = ran("postures", "out/postures.csv", "--arm", "ur5", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert found["usual"]["given"]
+    assert found["usual"]["rms_mm"] == pytest.approx(found["sequence"]["rms_mm"], rel=0.02)
+    assert found["knowledge"] == "typical"
+    assert [target["line"] for target in found["targets"]] == [2, 3]
+    assert found["targets"][0]["postures"][0].keys() >= {
+        "q_deg",
+        "expected_mm",
+        "u_mm",
+        "approach",
+        "covered",
+        "branch",
+    }
+
+
+@pytest.mark.parametrize(
+    ("targets", "says"),
+    [
+        ("", "is empty; give a table"),
+        ("x_mm,y_mm\n1,2\n", "has no column z_mm"),
+        ("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n", "has a header and no rows"),
+        ("x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg\n0.4,0.1,0.2,180,0,0\n", "look like metres; multiply"),
+        ("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n0.4,-1.1,1.2,0.5,1.5,0\n", "look like radians; multiply"),
+        ("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n40,-500,120,3,90,0\n", "line 2: q2_deg -500 is beyond the limits"),
+        ("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n40,a,120,3,90,0\n", "line 2, q2_deg: 'a' is not a number"),
+    ],
+)
+def test_a_table_that_is_none_is_refused_in_one_line(tmp_path: Path, targets: str, says: str) -> None:
+    _files(tmp_path, targets)
+    done = ran("postures", "targets.csv", "--arm", "ur5", "-o", "out", cwd=tmp_path)
+    assert done.returncode == 3
+    assert done.stdout == ""
+    assert len(done.stderr.splitlines()) == 1
+    assert says in done.stderr
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "says", "code"),
+    [
+        (("--arm", "ur5", "--for", "ur"), "--for: needs a directory", 2),
+        (("--arm", "ur5", "--part", "3,x"), "--part: '3,x' is no size", 2),
+        (("--arm", "so-101"), "an arm of 5 axes reaches a pose in part", 3),
+        (("--arm", "franka-fr3", "--for", "ur", "-o", "out"), "six axes without a rail", 2),
+        ((), "--rig", 2),
+    ],
+)
+def test_wrong_use_is_one_line(tmp_path: Path, words: tuple[str, ...], says: str, code: int) -> None:
+    done = ran("postures", str(_files(tmp_path)), *words, cwd=tmp_path)
+    assert done.returncode == code
+    assert says in done.stderr.splitlines()[0]
+    assert len(done.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_the_screen_is_in_each_language(tmp_path: Path, language: str) -> None:
+    done = ran("postures", str(_files(tmp_path)), "--arm", "ur5", "--lang", language, cwd=tmp_path, COLUMNS="200")
+    texts = texts_of(language)  # type: ignore[arg-type]
+    assert done.stdout.startswith(texts("postures_typical"))
+    assert texts("postures_collisions") in done.stdout
+
+
+def test_every_key_of_the_texts_is_used_with_its_values() -> None:
+    folder = Path(__file__).parents[4] / "analysis" / "templates"
+    keys = [yaml.safe_load((folder / f"texts.{one}.yaml").read_text())["words"] for one in LANGUAGES]
+    own = [{key for key in words if key.startswith("postures_")} for words in keys]
+    assert own[0] == own[1] == own[2]
