@@ -159,7 +159,7 @@ def expected_errors(
 
 
 def _few_of(count: int) -> Integers:
-    """Return at most 200 of so many indices (k,) at random: every eighth of a grid would be one orientation alone."""
+    """Return at most 200 of so many indices (k,) at random: a step through a grid may have one orientation."""
     return np.random.default_rng(0).permutation(count)[:_TAUGHT]
 
 
