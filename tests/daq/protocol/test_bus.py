@@ -161,7 +161,7 @@ def test_the_answer_of_another_unit_is_named_and_the_next_is_asked() -> None:
     script.receive(_answer(9, 1.5))
     (fault,) = script.taken()
     assert isinstance(fault, Fault) and fault.kind is FaultKind.GARBLED
-    assert "unit 9, function 4 answers, where unit 1" in fault.detail and "gateway" in fault.detail
+    assert "unit 9, function 4 answered instead of unit 1" in fault.detail and "gateway" in fault.detail
     assert script.wake().send == _rtu(2, 4, 0, 200, 0, 2)
 
 

@@ -555,8 +555,8 @@ def test_line_feed() -> None:
 @pytest.mark.parametrize(
     ("line", "word"),
     [
-        (b"1500,1,2,3,4,5\n", "6 fields where 7"),
-        (b"1500,1,2,3,4,5,6,7\n", "8 fields where 7"),
+        (b"1500,1,2,3,4,5\n", "6 fields instead of 7"),
+        (b"1500,1,2,3,4,5,6,7\n", "8 fields instead of 7"),
         (b"1500,1,2,3,4,5,six\n", "q6_deg"),
         (b"1500,1,2,3,4,5,nan\n", "q6_deg"),
         (b"1500,1,2,3,4,5,1_0\n", "q6_deg"),

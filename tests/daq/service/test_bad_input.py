@@ -274,7 +274,7 @@ def test_a_robot_that_stood_still_is_no_lap(bench: Bench) -> None:
         ),
         (("record", "start", "x", "--test", "yaw"), 2, "needs its direction"),
         (("record", "start", "x", "--test", "radial", "--direction", "cw"), 2, "does not have a direction"),
-        (("status", "--rig", "other"), 4, "no daemon is visible for other"),
+        (("status", "--rig", "other"), 4, "no daemon for other is visible"),
     ],
 )
 def test_what_cannot_be_asked_is_refused(running: Bench, command: tuple[str, ...], code: int, told: str) -> None:
@@ -340,7 +340,7 @@ def test_a_socket_left_by_a_daemon_that_was_killed_hides_no_other(bench: Bench) 
     assert bench.run("rig", "status", "--json").returncode == 0
     bench.signalled(signal.SIGKILL)
     assert bench.socket.exists()
-    assert "no daemon is visible for bench" in bench.fails("rig", "status", "--rig", "bench", code=4)
+    assert "no daemon for bench is visible" in bench.fails("rig", "status", "--rig", "bench", code=4)
 
 
 def test_a_socket_that_cannot_be_leaves_no_empty_capture(bench: Bench) -> None:

@@ -118,7 +118,7 @@ def test_who_asks_nothing_or_never_ends_is_hung_up_on(tmp_path: Path, monkeypatc
 def test_requests_and_answers_have_a_longest_size(tmp_path: Path) -> None:
     with served(tmp_path / "socket", lambda asked: {"big": "x" * asked["size"]}) as path:
         with connected(path) as sock:
-            assert "one line of at most 65536 bytes" in asked(sock, b" " * 100_000 + b"{}\n")["what"]
+            assert "a single line of at most 65536 bytes" in asked(sock, b" " * 100_000 + b"{}\n")["what"]
         with connected(path) as sock:
             assert "more than a client accepts" in asked(sock, b'{"size": 2000000}\n')["what"]
             assert asked(sock, b'{"size": 3}\n') == {"ok": True, "big": "xxx"}

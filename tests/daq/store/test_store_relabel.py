@@ -70,7 +70,7 @@ def test_what_makes_no_sense_is_refused_and_changes_nothing(run: Path) -> None:
     for name in ("a\nb", "a\x1b[2Jb", "a\tb"):
         with pytest.raises(UseError, match=r"--operator: .* contains control characters; write one line"):
             relabel(run, operator=name)
-    with pytest.raises(UseError, match="--operator: a name of 201 characters; write at most 200"):
+    with pytest.raises(UseError, match="--operator: the name has 201 characters; write at most 200"):
         relabel(run, operator="x" * 201)
     with pytest.raises(UseError, match="name a placement with up to 64 letters"):
         relabel(run, placement="by the wall")

@@ -177,7 +177,7 @@ def test_deleted_chunk(run: Path) -> None:
 def test_changed_row_count(run: Path) -> None:
     edit_chunk(run, "g1-0002.parquet", {"rows": 7})
     assert "has 8 rows, but the manifest states 7" in verify(run)[0]
-    with pytest.raises(FileError, match="holds 8 rows"):
+    with pytest.raises(FileError, match="has 8 rows"):
         read_run(run)
 
 

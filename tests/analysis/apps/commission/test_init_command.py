@@ -160,7 +160,7 @@ def test_what_was_found_as_json(tmp_path: Path) -> None:
     found = json.loads(done.stdout)
     assert done.returncode == 0 and not list(tmp_path.iterdir())
     assert [gauge["gauge"]["channel"] for gauge in found["ports"][0]["gauges"] if gauge["gauge"].get("channel")] == [2]
-    assert "no such port" in found["ports"][1]["problem"]
+    assert "does not exist" in found["ports"][1]["problem"]
     assert found["robots"][0]["joints_deg"] == pytest.approx([0, 10, 20, 30, 40, 50])
 
 
@@ -312,7 +312,7 @@ def test_no_port_at_all(tmp_path: Path) -> None:
     with switched_on("tesa", "ur") as unknown:
         given = ["--robot", unknown.robot, *unknown.robot_is_named]
         done = init(tmp_path, "cell.yaml", *given, "--port", str(tmp_path / "none"))
-    assert "none answers" in one_line(done, 4) and "no such port" in done.stdout
+    assert "none answers" in one_line(done, 4) and "does not exist" in done.stdout
 
 
 def test_damaged_answers(tmp_path: Path) -> None:

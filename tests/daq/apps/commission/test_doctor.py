@@ -318,7 +318,7 @@ GOOD = {
         ({"counters": {"samples": 900, "silent": 30}, "last_fault": "nothing for 0.5 s"}, DOUBTFUL, "30 silent"),
         ({"age_s": {"g1_mm": 4.0}}, WRONG, "readings of g1_mm are missing"),
         ({"age_s": {}}, WRONG, "readings of g1 are missing"),
-        ({"connected": False, "last_fault": "no such port"}, WRONG, "not open"),
+        ({"connected": False, "last_fault": "does not exist"}, WRONG, "not open"),
     ],
 )
 def test_what_a_daemon_says_of_a_stream(stream: dict[str, Any], verdict: Verdict, says: str) -> None:

@@ -153,7 +153,7 @@ def test_a_sensor_that_a_command_starts_is_silent_until_it_is_named() -> None:
         (listened,) = searched(port, named=of("micro_epsilon_ild1420", port))
         fields = {"interface": "micro_epsilon_ild1420", "port": port, "range_mm": 10, "zero_mm": 5}
         (named,) = searched(port, named={port: named_attempts(fields)})
-    assert listened.problem.startswith("silent") and "name it" in listened.remedy
+    assert listened.problem.startswith("silent") and "give the interface" in listened.remedy
     (gauge,) = named.gauges
     assert (gauge.sends, gauge.lacks) == ("all", ()) and gauge.reading_mm == pytest.approx(0.1, abs=1e-3)
 
@@ -185,7 +185,7 @@ def test_ports_that_cannot_be_searched(tmp_path: Path) -> None:
     for port in searched("ttyUSB0", "tcp://host", "tcp://host:99999", "", "udp://127.0.0.1:5"):
         assert port.problem == "is not a port" and "/dev/" in port.remedy
     missing, file = searched(str(tmp_path / "none"), str(tmp_path / "file"))
-    assert "no such port" in missing.problem and "connect the device" in missing.remedy
+    assert "does not exist" in missing.problem and "connect the device" in missing.remedy
     assert "not a serial" in file.problem, file
 
 
